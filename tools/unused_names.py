@@ -29,7 +29,6 @@ and of kinds of plugins."""
 
 DELIBERATE = {
     "Python calls them": ("__call__", "__dir__", "__getattr__", "__init_subclass__", "_repr_html_", "_repr_svg_"),
-    "pydantic calls it": ("model_post_init",),
     "PettingZoo's interface": ("action_space", "observation_space"),
     "OMPL's interface": ("checkMotion", "motionCost", "motionCostHeuristic", "stateCost"),
     "the interface of numba's cache": (

@@ -12,10 +12,10 @@ from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
     from skyrange.attack.bases.on_path import LinkTap, OnLinks, OnPath
-    from skyrange.attack.campaign.adversary import Adversary, CampaignStage, Observation
-    from skyrange.attack.campaign.knowledge import Knowledge
-    from skyrange.attack.campaign.params import CampaignParams
-    from skyrange.attack.campaign.python_class import campaign_plugin
+    from skyrange.attack.campaigns.adversary import Adversary, CampaignStage, Observation
+    from skyrange.attack.campaigns.knowledge import Knowledge
+    from skyrange.attack.campaigns.params import CampaignParams
+    from skyrange.attack.campaigns.python_class import campaign_plugin
     from skyrange.attack.contract import (
         Aircraft,
         AirLink,

@@ -8,20 +8,21 @@ from typing import Any
 
 import pytest
 
-from skyrange.attack.approval.eclipse import ECLIPSE
-from skyrange.attack.approval.equivocate import EQUIVOCATE
-from skyrange.attack.approval.false_contingency import FALSE_CONTINGENCY
-from skyrange.attack.approval.false_details import FALSE_DETAILS
-from skyrange.attack.approval.forged_decision import FORGED_DECISION
-from skyrange.attack.approval.poisoned_constraint import POISONED_CONSTRAINT
-from skyrange.attack.approval.slow_gossip import SLOW_GOSSIP
-from skyrange.attack.approval.squat import SQUAT
-from skyrange.attack.approval.stolen_token import STOLEN_TOKEN
-from skyrange.attack.approval.suppress_notifications import SUPPRESS_NOTIFICATIONS
 from skyrange.attack.contract import AttackPlugin
 from skyrange.scenario.model.constraints import ConstraintTable
 from skyrange.scenario.model.scenario import Operator, Origin, Scenario, Start, Vehicle, square
 from skyrange.testing import check_attack
+
+ECLIPSE = AttackPlugin.find("approval.eclipse")
+EQUIVOCATE = AttackPlugin.find("approval.equivocate")
+FALSE_CONTINGENCY = AttackPlugin.find("approval.false_contingency")
+FALSE_DETAILS = AttackPlugin.find("approval.false_details")
+FORGED_DECISION = AttackPlugin.find("approval.forged_decision")
+POISONED_CONSTRAINT = AttackPlugin.find("approval.poisoned_constraint")
+SLOW_GOSSIP = AttackPlugin.find("approval.slow_gossip")
+SQUAT = AttackPlugin.find("approval.squat")
+STOLEN_TOKEN = AttackPlugin.find("approval.stolen_token")
+SUPPRESS_NOTIFICATIONS = AttackPlugin.find("approval.suppress_notifications")
 
 BLUE = {"vehicles": ["blue/b1"]}
 CORRIDOR = {"operator": "green", "from_m": [-20, 0], "to_m": [60, 0]}

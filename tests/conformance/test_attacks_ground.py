@@ -8,12 +8,13 @@ from typing import Any
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.ground.insider import INSIDER
-from skyrange.attack.ground.plan_file import PLAN_FILE
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.testing import check_attack
 from skyrange.testing.checks.attacks import two_squares
 from tests.conformance.test_attacks_telemetry import signed_squares
+
+INSIDER = AttackPlugin.find("ground.insider")
+PLAN_FILE = AttackPlugin.find("ground.plan_file")
 
 BLUE = {"vehicles": ["blue/b1"]}
 MEETING = {"operator": "blue", "at": [30.0, 30.0, 15.0]}

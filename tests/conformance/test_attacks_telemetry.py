@@ -8,14 +8,6 @@ from typing import Any
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.telemetry.attitude import ATTITUDE
-from skyrange.attack.telemetry.battery import BATTERY
-from skyrange.attack.telemetry.false_alarm import FALSE_ALARM
-from skyrange.attack.telemetry.hide_failures import HIDE_FAILURES
-from skyrange.attack.telemetry.home import HOME
-from skyrange.attack.telemetry.mode import MODE
-from skyrange.attack.telemetry.position import POSITION
-from skyrange.attack.telemetry.system_time import SYSTEM_TIME
 from skyrange.scenario.model.scenario import Radio, Scenario
 from skyrange.testing import check_attack
 from skyrange.testing.checks.attacks import two_squares
@@ -25,6 +17,14 @@ SECOND_VEHICLE = AttackPlugin.find("identity.second_vehicle")
 SILENCE_STATION = AttackPlugin.find("identity.silence_station")
 REPLAY = AttackPlugin.find("signing.replay")
 STOLEN_KEY = AttackPlugin.find("signing.stolen_key")
+ATTITUDE = AttackPlugin.find("telemetry.attitude")
+BATTERY = AttackPlugin.find("telemetry.battery")
+FALSE_ALARM = AttackPlugin.find("telemetry.false_alarm")
+HIDE_FAILURES = AttackPlugin.find("telemetry.hide_failures")
+HOME = AttackPlugin.find("telemetry.home")
+MODE = AttackPlugin.find("telemetry.mode")
+POSITION = AttackPlugin.find("telemetry.position")
+SYSTEM_TIME = AttackPlugin.find("time.system_time")
 
 GCS = ["gcs:blue/b1"]
 PLACE = [200.0, 5.0, 20.0]

@@ -8,8 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from skyrange.assembly.build import build
-from skyrange.attack.campaign.campaign import CAMPAIGN
-from skyrange.attack.campaign.params import Campaign
+from skyrange.attack.campaign import Campaign
 from skyrange.core.errors import InputError
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
@@ -35,7 +34,7 @@ BLIND = {"name": "a", "acts": ["ghost", "jump"], "until": {"broadcasts": 1}, "ti
 
 @pytest.mark.catalogue
 def test_a_campaign_conforms() -> None:
-    check_attack(CAMPAIGN, ARMED, acts={"send", "sensor"})
+    check_attack(Campaign.plugin, ARMED, acts={"send", "sensor"})
 
 
 def test_a_campaign_that_sees_nothing_does_nothing() -> None:
@@ -43,7 +42,7 @@ def test_a_campaign_that_sees_nothing_does_nothing() -> None:
         {"name": "watch", "until": {"messages": ["SCALED_PRESSURE3"]}, "timeout_s": 2.0, "then": "end"},
         {"name": "act", "acts": ["ghost"], "timeout_s": 1.0},
     ]
-    check_attack(CAMPAIGN, {"acts": {"ghost": GHOST}, "taps": ["gcs:blue/b1"], "stages": stages}, acts=False)
+    check_attack(Campaign.plugin, {"acts": {"ghost": GHOST}, "taps": ["gcs:blue/b1"], "stages": stages}, acts=False)
 
 
 SCENARIO = """
@@ -104,7 +103,7 @@ def test_it_acts_when_the_aircraft_is_where_telemetry_says() -> None:
 )  # fmt: skip
 def test_what_cannot_work_is_refused(change: dict[str, Any], where: str) -> None:
     with pytest.raises(ValidationError, match=where):
-        Campaign.model_validate(ARMED | change)
+        Campaign.params_model.model_validate(ARMED | change)
 
 
 @pytest.mark.parametrize(

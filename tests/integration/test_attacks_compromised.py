@@ -9,13 +9,10 @@ from typing import Any
 
 import pytest
 
-from skyrange.attack.approval.forged_decision import FORGED_DECISION
 from skyrange.attack.companion.false_avoidance import FALSE_AVOIDANCE
 from skyrange.attack.companion.no_avoidance import NO_AVOIDANCE
 from skyrange.attack.companion.takeover import TAKEOVER
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.ground.insider import INSIDER
-from skyrange.attack.ground.plan_file import PLAN_FILE
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.frames import decode
@@ -31,6 +28,9 @@ from tests.conformance.test_attacks_telemetry import signed_squares
 from tests.registered_kinds import registered
 
 GUIDED = AttackPlugin.find("mavlink.guided")
+FORGED_DECISION = AttackPlugin.find("approval.forged_decision")
+INSIDER = AttackPlugin.find("ground.insider")
+PLAN_FILE = AttackPlugin.find("ground.plan_file")
 
 START_S = 9.0
 """When the squares are flown, after the take-off."""

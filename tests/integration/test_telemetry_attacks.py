@@ -6,12 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.telemetry.false_alarm import FALSE_ALARM
-from skyrange.attack.telemetry.hide_failures import HIDE_FAILURES
-from skyrange.attack.telemetry.home import HOME
-from skyrange.attack.telemetry.mode import MODE
-from skyrange.attack.telemetry.position import POSITION
-from skyrange.attack.telemetry.system_time import SYSTEM_TIME
 from skyrange.codec.f3411 import Location, MessagePack, Status, System, decode
 from skyrange.codec.mavlink import decode as decode_mavlink
 from skyrange.codec.mavlink import message_name
@@ -26,6 +20,12 @@ SECOND_VEHICLE = AttackPlugin.find("identity.second_vehicle")
 SILENCE_STATION = AttackPlugin.find("identity.silence_station")
 REPLAY = AttackPlugin.find("signing.replay")
 STOLEN_KEY = AttackPlugin.find("signing.stolen_key")
+FALSE_ALARM = AttackPlugin.find("telemetry.false_alarm")
+HIDE_FAILURES = AttackPlugin.find("telemetry.hide_failures")
+HOME = AttackPlugin.find("telemetry.home")
+MODE = AttackPlugin.find("telemetry.mode")
+POSITION = AttackPlugin.find("telemetry.position")
+SYSTEM_TIME = AttackPlugin.find("time.system_time")
 
 GCS = ["gcs:blue/b1"]
 RID = ["rid_data:blue/b1"]

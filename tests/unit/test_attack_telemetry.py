@@ -13,16 +13,8 @@ from pydantic import ValidationError
 
 from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
+from skyrange.attack.bases.message_fields import read_fields, write_fields
 from skyrange.attack.contract import AttackContext, AttackPlugin
-from skyrange.attack.telemetry.alteration import read_fields, write_fields
-from skyrange.attack.telemetry.attitude import ATTITUDE
-from skyrange.attack.telemetry.battery import BATTERY
-from skyrange.attack.telemetry.false_alarm import FALSE_ALARM
-from skyrange.attack.telemetry.hide_failures import HIDE_FAILURES
-from skyrange.attack.telemetry.home import HOME
-from skyrange.attack.telemetry.mode import MODE
-from skyrange.attack.telemetry.position import POSITION
-from skyrange.attack.telemetry.system_time import SYSTEM_TIME
 from skyrange.codec.mavlink import Message, Packer, decode, dialect
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.codec.mavlink.signing import (
@@ -44,6 +36,14 @@ from skyrange.testing.checks.attacks import two_squares
 
 SECOND_VEHICLE = AttackPlugin.find("identity.second_vehicle")
 STOLEN_KEY = AttackPlugin.find("signing.stolen_key")
+ATTITUDE = AttackPlugin.find("telemetry.attitude")
+BATTERY = AttackPlugin.find("telemetry.battery")
+FALSE_ALARM = AttackPlugin.find("telemetry.false_alarm")
+HIDE_FAILURES = AttackPlugin.find("telemetry.hide_failures")
+HOME = AttackPlugin.find("telemetry.home")
+MODE = AttackPlugin.find("telemetry.mode")
+POSITION = AttackPlugin.find("telemetry.position")
+SYSTEM_TIME = AttackPlugin.find("time.system_time")
 
 LINK = "gcs:blue/b1"
 START_NS = 10 * NS_PER_S

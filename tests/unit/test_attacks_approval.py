@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from skyrange.attack.approval.eclipse import ECLIPSE
-from skyrange.attack.approval.equivocate import EQUIVOCATE
-from skyrange.attack.approval.slow_gossip import SLOW_GOSSIP
-from skyrange.attack.approval.suppress_notifications import SUPPRESS_NOTIFICATIONS, SuppressingTap
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
 from skyrange.contracts.frames.frame import Frame
@@ -20,6 +17,11 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Epoch
+
+ECLIPSE = AttackPlugin.find("approval.eclipse")
+EQUIVOCATE = AttackPlugin.find("approval.equivocate")
+SLOW_GOSSIP = AttackPlugin.find("approval.slow_gossip")
+SUPPRESS_NOTIFICATIONS = AttackPlugin.find("approval.suppress_notifications")
 
 GOSSIP = ("uss:blue~green", "uss:blue~red", "uss:green~red")
 FEDERATION = ("uss:dss~blue", "uss:dss~green", "uss:blue~green")
@@ -61,7 +63,9 @@ def test_members_that_are_let_through_or_told_in_time_have_no_tap() -> None:
 
 @pytest.mark.parametrize("sham", [False, True])
 def test_a_notification_is_answered_in_the_name_of_who_does_not_get_it(sham: bool) -> None:
-    tap = SuppressingTap("uss:blue~green", Schedule(0, NS_PER_S), "blue", sham)
+    where = replace(context(["uss:blue~green", "uss:dss~blue"]), schedule=Schedule(0, NS_PER_S), sham=sham)
+    attack = SUPPRESS_NOTIFICATIONS(SUPPRESS_NOTIFICATIONS.params.model_validate({"uss": "blue"}), where)
+    tap = next(one for one in attack.taps if one.match == "uss:blue~green").make("uss:blue~green")
 
     def pass_frame(method: str, path: str, direction: str = "rev", now: int = 5) -> Any:
         ends = ("approval.blue", "approval.green")

@@ -10,15 +10,13 @@ from pydantic import ValidationError
 
 from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
-from skyrange.attack.approval.forged_decision import FORGED_DECISION
 from skyrange.attack.bases.mavlink_orders import NOBODY
+from skyrange.attack.bases.message_fields import read_fields
 from skyrange.attack.companion.false_avoidance import FALSE_AVOIDANCE
 from skyrange.attack.companion.takeover import TAKEOVER
 from skyrange.attack.compromised_sender import SenderStream, command_of, redirect_order, without_signature
 from skyrange.attack.contract import AttackContext, AttackPlugin
-from skyrange.attack.ground.insider import INSIDER
-from skyrange.attack.ground.plan_file import PLAN_FILE, PlanAlteration
-from skyrange.attack.telemetry.alteration import read_fields
+from skyrange.attack.ground.plan_alteration import PlanAlteration
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import Signer, SigningKey, secret_from_passphrase, sign_frame
@@ -33,6 +31,10 @@ from skyrange.scenario import AttackTable, load_scenario
 from skyrange.testing.checks.attacks import two_squares
 from skyrange.utm.contract import OperationalIntent, intent_id
 from skyrange.utm.messages import DecisionBody, Request, decode_response, encode
+
+FORGED_DECISION = AttackPlugin.find("approval.forged_decision")
+INSIDER = AttackPlugin.find("ground.insider")
+PLAN_FILE = AttackPlugin.find("ground.plan_file")
 
 SECRET = secret_from_passphrase("one")
 ORIGIN = Origin(40.778, -73.955, 20.0, -32.7)

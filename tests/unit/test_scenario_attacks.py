@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import pytest
 
 from skyrange.assembly.build import build
-from skyrange.attack.campaign.parts import Controller
-from skyrange.attack.campaign.stages import StagedAdversary
+from skyrange.attack.campaigns.parts import Controller
+from skyrange.attack.campaigns.stages import StagedAdversary
 from skyrange.attack.remote_id.jam import JAM
 from skyrange.attack.remote_id.replay import REPLAY
 from skyrange.attack.remote_id.spoof import SPOOF

@@ -10,7 +10,7 @@ from hashlib import sha256
 from typing import Final
 
 from skyrange.attack.bases.mavlink_orders import NOBODY
-from skyrange.attack.telemetry.alteration import read_fields, write_fields
+from skyrange.attack.bases.message_fields import read_fields, write_fields
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNATURE, SIGNED, checksum

@@ -103,36 +103,6 @@ def ends_of(link: str, direction: Direction) -> tuple[str, str]:
     return (first, second) if direction == "fwd" else (second, first)
 
 
-class PassiveTap:
-    """What taps share that never act on their own."""
-
-    __slots__ = ()
-
-    def next_wakeup(self) -> Time | None:
-        """Never."""
-        return None
-
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Nothing."""
-        return ()
-
-
-@dataclass(slots=True)
-class ScheduledTap(PassiveTap):
-    """A tap that acts on frames while its attack acts, and never on its own."""
-
-    link: str
-    schedule: Schedule
-
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """Act on the frame if the attack acts now."""
-        return self.act(now, frame) if self.schedule.start_ns <= now < self.schedule.stop_ns else ()
-
-    def act(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """The verdicts on a frame."""
-        raise NotImplementedError
-
-
 class InjectionSource(Protocol):
     """Frames that an attacker puts on a link when they are due. It can be deep-copied."""
 
@@ -199,19 +169,3 @@ class Repetition:
         self.done += 1
         self.due = None if self.done == self.times else now + self.period_ns
         return True
-
-
-@dataclass(slots=True)
-class RepeatedSource:
-    """What sources of frames share that are due by a repetition; they learn nothing unless they say so."""
-
-    when: Repetition
-
-    @property
-    def due(self) -> Time | None:
-        """When the next frame is due."""
-        return self.when.due
-
-    def see(self, now: Time, frame: Frame) -> Sequence[Note] | None:
-        """Learn nothing."""
-        return None

@@ -52,3 +52,43 @@ def sham_to_nobody(*, content: str, placement: str, acts: str = "frames") -> Con
     return Controls(
         load=f"the sham: the same {acts}, addressed to a system that is not there", content=content, placement=placement
     )
+
+
+def rewrites_telemetry(knowledge: str) -> ThreatModel:
+    """An on-path adversary who alters telemetry."""
+    return on_path(
+        knowledge,
+        position="on the path between autopilot and receiver: a router, the companion computer or its proxy",
+        equipment="a computer that decodes and rewrites MAVLink frames",
+        budget="no frames of its own; each altered frame is at most some bytes longer",
+    )
+
+
+TELEMETRY_CONTROLS: Final = Controls(
+    load="the sham: the same frames are replaced by themselves, with as many bytes",
+    content="none, because the sham has the true content",
+    placement="the same alteration on another link: rid_data instead of gcs",
+)
+"""Controls of an alteration of telemetry."""
+
+
+def acts_as_member(knowledge: str, *, budget: str = "no frames of its own") -> ThreatModel:
+    """An operator whose node of a hashgraph is byzantine."""
+    position = "a member: an operator whose node is byzantine"
+    return ThreatModel(knowledge, position, equipment="a node of its own", budget=budget)
+
+
+def acts_as_operator(*, budget: str) -> ThreatModel:
+    """An operator who claims airspace that it does not use."""
+    return ThreatModel(
+        knowledge="where and when others want to fly",
+        position="an operator with an account of the approval",
+        equipment="a ground station",
+        budget=budget,
+    )
+
+
+def true_volumes(*, content: str, placement: str) -> Controls:
+    """Controls of an act that replaces claimed volumes."""
+    load = "the sham: the same frames, of the same length, with the true volumes"
+    return Controls(load, content, placement)

@@ -6,72 +6,23 @@ The DSS knows that the intents are there, but not their volumes. Others ask the 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
-from pydantic import Field
-
-from skyrange.attack.approval.uss_links import check_uss, uss_taps
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import ScheduledTap, TapMaker
+from skyrange.attack.bases.approval import OnApproval, check_uss
+from skyrange.attack.contract import Attack, AttackContext, ThreatModel
+from skyrange.attack.declaration import attack
+from skyrange.attack.presets import true_volumes
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.params import Params
-from skyrange.contracts.verdicts import Replace, Verdict
+from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.verdicts import Verdicts
 from skyrange.core.time import Time
 
 _BELOW_M: Final = 500.0
 """By how much lower the false volumes are: below the ground."""
 
 
-class FalseDetails(Params):
-    """Who lies."""
-
-    uss: str = Field(description="The USS that lies, by name: the operator's id, unless the federation names others.")
-
-
-@dataclass(slots=True)
-class LyingTap(ScheduledTap):
-    """Alters the volumes in details and notifications that leave a USS; the sham leaves them as they are."""
-
-    uss: str
-    sham: bool
-
-    def act(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """Alter what has volumes."""
-        if not frame.src.endswith(f".{self.uss}"):
-            return ()
-        if b'"operational_intent":' not in frame.payload:
-            return ()
-        try:
-            message = json.loads(frame.payload)
-            details = message["body"]["operational_intent"]["details"]
-            for volume in [*details["volumes"], *details["off_nominal_volumes"]]:
-                _sink(volume["volume"])
-        except (ValueError, LookupError, TypeError):
-            return ()  # another attack has altered it
-        false = json.dumps(message, sort_keys=True, separators=(",", ":")).encode()
-        length = max(len(false), len(frame.payload))
-        return [Replace((frame.payload if self.sham else false).ljust(length))]
-
-
-def _sink(solid: dict[str, Any]) -> None:
-    for bound in ("altitude_lower", "altitude_upper"):
-        solid[bound]["value"] -= _BELOW_M
-
-
-def make(params: FalseDetails, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for a USS that the scenario does not have."""
-    check_uss(params.uss, context)
-    maker = TapMaker(LyingTap, (context.schedule, params.uss, context.sham))
-    return Attack(taps=uss_taps(params.uss, context, maker), exclusive=[Exclusive(f"details of {params.uss}")])
-
-
-FALSE_DETAILS = AttackPlugin(
-    FalseDetails,
-    make,
-    "A USS tells others that its intents claim airspace below the ground.",
+@attack(
+    "approval.false_details",
     technique="T0856",
     surface=("uss",),
     persists="flight",
@@ -82,9 +33,31 @@ FALSE_DETAILS = AttackPlugin(
         equipment="its server",
         budget="no frames of its own",
     ),
-    controls=Controls(
-        load="the sham: the same frames, of the same length, with the true volumes",
+    controls=true_volumes(
         content="none, because the true details are those of the sham",
         placement="a USS whose aircraft fly where nobody else does",
     ),
 )
+class FalseDetails(OnApproval):
+    """A USS tells others that its intents claim airspace below the ground."""
+
+    uss: str = param("The USS that lies, by name: the operator's id, unless the federation names others.")
+
+    def build(self, context: AttackContext) -> Attack:
+        """Taps at the USS. Raises `InputError` for a USS that the scenario does not have."""
+        check_uss(self.uss, context)
+        return self.at_service(self.uss, context, alters=f"details of {self.uss}")
+
+    def act(self, now: Time, frame: Frame) -> Verdicts:
+        """Alter the volumes in details and notifications that leave the USS."""
+        if not frame.src.endswith(f".{self.uss}") or b'"operational_intent":' not in frame.payload:
+            return ()
+        try:
+            message = json.loads(frame.payload)
+            details = message["body"]["operational_intent"]["details"]
+            for volume in [*details["volumes"], *details["off_nominal_volumes"]]:
+                for bound in ("altitude_lower", "altitude_upper"):
+                    volume["volume"][bound]["value"] -= _BELOW_M
+        except (ValueError, LookupError, TypeError):
+            return ()  # another attack has altered it
+        return self.replace_message(frame.payload, message)

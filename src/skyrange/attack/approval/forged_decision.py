@@ -5,21 +5,17 @@ A ground station takes the first answer to its request, and later ones change no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Final, Literal
+from typing import Final, Literal
 
-from pydantic import Field
-
-from skyrange.attack.approval.approval_links import approval_taps
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
+from skyrange.attack.bases.approval import OnApproval, approval_taps
+from skyrange.attack.bases.on_path import CopyForLink
+from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
+from skyrange.attack.declaration import attack
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import TapMaker
 from skyrange.attack.victims import Victims
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import Schedule
-from skyrange.contracts.params import Params
-from skyrange.contracts.verdicts import Inject, Verdict
+from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.verdicts import Inject, Verdicts
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import APPROVAL
 from skyrange.core.time import Epoch, Time
@@ -32,65 +28,8 @@ _OVN: Final = "0" * 32
 """Version number in a forged acceptance: the operator cannot check it, and a real one looks as random."""
 
 
-class ForgedDecision(Params):
-    """What the flights are told."""
-
-    vehicles: Victims = Field(description="Aircraft whose requests are answered, such as ['blue/b1'].")
-    decision: Literal["Rejected", "Accepted"] = Field(
-        default="Rejected",
-        description="Rejected: the flight does not take place; Accepted: it does, whatever the approver decides.",
-    )
-    reason: Annotated[str, Field(max_length=256)] = Field(
-        default="conflict with an earlier intent", description="Reason in a rejection, at most 256 characters."
-    )
-
-
-@dataclass(slots=True)
-class ForgingTap:
-    """Answers each request for the aircraft at once; the sham answers an intent that nobody submitted."""
-
-    link: str
-    vehicles: frozenset[str]
-    decision: ApprovalDecision
-    epoch: Epoch
-    schedule: Schedule
-    sham: bool
-
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """Let it pass, and answer a request."""
-        if frame.direction != "fwd" or not self.schedule.start_ns <= now < self.schedule.stop_ns:
-            return ()
-        try:
-            body = decode_request(frame.payload).body
-        except DecodeError:
-            return ()
-        if body.vehicle not in self.vehicles:
-            return ()
-        about = intent_id(body.vehicle, _NEVER_SUBMITTED) if self.sham else body.id
-        return [Inject(encode(Response.of(about, self.decision, self.epoch)), "rev", APPROVAL, frame.src)]
-
-    def next_wakeup(self) -> Time | None:
-        """Never."""
-        return None
-
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Nothing."""
-        return ()
-
-
-def make(params: ForgedDecision, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for aircraft that are not in the scenario."""
-    accepted = params.decision == "Accepted"
-    decision = ApprovalDecision(accepted, "" if accepted else params.reason, ovn=_OVN if accepted else "")
-    arguments = (frozenset(params.vehicles), decision, context.epoch, context.schedule, context.sham)
-    taps = approval_taps(params.vehicles, context, TapMaker(ForgingTap, arguments))
-    return Attack(taps=taps, exclusive=[Exclusive(f"decision on {vehicle}") for vehicle in params.vehicles])
-
-
-FORGED_DECISION = AttackPlugin(
-    ForgedDecision,
-    make,
-    "Answers requests for flight approval in the name of the approver.",
+@attack(
+    "approval.forged_decision",
     technique="T0856",
     surface=("approval",),
     persists="flight",
@@ -107,3 +46,36 @@ FORGED_DECISION = AttackPlugin(
         placement="the request of another aircraft",
     ),
 )
+class ForgedDecision(OnApproval):
+    """Answers requests for flight approval in the name of the approver."""
+
+    vehicles: Victims = param("Aircraft whose requests are answered, such as ['blue/b1'].")
+    decision: Literal["Rejected", "Accepted"] = param(
+        "Rejected: the flight does not take place; Accepted: it does, whatever the approver decides.",
+        default="Rejected",
+    )
+    reason: str = param(
+        "Reason in a rejection, at most 256 characters.", default="conflict with an earlier intent", max_length=256
+    )
+    epoch: Epoch
+
+    def build(self, context: AttackContext) -> Attack:
+        """Taps on approval links. Raises `InputError` for aircraft that are not in the scenario."""
+        self.epoch = context.epoch
+        taps = approval_taps(self.vehicles, context, CopyForLink(self))
+        return Attack(taps=taps, exclusive=[Exclusive(f"decision on {vehicle}") for vehicle in self.vehicles])
+
+    def act(self, now: Time, frame: Frame) -> Verdicts:
+        """Answer a request at once; the sham answers an intent that nobody submitted."""
+        if frame.direction != "fwd":
+            return ()
+        try:
+            body = decode_request(frame.payload).body
+        except DecodeError:
+            return ()
+        if body.vehicle not in self.vehicles:
+            return ()
+        accepted = self.decision == "Accepted"
+        decision = ApprovalDecision(accepted, "" if accepted else self.reason, ovn=_OVN if accepted else "")
+        about = intent_id(body.vehicle, _NEVER_SUBMITTED) if self.sham else body.id
+        return (Inject(encode(Response.of(about, decision, self.epoch)), "rev", APPROVAL, frame.src),)

@@ -6,22 +6,18 @@ decision the USS learns of all that it has missed from the DSS; for aircraft tha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
-from pydantic import Field
 from uas_standards.astm.f3548.v21.api import OperationID
 
-from skyrange.attack.approval.uss_links import check_uss, uss_taps
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import ScheduledTap, TapMaker
+from skyrange.attack.bases.approval import OnApproval, check_uss
+from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
+from skyrange.attack.declaration import attack
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
 from skyrange.codec.f3548.operations import path_of
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.params import Params
-from skyrange.contracts.verdicts import Direction, Drop, Inject, Verdict
+from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.verdicts import Drop, Inject, Verdicts
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Time
 
@@ -31,48 +27,8 @@ _NOTIFICATIONS: Final = frozenset(
 )
 
 
-class SuppressNotifications(Params):
-    """Who is not told."""
-
-    uss: str = Field(
-        description="USS that is not told, by name: the operator's id, unless the federation names others."
-    )
-
-
-@dataclass(slots=True)
-class SuppressingTap(ScheduledTap):
-    """Takes notifications off the way to a USS and answers them; the sham only answers, before the USS does."""
-
-    uss: str
-    sham: bool
-
-    def act(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """Suppress a notification."""
-        if not frame.dst.endswith(f".{self.uss}"):
-            return ()
-        try:
-            message = decode(frame.payload)
-        except DecodeError:
-            return ()
-        if not isinstance(message, UssRequest) or (message.method, message.path) not in _NOTIFICATIONS:
-            return ()
-        back: Direction = "rev" if frame.direction == "fwd" else "fwd"
-        heard = encode(UssResponse.model_construct(exchange=message.exchange, status=204, body=None))
-        answer = Inject(heard, back, frame.dst, frame.src)
-        return [answer] if self.sham else [Drop(), answer]
-
-
-def make(params: SuppressNotifications, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for a USS that the scenario does not have."""
-    check_uss(params.uss, context)
-    maker = TapMaker(SuppressingTap, (context.schedule, params.uss, context.sham))
-    return Attack(taps=uss_taps(params.uss, context, maker), exclusive=[Exclusive(f"notifications to {params.uss}")])
-
-
-SUPPRESS_NOTIFICATIONS = AttackPlugin(
-    SuppressNotifications,
-    make,
-    "A USS is not told of intents and constraints of others, who believe that it was.",
+@attack(
+    "approval.suppress_notifications",
     technique="T0804",
     surface=("uss",),
     persists="flight",
@@ -89,3 +45,26 @@ SUPPRESS_NOTIFICATIONS = AttackPlugin(
         placement="a USS whose aircraft fly where nothing is closed",
     ),
 )
+class SuppressNotifications(OnApproval):
+    """A USS is not told of intents and constraints of others, who believe that it was."""
+
+    uss: str = param("USS that is not told, by name: the operator's id, unless the federation names others.")
+
+    def build(self, context: AttackContext) -> Attack:
+        """Taps at the USS. Raises `InputError` for a USS that the scenario does not have."""
+        check_uss(self.uss, context)
+        return self.at_service(self.uss, context, alters=f"notifications to {self.uss}")
+
+    def act(self, now: Time, frame: Frame) -> Verdicts:
+        """Take a notification off the way to the USS and answer it; the sham only answers, before the USS does."""
+        if not frame.dst.endswith(f".{self.uss}"):
+            return ()
+        try:
+            message = decode(frame.payload)
+        except DecodeError:
+            return ()
+        if not isinstance(message, UssRequest) or (message.method, message.path) not in _NOTIFICATIONS:
+            return ()
+        heard = encode(UssResponse.model_construct(exchange=message.exchange, status=204, body=None))
+        answer = Inject(heard, "rev" if frame.direction == "fwd" else "fwd", frame.dst, frame.src)
+        return (answer,) if self.sham else (Drop(), answer)

@@ -1,4 +1,4 @@
-"""Types of parameters of kinds that inject MAVLink: commands, modes, tracks and parameters of the autopilot."""
+"""Types of parameters with names of MAVLink and ArduPilot: commands, modes, tracks, parameters and sensors."""
 
 from __future__ import annotations
 
@@ -17,6 +17,13 @@ COMMANDS: Final = {entry.name.removeprefix(_PREFIX): number for number, entry in
 """Numbers of the dialect's commands by name."""
 _NAME_CHARS: Final = 16
 """Size of param_id in PARAM_SET."""
+
+SENSORS: Final = {
+    entry.name.removeprefix("MAV_SYS_STATUS_").removeprefix("SENSOR_"): number
+    for number, entry in mav.enums["MAV_SYS_STATUS_SENSOR"].items()
+    if not entry.name.endswith("ENUM_END")
+}
+"""Bits of SYS_STATUS by name, without the prefix MAV_SYS_STATUS_SENSOR_."""
 
 
 def _known_command(command: str | int) -> str | int:
@@ -43,6 +50,13 @@ def _parameter_names(values: Mapping[str, float]) -> Mapping[str, float]:
     return values
 
 
+def _known_sensors(names: tuple[str, ...]) -> tuple[str, ...]:
+    for place, name in enumerate(names):
+        if name not in SENSORS:
+            raise refuse(Problem(str(place), name, "a sensor of SYS_STATUS such as 'GPS'", nearest(name, SENSORS)))
+    return names
+
+
 CommandName = Annotated[str | int, AfterValidator(_known_command)]
 """A command of the dialect by its name, without MAV_CMD_, or by its number."""
 CopterMode = Annotated[str, AfterValidator(_known_mode)]
@@ -57,3 +71,7 @@ CommandValues = Annotated[
 """Parameters of a command, at most 7."""
 ParameterValues = Annotated[dict[str, Number], AfterValidator(_parameter_names)]
 """Values by name of a parameter of the autopilot."""
+SensorNames = Annotated[
+    tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str]), AfterValidator(_known_sensors)
+]
+"""Names of sensors in SYS_STATUS."""

@@ -7,66 +7,104 @@ orders itself, and rewrites telemetry before the station's software reads it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
-
-from pydantic import Field
 
 from skyrange.attack.bases.leading import Leader
 from skyrange.attack.bases.mavlink_orders import NOBODY, STATION, Sender
+from skyrange.attack.bases.message_fields import read_fields, write_alteration
+from skyrange.attack.bases.on_path import CopyForLink, LinkTap
+from skyrange.attack.bases.telemetry import AUTOPILOT, exclusive_messages
 from skyrange.attack.compromised_sender import SenderStream, command_of, redirect_order, without_signature
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
+from skyrange.attack.contract import Aircraft, Attack, AttackContext, Controls, ThreatModel
+from skyrange.attack.declaration import attack
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.ground.shown_flight import ShownFlight
-from skyrange.attack.on_path import ends_of
-from skyrange.attack.telemetry.alteration import exclusive_messages, read_fields, write_fields
+from skyrange.attack.ground.shown_flight import SHOWN_MESSAGES, ShownFlight
+from skyrange.attack.on_path import MESSAGE_NUMBERS, ends_of
 from skyrange.codec.mavlink import Packer, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import range_passphrase, secret_from_passphrase
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import Schedule, TapPlacement
-from skyrange.contracts.params import Enu, Number, Params
-from skyrange.contracts.verdicts import Inject, Replace, Verdict
+from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.params import Enu, Number
+from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.verdicts import Inject, Replace, Verdict, Verdicts
 from skyrange.core.errors import InputError, nearest
+from skyrange.core.geodesy import Origin
 from skyrange.core.ids import link_name, operator_of
 from skyrange.core.time import Time, from_seconds
 
-_AUTOPILOT: Final = int(mav.MAV_COMP_ID_AUTOPILOT1)
+_SHOWN: Final = {MESSAGE_NUMBERS[name]: name for name in SHOWN_MESSAGES}
 
 
-class Insider(Params):
-    """Where the fleet is led."""
-
-    operator: str = Field(description="Operator whose ground station is compromised, such as 'blue'.")
-    at: Enu = Field(
-        description="Place that all aircraft of the operator are led to, [east_m, north_m, up_m] in metres from the "
-        "origin or the attack's anchor."
-    )
-    every_s: Number = Field(
-        default=0.5, ge=0.1, le=10, description="Time between two targets for each aircraft, in seconds."
-    )
-
-
-@dataclass(slots=True)
-class InsiderTap:
-    """The attacker's program in the station, on the link with one aircraft.
+@attack(
+    "ground.insider",
+    technique="T0831",
+    surface=("gcs",),
+    persists="mode",
+    effect="the whole fleet meets at one place, its operator sees it fly the plan, and no signature fails",
+    threat=ThreatModel(
+        knowledge="the plans that the station uploads and the telemetry that it receives",
+        position="within the ground station: a malicious operator or program, or a remote access to the computer",
+        equipment="the station itself, with its links, its system id and its signing key",
+        budget="two frames per second and aircraft; all telemetry with a position or a mode is rewritten",
+    ),
+    controls=Controls(
+        load="the sham: the same frames, addressed to a system that is not there, and telemetry as it is",
+        content="a place on the plan of each aircraft",
+        placement="the station of another operator",
+    ),
+)
+class Insider(LinkTap):
+    """Has a ground station lead all its aircraft to one place, while its displays show the plan.
 
     The sham sends as many frames and addresses them to nobody, and lets the operator's orders and telemetry be.
     """
 
-    link: str
-    system: int
-    schedule: Schedule
-    sham: bool
+    operator: str = param("Operator whose ground station is compromised, such as 'blue'.")
+    at: Enu = param(
+        "Place that all aircraft of the operator are led to, [east_m, north_m, up_m] in metres from the origin or the "
+        "attack's anchor."
+    )
+    every_s: Number = param("Time between two targets for each aircraft, in seconds.", default=0.5, ge=0.1, le=10)
+    fleet: dict[str, Aircraft]
+    origin: Origin
     leader: Leader
     shown: ShownFlight
+    system: int
+    """System id of the aircraft on the link."""
     up: SenderStream
     down: SenderStream
     answers: Packer
     """Makes acknowledgements in the name of the aircraft."""
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+    def build(self, context: AttackContext) -> Attack:
+        """A tap at the station on each link. Raises `InputError` for an operator that is not in the scenario."""
+        self.origin = context.origin
+        self.fleet = {name: one for name, one in context.vehicles.items() if operator_of(name) == self.operator}
+        if not self.fleet:
+            operators = sorted({operator_of(vehicle) for vehicle in context.vehicles})
+            hint = nearest(self.operator, operators)
+            raise InputError.one(context.id, "operator", self.operator, "an operator of the scenario", hint)
+        links, make = [link_name("gcs", vehicle) for vehicle in self.fleet], CopyForLink(self)
+        exclusive = [Exclusive(f"ground station of {self.operator}")]
+        exclusive += [exclusive_messages(link, "rev", SHOWN_MESSAGES) for link in links]
+        taps = [TapPlacement(link, "gcs", make) for link in links]
+        return Attack(taps=taps, shown={"meeting point": self.at}, exclusive=exclusive)
+
+    def begin(self) -> None:
+        """Take the aircraft on the link, and the key of the station."""
+        aircraft = self.fleet[self.link.partition(":")[2]]
+        self.system = aircraft.system_id
+        secret = secret_from_passphrase(range_passphrase(self.chance.seed, self.operator))
+        self.up, self.down = SenderStream(secret), SenderStream(secret)
+        self.answers = Packer(self.system, AUTOPILOT)
+        sender = Sender(Packer(*STATION), NOBODY if self.sham else self.system, True)
+        self.leader = Leader(
+            sender, self.schedule, self.origin, (self.at,), 1.0, from_seconds(self.every_s), lands=False
+        )
+        self.shown = ShownFlight(self.origin, aircraft.start_enu_m)
+
+    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
         """Hold back the operator's orders, and alter telemetry."""
         self.leader.see(now, frame)
         acts = self.schedule.start_ns <= now < self.schedule.stop_ns
@@ -83,11 +121,11 @@ class InsiderTap:
         """When the next target is due."""
         return self.leader.due
 
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+    def on_wakeup(self, now: Time) -> Verdicts:
         """Send the target, after a change of mode where one is needed."""
         return [Inject(self.up.add(one), way, *ends_of(self.link, way)) for way, one in self.leader.make(now)]
 
-    def _hold_back(self, payload: bytes) -> Sequence[Verdict]:
+    def _hold_back(self, payload: bytes) -> Verdicts:
         """Address an order of the operator to nobody, and acknowledge it; nothing for any other frame."""
         content = redirect_order(payload, self.sham)
         if content is None:
@@ -105,77 +143,17 @@ class InsiderTap:
     def _shown(self, now: Time, payload: bytes) -> bytes | None:
         """The frame of telemetry that is shown instead, without a signature; `None` where it stays as it is."""
         number = message_id(payload)
-        if number is None or number not in self.shown.messages:
+        if number is None or number not in _SHOWN:
             return None
         plain = without_signature(payload)
         fields = None if plain is None else read_fields(plain, number)
-        if plain is None or fields is None or plain[5] != self.system or plain[6] != _AUTOPILOT:
+        if plain is None or fields is None or plain[5] != self.system or plain[6] != AUTOPILOT:
             return None
         true = fields.copy()
-        if not self.shown.alter(now - self.schedule.start_ns, number, fields):
+        if not self.shown.alter(_SHOWN[number], fields, now - self.schedule.start_ns):
             return None
-        length = max(len(true.tobytes().rstrip(b"\0")), len(fields.tobytes().rstrip(b"\0")))
-        return write_fields(plain, number, true if self.sham else fields, length)
+        return write_alteration(plain, number, true, fields, self.sham)
 
 
-def _replace(payload: bytes, sent: bytes) -> Sequence[Verdict]:
+def _replace(payload: bytes, sent: bytes) -> Verdicts:
     return [] if sent == payload else [Replace(sent)]
-
-
-@dataclass(frozen=True, slots=True)
-class _MakeTap:
-    params: Insider
-    context: AttackContext
-
-    def __call__(self, link: str) -> InsiderTap:
-        params, context = self.params, self.context
-        vehicle = link.partition(":")[2]
-        aircraft = context.vehicles[vehicle]
-        secret = secret_from_passphrase(range_passphrase(context.chance.seed, params.operator))
-        sender = Sender(Packer(*STATION), NOBODY if context.sham else aircraft.system_id, True)
-        track: tuple[Place, ...] = (params.at,)
-        leader = Leader(
-            sender, context.schedule, context.origin, track, 1.0, from_seconds(params.every_s), lands=False
-        )  # fmt: skip
-        return InsiderTap(
-            link, aircraft.system_id, context.schedule, context.sham, leader,
-            ShownFlight(context.origin, aircraft.start_enu_m), SenderStream(secret), SenderStream(secret),
-            Packer(aircraft.system_id, _AUTOPILOT),
-        )  # fmt: skip
-
-
-def make(params: Insider, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for an operator that is not in the scenario."""
-    fleet = [vehicle for vehicle in context.vehicles if operator_of(vehicle) == params.operator]
-    if not fleet:
-        operators = sorted({operator_of(vehicle) for vehicle in context.vehicles})
-        hint = nearest(params.operator, operators)
-        raise InputError.one(context.id, "operator", params.operator, "an operator of the scenario", hint)
-    maker = _MakeTap(params, context)
-    taps = [TapPlacement(link_name("gcs", vehicle), "gcs", maker) for vehicle in fleet]
-    shown = ShownFlight(context.origin, (0.0, 0.0, 0.0)).messages
-    exclusive = [Exclusive(f"ground station of {params.operator}")]
-    exclusive += [exclusive_messages(link_name("gcs", vehicle), "rev", shown) for vehicle in fleet]
-    return Attack(taps=taps, shown={"meeting point": params.at}, exclusive=exclusive)
-
-
-INSIDER = AttackPlugin(
-    Insider,
-    make,
-    "Has a ground station lead all its aircraft to one place, while its displays show the plan.",
-    technique="T0831",
-    surface=("gcs",),
-    persists="mode",
-    effect="the whole fleet meets at one place, its operator sees it fly the plan, and no signature fails",
-    threat=ThreatModel(
-        knowledge="the plans that the station uploads and the telemetry that it receives",
-        position="within the ground station: a malicious operator or program, or a remote access to the computer",
-        equipment="the station itself, with its links, its system id and its signing key",
-        budget="two frames per second and aircraft; all telemetry with a position or a mode is rewritten",
-    ),
-    controls=Controls(
-        load="the sham: the same frames, addressed to a system that is not there, and telemetry as it is",
-        content="a place on the plan of each aircraft",
-        placement="the station of another operator",
-    ),
-)

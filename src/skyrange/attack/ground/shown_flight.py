@@ -12,34 +12,32 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from skyrange.attack.bases.mavlink_orders import read
+from skyrange.attack.bases.message_fields import put
+from skyrange.attack.bases.moved_position import POSITION_MESSAGES, STILL, MovedPosition
 from skyrange.attack.contract import Place
-from skyrange.attack.telemetry.alteration import put
-from skyrange.attack.telemetry.position import PositionAlteration
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
 
-_HEARTBEAT: Final = int(mav.MAVLINK_MSG_ID_HEARTBEAT)
-_CURRENT: Final = int(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
-_POSITION: Final = int(mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
 _ITEM: Final = int(mav.MAVLINK_MSG_ID_MISSION_ITEM_INT)
 _TARGET: Final = int(mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT)
 _ABOVE_SEA: Final = (mav.MAV_FRAME_GLOBAL, mav.MAV_FRAME_GLOBAL_INT)
 _RETURN: Final = int(mav.MAV_CMD_NAV_RETURN_TO_LAUNCH)
 _ARMED: Final = int(mav.MAV_MODE_FLAG_SAFETY_ARMED)
 _AIRBORNE_M: Final = 1.0
-_STILL: Final = (0.0, 0.0, 0.0)
 _FROZEN: Final = {
-    _HEARTBEAT: ("base_mode", "custom_mode", "system_status"),
-    _CURRENT: ("mission_state", "mission_mode"),
+    "HEARTBEAT": ("base_mode", "custom_mode", "system_status"),
+    "MISSION_CURRENT": ("mission_state", "mission_mode"),
 }
 """Fields that keep the value from before the attack."""
+SHOWN_MESSAGES: Final = (*_FROZEN, *POSITION_MESSAGES)
+"""The messages that show the flight, by name."""
 
 
 @dataclass(slots=True)
 class ShownFlight:
-    """The flight that the operator's displays show (an `Alteration` of telemetry)."""
+    """The flight that the operator's displays show."""
 
     origin: Origin
     home: Place
@@ -56,16 +54,11 @@ class ShownFlight:
     since_ns: Time = -1
     airborne: bool = False
     armed: bool = False
-    frozen: dict[tuple[int, str], int] = field(default_factory=dict)
-    position: PositionAlteration = field(init=False)
+    frozen: dict[tuple[str, str], int] = field(default_factory=dict)
+    position: MovedPosition = field(init=False)
 
     def __post_init__(self) -> None:
-        self.position = PositionAlteration(self.origin, _STILL, _STILL, None)
-
-    @property
-    def messages(self) -> frozenset[int]:
-        """HEARTBEAT, MISSION_CURRENT and all messages with a position."""
-        return self.position.messages | _FROZEN.keys()
+        self.position = MovedPosition(self.origin, STILL, STILL, None)
 
     def learn(self, payload: bytes) -> None:
         """Learn the plan from a frame of the station."""
@@ -93,27 +86,30 @@ class ShownFlight:
         up = height_m - self.origin.alt_msl_m if frame in _ABOVE_SEA else self.home[2] + height_m
         return (east, north, up)
 
-    def alter(self, since_ns: Time, number: int, fields: Any) -> bool:
-        """See `skyrange.attack.telemetry.alteration.Alteration`."""
+    def alter(self, message: str, fields: Any, since_ns: Time) -> bool:
+        """Write into the fields of a message; returns whether it is one to replace.
+
+        `since_ns` counts from the start of the attack. Before it this learns, and nothing is to be replaced.
+        """
         acts = since_ns >= 0
-        for name in _FROZEN.get(number, ()):
+        for name in _FROZEN.get(message, ()):
             if not acts:
-                self.frozen[number, name] = int(fields[name])
-            elif (number, name) in self.frozen:
-                put(fields, name, self.frozen[number, name])
-        if number == _HEARTBEAT:
+                self.frozen[message, name] = int(fields[name])
+            elif (message, name) in self.frozen:
+                put(fields, name, self.frozen[message, name])
+        if message == "HEARTBEAT":
             self.armed = bool(fields["base_mode"] & _ARMED)
             return acts
-        if number == _CURRENT:
+        if message == "MISSION_CURRENT":
             if acts and self.item:
                 put(fields, "seq", self.item)
             elif not acts:
                 self.item = int(fields["seq"])
             return acts
-        if number == _POSITION:
+        if message == "GLOBAL_POSITION_INT":
             self._advance(since_ns, fields)
         self.position.at = self.place if acts else None
-        return self.position.alter(0, number, fields) and acts
+        return self.position.alter(message, fields, 0) and acts
 
     def _advance(self, since_ns: Time, fields: Any) -> None:
         """Move the shown aircraft; before the attack it is where it was reported."""
@@ -127,7 +123,7 @@ class ShownFlight:
             return
         left_m = self.speed_mps * (since_ns - self.since_ns) / NS_PER_S
         self.since_ns = since_ns
-        self.position.rate_mps = _STILL
+        self.position.rate_mps = STILL
         while left_m > 0 and self.airborne and (goal := self._goal()) is not None:
             gap_m = math.dist(self.place, goal)
             if gap_m <= left_m:

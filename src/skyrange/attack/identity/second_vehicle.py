@@ -8,12 +8,12 @@ from typing import Any, Final
 
 from skyrange.attack.bases.injection import InjectionOnLinks
 from skyrange.attack.bases.mavlink_orders import AUTOPILOT
+from skyrange.attack.bases.mavlink_params import CopterMode
+from skyrange.attack.bases.message_fields import put, read_fields, write_fields
 from skyrange.attack.bases.on_path import LinkNames
 from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import CONTROL_LINKS
-from skyrange.attack.telemetry.alteration import put, read_fields, write_fields
-from skyrange.attack.telemetry.mode import ModeName
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
@@ -64,7 +64,7 @@ class SecondVehicle(InjectionOnLinks):
     )
     velocity_mps: Enu = param("Claimed velocity, [east, north, up] in m/s.", default=(0.0, 0.0, 0.0))
     rate_hz: Number = param("Positions per second; one heartbeat per second.", default=4.0, ge=1, le=50)
-    mode: ModeName | None = param("Claimed mode, such as 'LAND'; default: that of the aircraft.", default=None)
+    mode: CopterMode | None = param("Claimed mode, such as 'LAND'; default: that of the aircraft.", default=None)
     armed: bool | None = param("Claimed armed state; default: that of the aircraft.", default=None)
     way: Direction = "rev"
     origin: Origin

@@ -6,79 +6,77 @@ telemetry does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
-from pydantic import Field, model_validator
 
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
-from skyrange.attack.telemetry.alteration import CONTROLS, TelemetryLinks, alter_telemetry, put, threat
+from skyrange.attack.bases.message_fields import put
+from skyrange.attack.bases.telemetry import AlteredTelemetry
+from skyrange.attack.declaration import attack
+from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.params import Number, refuse
+from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.errors import Problem
 from skyrange.core.time import NS_PER_S, Time
 
-_SYS_STATUS: Final = int(mav.MAVLINK_MSG_ID_SYS_STATUS)
-_BATTERY: Final = int(mav.MAVLINK_MSG_ID_BATTERY_STATUS)
 _NO_CELL: Final = 65_535
 """BATTERY_STATUS: a cell that does not exist."""
 _LOW_PERCENT, _CRITICAL_PERCENT = 25.0, 10.0
 """Below these, the claimed charge state is low or critical."""
 
 
-class FalseBattery(TelemetryLinks):
-    """The charge and voltage that the battery seems to have."""
+@attack(
+    "telemetry.battery",
+    technique="T0856",
+    surface=("gcs", "log", "autopilot"),
+    persists="acts",
+    effect="the ground station shows a battery that the aircraft does not have",
+    threat=rewrites_telemetry("the messages with the state of the battery"),
+    controls=TELEMETRY_CONTROLS,
+    realism={"failsafes of the autopilot": "simulated: they read its own monitor and do not see the lie"},
+)
+class FalseBattery(AlteredTelemetry):
+    """Alters charge and voltage of the battery in telemetry.
 
-    remaining_percent: Number | None = Field(
-        default=None, ge=0, le=100, description="Claimed charge at the start in percent; default: the true one."
-    )
-    rate_percent_per_s: Number = Field(
-        default=0.0, ge=-100, le=100, description="Change of the claimed charge in percent per second."
-    )
-    voltage_v: Number | None = Field(
-        default=None, ge=0, le=65, description="Claimed voltage of the battery in volts; default: the true one."
-    )
+    It alters SYS_STATUS, and BATTERY_STATUS of the first battery; consumed charge and charge state agree with it.
+    """
 
-    @model_validator(mode="after")
-    def _claims_something(self) -> FalseBattery:
+    remaining_percent: Number | None = param(
+        "Claimed charge at the start in percent; default: the true one.", default=None, ge=0, le=100
+    )
+    rate_percent_per_s: Number = param(
+        "Change of the claimed charge in percent per second.", default=0.0, ge=-100, le=100
+    )
+    voltage_v: Number | None = param(
+        "Claimed voltage of the battery in volts; default: the true one.", default=None, ge=0, le=65
+    )
+    sees = ("SYS_STATUS", "BATTERY_STATUS")
+
+    def find_problems(self) -> Iterator[Problem]:
+        """No claim, or a rate without one."""
         if self.remaining_percent is None and self.voltage_v is None:
-            raise refuse(Problem("remaining_percent", "missing", "a claim: remaining_percent or voltage_v"))
-        if self.remaining_percent is None and self.rate_percent_per_s:
-            raise refuse(
-                Problem("rate_percent_per_s", f"{self.rate_percent_per_s}", "0 without a claimed remaining_percent")
-            )
-        return self
+            yield Problem("remaining_percent", "missing", "a claim: remaining_percent or voltage_v")
+        elif self.remaining_percent is None and self.rate_percent_per_s:
+            yield Problem("rate_percent_per_s", f"{self.rate_percent_per_s}", "0 without a claimed remaining_percent")
 
-
-@dataclass(slots=True)
-class BatteryAlteration:
-    """Alters SYS_STATUS, and BATTERY_STATUS of the first battery; consumed charge and charge state agree with it."""
-
-    remaining_percent: float | None
-    rate_percent_per_s: float
-    voltage_v: float | None
-
-    @property
-    def messages(self) -> frozenset[int]:
-        """SYS_STATUS and BATTERY_STATUS."""
-        return frozenset((_SYS_STATUS, _BATTERY))
-
-    def alter(self, since_ns: Time, number: int, fields: Any) -> bool:
-        """See `Alteration`."""
-        if since_ns < 0 or (number == _BATTERY and fields["id"] != 0):
+    def alter(self, message: str, fields: Any, since_ns: Time) -> bool:
+        """Claim charge and voltage."""
+        has_cells = message == "BATTERY_STATUS"
+        if has_cells and fields["id"] != 0:
             return False
         if self.remaining_percent is not None:
             claimed = self.remaining_percent + self.rate_percent_per_s * since_ns / NS_PER_S
             claimed = min(max(claimed, 0.0), 100.0)
-            if number == _BATTERY:
+            if has_cells:
                 _set_consumed(fields, claimed)
             put(fields, "battery_remaining", claimed)
         if self.voltage_v is not None:
-            if number == _SYS_STATUS:
-                put(fields, "voltage_battery", self.voltage_v * 1e3)
-            else:
+            if has_cells:
                 _set_cells(fields, self.voltage_v * 1e3)
+            else:
+                put(fields, "voltage_battery", self.voltage_v * 1e3)
         return True
 
 
@@ -103,23 +101,3 @@ def _set_cells(fields: Any, millivolts: float) -> None:
     else:
         cells[0] = min(millivolts, _NO_CELL - 1)
     fields["voltages"] = cells.astype(np.uint16)
-
-
-def make(params: FalseBattery, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for links that the scenario does not have, or that carry no telemetry."""
-    alteration = BatteryAlteration(params.remaining_percent, params.rate_percent_per_s, params.voltage_v)
-    return alter_telemetry(params.links, context, alteration)
-
-
-BATTERY = AttackPlugin(
-    FalseBattery,
-    make,
-    "Alters charge and voltage of the battery in telemetry.",
-    technique="T0856",
-    surface=("gcs", "log", "autopilot"),
-    persists="acts",
-    effect="the ground station shows a battery that the aircraft does not have",
-    threat=threat("the messages with the state of the battery"),
-    controls=CONTROLS,
-    realism={"failsafes of the autopilot": "simulated: they read its own monitor and do not see the lie"},
-)

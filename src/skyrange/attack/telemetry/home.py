@@ -2,67 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
-from pydantic import Field
-
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Place
-from skyrange.attack.telemetry.alteration import CONTROLS, TelemetryLinks, alter_telemetry, put, threat
-from skyrange.codec.mavlink import dialect as mav
+from skyrange.attack.bases.message_fields import move_place, put
+from skyrange.attack.bases.telemetry import AlteredTelemetry
+from skyrange.attack.declaration import attack
+from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry
 from skyrange.contracts.params import Enu
-from skyrange.core.geodesy import Origin
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.time import Time
 
-_HOME: Final = int(mav.MAVLINK_MSG_ID_HOME_POSITION)
 
-
-class FalseHome(TelemetryLinks):
-    """Home appears elsewhere; the home to which the autopilot returns stays."""
-
-    offset_m: Enu = Field(description="Offset of the reported home, [east, north, up] in metres.")
-
-
-@dataclass(slots=True)
-class HomeAlteration:
-    """Moves HOME_POSITION."""
-
-    origin: Origin
-    offset_m: Place
-
-    @property
-    def messages(self) -> frozenset[int]:
-        """HOME_POSITION."""
-        return frozenset((_HOME,))
-
-    def alter(self, since_ns: Time, number: int, fields: Any) -> bool:
-        """See `Alteration`."""
-        east_m, north_m = self.origin.enu_of(fields["latitude"] * 1e-7, fields["longitude"] * 1e-7)
-        lat_deg, lon_deg = self.origin.geodetic_of(east_m + self.offset_m[0], north_m + self.offset_m[1])
-        put(fields, "latitude", lat_deg * 1e7)
-        put(fields, "longitude", lon_deg * 1e7)
-        put(fields, "altitude", float(fields["altitude"]) + self.offset_m[2] * 1e3)
-        return True
-
-
-def make(params: FalseHome, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for links that the scenario does not have, or that carry no telemetry."""
-    return alter_telemetry(params.links, context, HomeAlteration(context.origin, params.offset_m))
-
-
-HOME = AttackPlugin(
-    FalseHome,
-    make,
-    "Alters the home position in telemetry.",
+@attack(
+    "telemetry.home",
     technique="T0856",
     surface=("gcs", "log", "autopilot", "rid_data"),
     persists="acts",
     effect="the ground station shows a home to which the aircraft would not return",
-    threat=threat("the message with the home position"),
-    controls=CONTROLS,
+    threat=rewrites_telemetry("the message with the home position"),
+    controls=TELEMETRY_CONTROLS,
     realism={
         "place of RTL": "simulated: the autopilot's own home, which does not move",
         "operator's place in Remote ID": "simulated: that of the ground station, which every operator of a scenario "
         "has; only a transmitter without one broadcasts the reported home",
     },
 )
+class FalseHome(AlteredTelemetry):
+    """Alters the home position in telemetry.
+
+    Home appears elsewhere; the home to which the autopilot returns stays.
+    """
+
+    offset_m: Enu = param("Offset of the reported home, [east, north, up] in metres.")
+    sees = ("HOME_POSITION",)
+
+    def alter(self, message: str, fields: Any, since_ns: Time) -> bool:
+        """Move it."""
+        move_place(fields, "latitude", "longitude", self.offset_m, self.origin)
+        put(fields, "altitude", float(fields["altitude"]) + self.offset_m[2] * 1e3)
+        return True

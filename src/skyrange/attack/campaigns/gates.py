@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from skyrange.attack.campaign.course import Course
+from skyrange.attack.campaigns.course import Course
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Agent, SensorAct, SensorFault, Sensors, Tap
 from skyrange.contracts.frames.frame import Frame

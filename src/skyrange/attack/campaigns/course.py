@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Final
 
-from skyrange.attack.campaign.adversary import Adversary, CampaignStage, Observation
+from skyrange.attack.campaigns.adversary import Adversary, CampaignStage, Observation
 from skyrange.contracts.links import Schedule
 from skyrange.core.errors import ComponentError, nearest
 from skyrange.core.time import NEVER, Time

@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from skyrange.attack.campaign.adversary import CampaignStage, Observation
-from skyrange.attack.campaign.knowledge import Knowledge
-from skyrange.attack.campaign.params import Condition, Sighting, Stage
+from skyrange.attack.campaigns.adversary import CampaignStage, Observation
+from skyrange.attack.campaigns.knowledge import Knowledge
+from skyrange.attack.campaigns.params import Condition, Sighting, Stage
 from skyrange.core.time import Time, from_seconds
 
 

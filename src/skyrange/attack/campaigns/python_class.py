@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from skyrange.attack.campaign.adversary import Adversary
-from skyrange.attack.campaign.campaign import CAMPAIGN
-from skyrange.attack.campaign.params import CampaignParams
-from skyrange.attack.campaign.parts import make_parts, move_acts
+from skyrange.attack.campaigns.adversary import Adversary
+from skyrange.attack.campaigns.params import CampaignParams
+from skyrange.attack.campaigns.parts import CAMPAIGN, make_parts, move_acts
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import from_seconds
@@ -30,4 +29,5 @@ def campaign_plugin(
             raise ComponentError(f"adversary of {context.id}", f"is {adversary!r}, which has no observe or no decide")
         return make_parts(given, context, adversary, longest_ns=from_seconds(given.longest_s))
 
-    return replace(CAMPAIGN, params=params, make=parts, about=about, move=move_acts)
+    declared = AttackPlugin.find(CAMPAIGN)
+    return replace(declared, params=params, make=parts, about=about, move=move_acts, source="")

@@ -9,10 +9,10 @@ from typing import Final, TypeVar
 
 from pydantic import ValidationError
 
-from skyrange.attack.campaign.adversary import Adversary, Observation
-from skyrange.attack.campaign.course import Course
-from skyrange.attack.campaign.gates import GatedAgent, GatedFault, GatedTapMaker
-from skyrange.attack.campaign.params import Act, Means
+from skyrange.attack.campaigns.adversary import Adversary, Observation
+from skyrange.attack.campaigns.course import Course
+from skyrange.attack.campaigns.gates import GatedAgent, GatedFault, GatedTapMaker
+from skyrange.attack.campaigns.params import Act, Means
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Place, ThreatModel, moved
 from skyrange.attack.exclusive import common
 from skyrange.attack.on_path import TapMaker, place_taps
@@ -29,6 +29,8 @@ from skyrange.core.time import NEVER, NS_PER_MS, Time
 MeansT = TypeVar("MeansT", bound=Means)
 POLL_NS: Final = 50 * NS_PER_MS
 """How often the adversary looks at the clock; an observation moves it on at once."""
+CAMPAIGN: Final = "campaign"
+"""The kind of campaigns whose stages are declared."""
 _RECEIVER: Final = "receiver"
 _LISTENING_DBM: Final = -30.0
 """Power of a radio that never sends."""
@@ -164,7 +166,7 @@ def _check_together(who: str, where: str, acts: Sequence[str], excluded: Mapping
 def _make_act(name: str, act: Act, context: AttackContext) -> Attack:
     where = f"acts.{name}"
     plugin = _find(where, act.kind, context.id)
-    if issubclass(plugin.params, Means) or name == _RECEIVER:
+    if act.kind == CAMPAIGN or issubclass(plugin.params, Means) or name == _RECEIVER:
         expected = f"a kind that is no campaign, and another name than {_RECEIVER}"
         raise InputError.one(context.id, where, act.kind, expected)
     if plugin.from_start:

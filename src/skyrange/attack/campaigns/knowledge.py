@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Final
 
-from skyrange.attack.campaign.adversary import Observation
+from skyrange.attack.campaigns.adversary import Observation
 from skyrange.attack.contract import Place
 from skyrange.codec.f3411 import BasicId, Location, MessagePack
 from skyrange.codec.f3411 import decode as decode_remote_id

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from skyrange.attack.campaign.course import MAX_STAGES
 from skyrange.attack.on_path import Messages, Names
-from skyrange.contracts.params import Enu, Number, Params, Whole, items, refuse
-from skyrange.core.errors import Problem, nearest
+from skyrange.contracts.params import Enu, Number, Params, Whole, refuse
+from skyrange.contracts.plugins.fields import Param
+from skyrange.core.errors import Problem
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"
 
@@ -121,58 +121,6 @@ class CampaignParams(Means):
     )
 
 
-class Campaign(Means):
-    """A sequence of stages; the adversary goes from one to the next by what it observes, and never back."""
-
-    stages: Annotated[tuple[Stage, ...], BeforeValidator(items), Field(min_length=1, max_length=MAX_STAGES)] = Field(
-        description="Stages in their order."
-    )
-
-    @model_validator(mode="after")
-    def _is_whole(self) -> Campaign:
-        problems = []
-        names = [stage.name for stage in self.stages]
-        for place, stage in enumerate(self.stages):
-            where = f"stages.{place}"
-            if names.index(stage.name) != place:
-                problems.append(Problem(f"{where}.name", stage.name, "a name that no other stage has"))
-            problems += [
-                Problem(f"{where}.acts", act, "the name of an act", nearest(act, self.acts))
-                for act in stage.acts
-                if act not in self.acts
-            ]
-            if not stage.bounded:
-                problems.append(
-                    Problem(f"{where}.timeout_s", "missing", "a longest duration", "Without one it may never end.")
-                )
-            problems += self._unobservable(where, stage)
-        idle = set(self.acts) - {act for stage in self.stages for act in stage.acts}
-        problems += [Problem(f"acts.{act}", "in no stage", "a stage in which it acts") for act in sorted(idle)]
-        for act in sorted(set(self.acts) - idle):
-            places = [place for place, stage in enumerate(self.stages) if act in stage.acts]
-            if places[-1] - places[0] >= len(places):
-                problems.append(
-                    Problem(f"acts.{act}", "stops and starts again", "stages that follow each other",
-                            "Declare it twice, under two names.")
-                )  # fmt: skip
-        if problems:
-            raise refuse(*problems)
-        return self
-
-    def _unobservable(self, where: str, stage: Stage) -> list[Problem]:
-        """Conditions on what the adversary has no means to observe."""
-        until = stage.until
-        if until is None:
-            return []
-        problems = []
-        sighting = until.sighting
-        by_radio = until.broadcasts is not None or (sighting is not None and sighting.vehicle is None)
-        if by_radio and self.receiver_m is None:
-            problems.append(Problem(f"{where}.until", "Remote ID", "receiver_m, with which to receive it"))
-        by_tap = bool(until.messages) or until.mission_item is not None
-        by_tap = by_tap or (sighting is not None and sighting.vehicle is not None)
-        if by_tap and not self.taps:
-            problems.append(Problem(f"{where}.until", "MAVLink", "taps, on which to read it"))
-        if sighting is not None and sighting.vehicle is not None and sighting.uas_id is not None:
-            problems.append(Problem(f"{where}.until.sighting", sighting.uas_id, "vehicle or uas_id, not both"))
-        return problems
+def param_of_means(name: str) -> Any:
+    """The parameter of a kind that `Means` declares under this name."""
+    return Param(Means.model_fields[name])

@@ -1,0 +1,134 @@
+"""Bases of kinds that alter telemetry: fields of MAVLink 2 frames of an aircraft's autopilot.
+
+Where a tap is decides who is deceived. On `autopilot` it is all receivers, on `log` and `gcs` the ground station, on
+`rid_data` the companion computer: its Remote ID broadcasts and its avoidance. A tap of the attacker has no key: a
+signed frame keeps its signature, which no longer fits, so receivers with a key refuse it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, ClassVar, Final
+
+from skyrange.attack.bases.message_fields import read_fields, write_alteration
+from skyrange.attack.bases.on_path import CopyForLink, LinkNames, LinkTap
+from skyrange.attack.bases.roles import find_links
+from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.exclusive import Exclusive
+from skyrange.attack.on_path import MESSAGE_NUMBERS, side_of
+from skyrange.codec.mavlink import dialect, message_id
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.verdicts import Direction, Replace, Verdict
+from skyrange.core.errors import InputError
+from skyrange.core.geodesy import Origin
+from skyrange.core.ids import link_name
+from skyrange.core.time import Time
+
+FROM_AIRCRAFT: Final[Mapping[str, Direction]] = {"gcs": "rev", "log": "rev", "autopilot": "rev", "rid_data": "fwd"}
+"""By role of a link that carries telemetry: the direction in which it does."""
+AUTOPILOT: Final = int(dialect.MAV_COMP_ID_AUTOPILOT1)
+"""Component id of an autopilot."""
+VARIANCES: Final = ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance")
+"""Fields of EKF_STATUS_REPORT with variances (normalised innovations)."""
+_CHAINS: Final = (("autopilot", "log"), ("autopilot", "gcs"), ("autopilot", "rid_data"), ("log", "gcs"))
+"""Roles of links that one frame of an aircraft passes, one after the other."""
+
+
+class AlteredTelemetry(LinkTap):
+    """Alters messages of an aircraft's autopilot on each of its links, while it acts.
+
+    A kind names the messages in `sees`, and `alter` writes into their fields. The sham replaces the same messages by
+    themselves, with as many bytes.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("alter",)
+    sees: ClassVar[tuple[str, ...]] = ()
+    """The messages that it alters, by name."""
+
+    links: LinkNames = param(
+        "Links by name or pattern, such as ['gcs:blue/b1']. gcs and log: the ground station is deceived; rid_data: "
+        "Remote ID broadcasts and avoidance on board; autopilot: all of them."
+    )
+    origin: Origin
+    names: dict[int, str]
+    """By number: the messages that it alters."""
+    systems: dict[str, int]
+    """System ids of the aircraft."""
+    way: Direction
+    """Of a tap: the direction of telemetry."""
+    system: int
+    """Of a tap: the system id of its aircraft."""
+
+    def assemble(self, context: AttackContext) -> Any:
+        """See `Acting`."""
+        self.origin = context.origin
+        self.names = {MESSAGE_NUMBERS[name]: name for name in self.find_messages()}
+        self.systems = {name: aircraft.system_id for name, aircraft in context.vehicles.items()}
+        return super().assemble(context)
+
+    def build(self, context: AttackContext) -> Attack:
+        """A tap on each link that matches.
+
+        Raises `InputError` as `find_links` does, and for two links that the same frame passes: it would be altered
+        twice.
+        """
+        links, make = find_links(self.links, context, list(FROM_AIRCRAFT)), CopyForLink(self)
+        for first, later in _CHAINS:
+            for name in links:
+                role, _, vehicle = name.partition(":")
+                second = link_name(later, vehicle)
+                if role == first and second in links:
+                    expected = f"{name} or {second}, not both"
+                    raise InputError.one(context.id, "links", f"{name}, {second}", expected, "One frame passes both.")
+        return Attack(
+            taps=[TapPlacement(name, side_of(name), make) for name in links],
+            exclusive=[
+                exclusive_messages(name, FROM_AIRCRAFT[name.partition(":")[0]], self.names.values()) for name in links
+            ],
+        )
+
+    def begin(self) -> None:
+        """Take direction and system id of the link."""
+        role, _, vehicle = self.link.partition(":")
+        self.way, self.system = FROM_AIRCRAFT[role], self.systems[vehicle]
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        """Alter it, or let it pass."""
+        if frame.direction != self.way:
+            return ()
+        payload = frame.payload
+        number = message_id(payload)
+        if number is None or number not in self.names:
+            return ()
+        fields = read_fields(payload, number)
+        if fields is None or payload[5] != self.system or payload[6] != AUTOPILOT:
+            return ()
+        since_ns = now - self.schedule.start_ns
+        if since_ns < 0:
+            self.learn(self.names[number], fields)
+            return ()
+        true = fields.copy()
+        if not self.alter(self.names[number], fields, since_ns):
+            return ()
+        return (Replace(write_alteration(payload, number, true, fields, self.sham)),)
+
+    def find_messages(self) -> Iterable[str]:
+        """The messages that it alters with its parameters."""
+        return self.sees
+
+    def learn(self, message: str, fields: Any) -> None:
+        """Read the fields of a message before the start; no kind has to."""
+
+    def alter(self, message: str, fields: Any, since_ns: Time) -> bool:
+        """Write into the fields of a message, named as in MAVLink; returns whether it is one to replace.
+
+        `since_ns` counts from the start.
+        """
+        raise NotImplementedError
+
+
+def exclusive_messages(link: str, direction: Direction, messages: Iterable[str]) -> Exclusive:
+    """Messages of one direction of a link, by name, as something that one attack alone may alter."""
+    return Exclusive(f"{link} ({direction})", frozenset(messages))

@@ -1,0 +1,1 @@
+"""Attacks on the time that aircraft report."""
