@@ -10,9 +10,6 @@ from typing import Any
 import pytest
 
 from skyrange.attack.approval.forged_decision import FORGED_DECISION
-from skyrange.attack.companion.false_avoidance import FALSE_AVOIDANCE
-from skyrange.attack.companion.no_avoidance import NO_AVOIDANCE
-from skyrange.attack.companion.takeover import TAKEOVER
 from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.ground.insider import INSIDER
 from skyrange.attack.ground.plan_file import PLAN_FILE
@@ -30,6 +27,10 @@ from skyrange.utm.contract import ApprovalDecision, OperationalIntent
 from tests.conformance.test_attacks_companion import encounter
 from tests.conformance.test_attacks_telemetry import signed_squares
 from tests.registered_kinds import registered
+
+FALSE_AVOIDANCE = AttackPlugin.find("companion.false_avoidance")
+NO_AVOIDANCE = AttackPlugin.find("companion.no_avoidance")
+TAKEOVER = AttackPlugin.find("companion.takeover")
 
 START_S = 9.0
 """When the squares are flown, after the take-off."""

@@ -11,8 +11,6 @@ from pydantic import ValidationError
 from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
 from skyrange.attack.approval.forged_decision import FORGED_DECISION
-from skyrange.attack.companion.false_avoidance import FALSE_AVOIDANCE
-from skyrange.attack.companion.takeover import TAKEOVER
 from skyrange.attack.compromised_sender import SenderStream, command_of, redirect_order, without_signature
 from skyrange.attack.contract import AttackContext, AttackPlugin
 from skyrange.attack.ground.insider import INSIDER
@@ -33,6 +31,9 @@ from skyrange.scenario import AttackTable, load_scenario
 from skyrange.testing.checks.attacks import two_squares
 from skyrange.utm.contract import OperationalIntent, intent_id
 from skyrange.utm.messages import DecisionBody, Request, decode_response, encode
+
+FALSE_AVOIDANCE = AttackPlugin.find("companion.false_avoidance")
+TAKEOVER = AttackPlugin.find("companion.takeover")
 
 SECRET = secret_from_passphrase("one")
 ORIGIN = Origin(40.778, -73.955, 20.0, -32.7)
