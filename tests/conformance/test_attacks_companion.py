@@ -7,15 +7,16 @@ from typing import Any
 
 import pytest
 
-from skyrange.attack.companion.false_avoidance import FALSE_AVOIDANCE
-from skyrange.attack.companion.no_avoidance import NO_AVOIDANCE
-from skyrange.attack.companion.takeover import TAKEOVER
 from skyrange.attack.contract import AttackPlugin
 from skyrange.scenario.model.radio import Avoidance
 from skyrange.scenario.model.scenario import Operator, Origin, Plan, Radio, Scenario, Start, Vehicle
 from skyrange.testing import check_attack
 from skyrange.testing.checks.attacks import two_squares
 from tests.conformance.test_attacks_telemetry import signed_squares
+
+FALSE_AVOIDANCE = AttackPlugin.find("companion.false_avoidance")
+NO_AVOIDANCE = AttackPlugin.find("companion.no_avoidance")
+TAKEOVER = AttackPlugin.find("companion.takeover")
 
 
 def encounter(duration_s: float) -> Scenario:

@@ -8,12 +8,13 @@ from typing import Any
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.control_link.deauthenticate import DEAUTHENTICATE
-from skyrange.attack.control_link.reactive_jam import REACTIVE_JAM
 from skyrange.core.errors import InputError
 from skyrange.scenario.model.scenario import Link, Radio, Scenario
 from skyrange.testing import check_attack
 from skyrange.testing.checks.attacks import two_squares
+
+DEAUTHENTICATE = AttackPlugin.find("control_link.deauthenticate")
+REACTIVE_JAM = AttackPlugin.find("control_link.reactive_jam")
 
 NEAR = {"transmitter_m": [5.0, 5.0, 2.0]}
 KINDS: list[tuple[AttackPlugin, Mapping[str, Any], bool | Collection[str]]] = [

@@ -8,13 +8,14 @@ from typing import Any
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.remote_id.signed_ghost import SIGNED_GHOST
-from skyrange.attack.remote_id.suppress_pages import SUPPRESS_PAGES
-from skyrange.attack.remote_id.verification_flood import VERIFICATION_FLOOD
 from skyrange.scenario import Scenario
 from skyrange.scenario.toml_reader import load_data
 from skyrange.testing import check_attack
 from tests.drip_range import table
+
+SUPPRESS_PAGES = AttackPlugin.find("remote_id.suppress_pages")
+SIGNED_GHOST = AttackPlugin.find("remote_id.signed_ghost")
+VERIFICATION_FLOOD = AttackPlugin.find("remote_id.verification_flood")
 
 PLACE = [10.0, 5.0, 20.0]
 KINDS: list[tuple[AttackPlugin, Mapping[str, Any], bool]] = [

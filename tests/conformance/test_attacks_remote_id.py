@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.remote_id.flood import FLOOD
-from skyrange.attack.remote_id.sweep_jam import SWEEP_JAM
 from skyrange.testing import check_attack
+
+SWEEP_JAM = AttackPlugin.find("remote_id.sweep_jam")
+FLOOD = AttackPlugin.find("remote_id.flood")
 
 PLACE = [10.0, 5.0, 20.0]
 KINDS: list[tuple[AttackPlugin, Mapping[str, Any]]] = [

@@ -9,9 +9,6 @@ from typing import Any
 
 import pytest
 
-from skyrange.attack.companion.false_avoidance import FALSE_AVOIDANCE
-from skyrange.attack.companion.no_avoidance import NO_AVOIDANCE
-from skyrange.attack.companion.takeover import TAKEOVER
 from skyrange.attack.contract import AttackPlugin
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
@@ -31,6 +28,9 @@ GUIDED = AttackPlugin.find("mavlink.guided")
 FORGED_DECISION = AttackPlugin.find("approval.forged_decision")
 INSIDER = AttackPlugin.find("ground.insider")
 PLAN_FILE = AttackPlugin.find("ground.plan_file")
+FALSE_AVOIDANCE = AttackPlugin.find("companion.false_avoidance")
+NO_AVOIDANCE = AttackPlugin.find("companion.no_avoidance")
+TAKEOVER = AttackPlugin.find("companion.takeover")
 
 START_S = 9.0
 """When the squares are flown, after the take-off."""

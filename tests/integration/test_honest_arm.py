@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from skyrange.assembly.build import build
-from skyrange.attack.remote_id.jam import JAM
-from skyrange.attack.remote_id.spoof import SPOOF
+from skyrange.attack.contract import AttackPlugin
 from skyrange.codec.f3411 import Location, MessagePack, decode
 from skyrange.codec.remote_id import link_payload
 from skyrange.core.errors import InputError
@@ -26,6 +25,9 @@ from skyrange.study.pairing import pair
 from skyrange.study.twins.pair_folder import Pair
 from skyrange.testing import NonConformance, check_attack
 from tests.integration.twin_range import RID_SPOOFING, before, plain
+
+JAM = AttackPlugin.find("remote_id.jam")
+SPOOF = AttackPlugin.find("remote_id.spoof")
 
 MOVING = """
 [[attacks]]

@@ -6,13 +6,15 @@ from itertools import pairwise
 
 import pytest
 
-from skyrange.attack.remote_id.flood import FLOOD
-from skyrange.attack.remote_id.jam import SILENT_CDBM
-from skyrange.attack.remote_id.sweep_jam import SWEEP_JAM
+from skyrange.attack.bases.transmission import SILENT_CDBM
+from skyrange.attack.contract import AttackPlugin
 from skyrange.codec.f3411 import BasicId, Location, MessagePack, SelfId, Status, decode, is_serial_number
 from skyrange.codec.remote_id import link_payload, noise_request
 from skyrange.codec.remote_id.link_payload import Transport
 from tests.unit.test_attack_remote_id import MS, S, context, made, place, sent
+
+SWEEP_JAM = AttackPlugin.find("remote_id.sweep_jam")
+FLOOD = AttackPlugin.find("remote_id.flood")
 
 
 def test_a_flood_sends_harmless_beacons_at_its_rate_on_its_channel() -> None:

@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from skyrange.attack.bases.transmission import SILENT_CDBM
 from skyrange.attack.contract import Aircraft, Attack, AttackContext, AttackPlugin
-from skyrange.attack.remote_id.jam import JAM, SILENT_CDBM
-from skyrange.attack.remote_id.replay import REPLAY
-from skyrange.attack.remote_id.spoof import SPOOF
 from skyrange.codec.f3411 import BasicId, Location, MessagePack, Status, decode, deviations, is_serial_number
 from skyrange.codec.remote_id import link_payload, noise_request
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
@@ -23,6 +21,10 @@ from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
+
+JAM = AttackPlugin.find("remote_id.jam")
+SPOOF = AttackPlugin.find("remote_id.spoof")
+REPLAY = AttackPlugin.find("remote_id.replay")
 
 S, MS = NS_PER_S, NS_PER_MS
 ORIGIN = Origin(40.778, -73.955, 25.0, -32.0)

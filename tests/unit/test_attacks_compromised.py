@@ -12,8 +12,6 @@ from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
 from skyrange.attack.bases.mavlink_orders import NOBODY
 from skyrange.attack.bases.message_fields import read_fields
-from skyrange.attack.companion.false_avoidance import FALSE_AVOIDANCE
-from skyrange.attack.companion.takeover import TAKEOVER
 from skyrange.attack.compromised_sender import SenderStream, command_of, redirect_order, without_signature
 from skyrange.attack.contract import AttackContext, AttackPlugin
 from skyrange.attack.ground.plan_alteration import PlanAlteration
@@ -35,6 +33,8 @@ from skyrange.utm.messages import DecisionBody, Request, decode_response, encode
 FORGED_DECISION = AttackPlugin.find("approval.forged_decision")
 INSIDER = AttackPlugin.find("ground.insider")
 PLAN_FILE = AttackPlugin.find("ground.plan_file")
+FALSE_AVOIDANCE = AttackPlugin.find("companion.false_avoidance")
+TAKEOVER = AttackPlugin.find("companion.takeover")
 
 SECRET = secret_from_passphrase("one")
 ORIGIN = Origin(40.778, -73.955, 20.0, -32.7)

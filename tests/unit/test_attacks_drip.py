@@ -8,16 +8,10 @@ from typing import Any
 
 import pytest
 
-from skyrange.attack.contract import Aircraft, AttackContext
-from skyrange.attack.remote_id.signed_ghost import SIGNED_GHOST
-from skyrange.attack.remote_id.suppress_pages import (
-    MAX_SENDERS,
-    SUPPRESS_PAGES,
-    PageJammer,
-    carries_manifest,
-    find_period,
-)
-from skyrange.attack.remote_id.verification_flood import VERIFICATION_FLOOD, false_signature
+from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
+from skyrange.attack.remote_id.manifest_times import carries_manifest, find_period
+from skyrange.attack.remote_id.suppress_pages import MAX_SENDERS, SuppressPages
+from skyrange.attack.remote_id.verification_flood import false_signature
 from skyrange.codec.drip import encode_sam, session_id, split_with_parity
 from skyrange.codec.f3411 import EPOCH_2019_S, BasicId, Location, MessagePack, decode, deviations, encode
 from skyrange.codec.remote_id import link_payload, noise_request
@@ -37,6 +31,10 @@ from skyrange.remoteid.drip.verification.observer import Observer
 from skyrange.remoteid.drip.verification.policy import Acceptance, accepts
 from skyrange.remoteid.drip.verification.verdicts import Policy, Refusal, Trust
 from tests.unit.test_attack_remote_id import ORIGIN, made, place, sent
+
+SUPPRESS_PAGES = AttackPlugin.find("remote_id.suppress_pages")
+SIGNED_GHOST = AttackPlugin.find("remote_id.signed_ghost")
+VERIFICATION_FLOOD = AttackPlugin.find("remote_id.verification_flood")
 
 S, MS, US = NS_PER_S, NS_PER_MS, NS_PER_US
 START_S = 220_000_000
@@ -244,9 +242,9 @@ def test_a_false_signature_is_not_refused_before_the_work() -> None:
     assert int.from_bytes(false_signature(b"\xff" * 64)[32:], "little") < order
 
 
-def jammer(stop: Time = NEVER, sham: bool = False) -> PageJammer:
+def jammer(stop: Time = NEVER, sham: bool = False) -> SuppressPages:
     (agent,) = made(SUPPRESS_PAGES, context(sham, stop), transmitter_m=[0, 0, 2]).agents
-    assert isinstance(agent, PageJammer)
+    assert isinstance(agent, SuppressPages)
     return agent
 
 
@@ -268,10 +266,12 @@ def hear(payloads: list[tuple[Time, bytes]], delay: Time = 5 * MS) -> tuple[Arri
 
 @dataclass
 class OneAgent:
-    agents: tuple[PageJammer, ...]
+    agents: tuple[SuppressPages, ...]
 
 
-def bursts(agent: PageJammer, until: Time, mail: tuple[Arrival, ...]) -> list[tuple[Time, noise_request.NoiseRequest]]:
+def bursts(
+    agent: SuppressPages, until: Time, mail: tuple[Arrival, ...]
+) -> list[tuple[Time, noise_request.NoiseRequest]]:
     found = sent(OneAgent((agent,)), until, mail)  # type: ignore[arg-type]
     return [(now, noise_request.unpack(payload)) for now, payload in found]
 

@@ -10,9 +10,7 @@ import pytest
 from skyrange.assembly.build import build
 from skyrange.attack.campaigns.parts import Controller
 from skyrange.attack.campaigns.stages import StagedAdversary
-from skyrange.attack.remote_id.jam import JAM
-from skyrange.attack.remote_id.replay import REPLAY
-from skyrange.attack.remote_id.spoof import SPOOF
+from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.triggers import Near
 from skyrange.contracts.plugins import registry as plugins
 from skyrange.core.errors import InputError
@@ -21,6 +19,10 @@ from skyrange.scenario.model.scenario import Scenario, json_schema
 from skyrange.scenario.toml_reader import load_text
 from skyrange.scenario.toml_writer import to_toml
 from tests.hostile_kind import offered
+
+JAM = AttackPlugin.find("remote_id.jam")
+SPOOF = AttackPlugin.find("remote_id.spoof")
+REPLAY = AttackPlugin.find("remote_id.replay")
 
 FLEET = """
 name = "s"

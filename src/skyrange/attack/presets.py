@@ -92,3 +92,26 @@ def true_volumes(*, content: str, placement: str) -> Controls:
     """Controls of an act that replaces claimed volumes."""
     load = "the sham: the same frames, of the same length, with the true volumes"
     return Controls(load, content, placement)
+
+
+NEAR_RECEIVERS: Final = "within some hundred metres of the receivers, by power and walls"
+"""Position of who transmits noise."""
+
+
+def noise_controls(*, placement: str, same: str = "bursts") -> Controls:
+    """Controls of a jammer, whose sham transmits or orders the `same` without power."""
+    return Controls(
+        load=f"none, because the noise is the attack; the sham has the same {same} at −200 dBm",
+        content="none, because noise has no content",
+        placement=placement,
+    )
+
+
+ANOTHER_COMPANION: Final = "the companion of another aircraft"
+"""Placement control of a compromised companion."""
+
+
+def in_companion(knowledge: str, *, budget: str, position: str = "in the companion computer") -> ThreatModel:
+    """An adversary whose program runs on the companion computer of an aircraft."""
+    equipment = "a program on the companion: from its supply chain, an update or a remote login"
+    return ThreatModel(knowledge, position, equipment, budget)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
-from skyrange.attack.contract import ORACLE, Attack, AttackContext, Place, Transmitter
+from skyrange.attack.contract import ORACLE, AttackContext, Place, Transmitter
 from skyrange.contracts.links import Channel, LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.errors import InputError, nearest
@@ -80,12 +80,6 @@ def place_transmitter(context: AttackContext, given_enu_m: Place | None, claimed
     east_m, north_m, _ = claimed_enu_m
     below_m = context.city.height_at(east_m, north_m) if context.city is not None else 0.0
     return given_enu_m or (east_m, north_m, below_m + MAST_M)
-
-
-def make_sender(context: AttackContext, at_enu_m: Place, power_dbm: float, source: PayloadSource) -> Attack:
-    """An attack that is one transmitter, which sends the payloads of `source`."""
-    agent = Broadcaster(context.radio, Port(context.radio, context.up), source)
-    return Attack(agents=[agent], links=[up_link(context)], radios=[transmitter(context, at_enu_m, power_dbm)])
 
 
 def check_vehicle(context: AttackContext, parameter: str, vehicle: str) -> None:

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Final, Literal
+from collections.abc import Iterable, Iterator
+from typing import Final
 
-from pydantic import Field, model_validator
-
-from skyrange.attack.bases.mavlink_orders import Sender, mode_order, read
-from skyrange.attack.companion.own_commands import compromise_companions
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
+from skyrange.attack.bases.compromised_companion import CompromisedCompanion
+from skyrange.attack.bases.mavlink_orders import mode_order, read
+from skyrange.attack.contract import AttackContext, Controls
+from skyrange.attack.declaration import attack
 from skyrange.attack.on_path import Repetition
-from skyrange.attack.victims import Victims
+from skyrange.attack.presets import ANOTHER_COMPANION, in_companion
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import Schedule
-from skyrange.contracts.params import Number, Params, refuse
+from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.errors import Problem
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NEVER, Time, from_seconds
@@ -28,55 +26,61 @@ _POSITION_ONLY: Final = 0b1101_1111_1000
 _UNKNOWN: Final = -1
 
 
-class FalseAvoidance(Params):
-    """How often, how far and how long it evades."""
+@attack(
+    "companion.false_avoidance",
+    technique="T0831",
+    surface=("log",),
+    persists="acts",
+    effect="the mission is late and costs more energy, by evasions that look like those of an avoidance",
+    threat=in_companion(
+        "how an avoidance changes to GUIDED and back; position and mode from telemetry on board",
+        budget="three frames for each evasion, on board",
+    ),
+    controls=Controls(
+        load="the sham: the same orders, addressed to a system that is not there",
+        content="a target on the course: aside_m = 0, which stops the aircraft only",
+        placement=ANOTHER_COMPANION,
+    ),
+)
+class FalseAvoidance(CompromisedCompanion):
+    """Has a companion computer evade aircraft that are not there, and resume the mission each time.
 
-    vehicles: Victims = Field(description="Aircraft whose companion is compromised, such as ['blue/b1'].")
-    every_s: Number = Field(default=15.0, ge=2, le=3600, description="Time between two evasions, in seconds.")
-    hold_s: Number = Field(
-        default=6.0, ge=1, le=3600, description="Length of an evasion in seconds, shorter than every_s."
-    )
-    aside_m: Number = Field(
-        default=20.0,
-        ge=-1000,
-        le=1000,
-        description="Distance of the evasion in metres: to the right of the course, negative to the left.",
-    )
-
-    @model_validator(mode="after")
-    def _ends_before_the_next(self) -> FalseAvoidance:
-        if self.hold_s >= self.every_s:
-            raise refuse(Problem("hold_s", repr(self.hold_s), f"less than every_s, {self.every_s} s"))
-        return self
-
-
-@dataclass(slots=True)
-class Evasions:
-    """A source of evasions: GUIDED and a target beside the course, later AUTO.
-
-    It starts one only while heartbeats show AUTO, as an avoidance does. In the sham all is addressed to nobody.
+    An evasion is GUIDED and a target beside the course, later AUTO. It starts one only while heartbeats show AUTO, as
+    an avoidance does. In the sham all is addressed to nobody.
     """
 
-    sender: Sender
-    schedule: Schedule
+    every_s: Number = param("Time between two evasions, in seconds.", default=15.0, ge=2, le=3600)
+    hold_s: Number = param("Length of an evasion in seconds, shorter than every_s.", default=6.0, ge=1, le=3600)
+    aside_m: Number = param(
+        "Distance of the evasion in metres: to the right of the course, negative to the left.",
+        default=20.0, ge=-1000, le=1000,
+    )  # fmt: skip
+
     origin: Origin
-    period_ns: Time
-    hold_ns: Time
-    aside_m: float
+    clock: Repetition
     mode: int = _UNKNOWN
-    place: tuple[float, float, float] | None = None
+    position: tuple[float, float, float] | None = None
     """East and north in metres from the origin, altitude above mean sea level in metres."""
     course: tuple[float, float] = (0.0, 1.0)
     """East and north, of length 1."""
     back_ns: Time = NEVER
     """When the mission goes on."""
-    clock: Repetition = field(init=False)
 
-    def __post_init__(self) -> None:
-        self.clock = Repetition(self.schedule, self.period_ns)
+    def find_problems(self) -> Iterator[Problem]:
+        """An evasion ends before the next."""
+        if self.hold_s >= self.every_s:
+            yield Problem("hold_s", repr(self.hold_s), f"less than every_s, {self.every_s} s")
 
-    @property
-    def due(self) -> Time | None:
+    def prepare(self, context: AttackContext) -> None:
+        """Learn the origin."""
+        self.origin = context.origin
+
+    def begin(self) -> None:
+        """Begin the repetition."""
+        super().begin()
+        self.clock = Repetition(self.schedule, from_seconds(self.every_s))
+
+    def next_wakeup(self) -> Time | None:
         """When the next evasion begins or ends."""
         begin = self.clock.due
         return begin if self.back_ns == NEVER else self.back_ns if begin is None else min(begin, self.back_ns)
@@ -95,22 +99,22 @@ class Evasions:
             self.mode = message.custom_mode
             return
         east, north = self.origin.enu_of(message.lat * 1e-7, message.lon * 1e-7)
-        self.place = (east, north, message.alt * 1e-3)
+        self.position = (east, north, message.alt * 1e-3)
         speed = math.hypot(message.vx, message.vy)
         if speed >= 100:  # cm/s
             self.course = (message.vy / speed, message.vx / speed)
 
-    def make(self, now: Time) -> Sequence[tuple[Literal["fwd"], bytes]]:
+    def make(self, now: Time) -> Iterable[bytes]:
         """The orders that are due."""
         messages: list[Message] = []
         if now >= self.back_ns:
             self.back_ns = NEVER
             messages.append(mode_order(mav.COPTER_MODE_AUTO).message(self.sender.target))
-        if self.clock.take(now) and self.mode == mav.COPTER_MODE_AUTO and self.place is not None:
-            self.back_ns = now + self.hold_ns
+        if self.clock.take(now) and self.mode == mav.COPTER_MODE_AUTO and self.position is not None:
+            self.back_ns = now + from_seconds(self.hold_s)
             messages.append(mode_order(mav.COPTER_MODE_GUIDED).message(self.sender.target))
-            messages.append(self._target(now, self.place))
-        return [("fwd", self.sender.pack(message)) for message in messages]
+            messages.append(self._target(now, self.position))
+        return [self.sender.pack(message) for message in messages]
 
     def _target(self, now: Time, place: tuple[float, float, float]) -> Message:
         east, north = self.course
@@ -119,33 +123,3 @@ class Evasions:
             now // 1_000_000 & 0xFFFFFFFF, self.sender.target, self.sender.component, mav.MAV_FRAME_GLOBAL_INT,
             _POSITION_ONLY, round(lat * 1e7), round(lon * 1e7), place[2], 0, 0, 0, 0, 0, 0, 0, 0,
         )  # fmt: skip
-
-
-def make(params: FalseAvoidance, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for aircraft that are not in the scenario."""
-    arguments = (
-        context.schedule, context.origin, from_seconds(params.every_s), from_seconds(params.hold_s), params.aside_m,
-    )  # fmt: skip
-    return compromise_companions(params.vehicles, context, source=Evasions, arguments=arguments)
-
-
-FALSE_AVOIDANCE = AttackPlugin(
-    FalseAvoidance,
-    make,
-    "Has a companion computer evade aircraft that are not there, and resume the mission each time.",
-    technique="T0831",
-    surface=("log",),
-    persists="acts",
-    effect="the mission is late and costs more energy, by evasions that look like those of an avoidance",
-    threat=ThreatModel(
-        knowledge="how an avoidance changes to GUIDED and back; position and mode from telemetry on board",
-        position="in the companion computer",
-        equipment="a program on the companion: from its supply chain, an update or a remote login",
-        budget="three frames for each evasion, on board",
-    ),
-    controls=Controls(
-        load="the sham: the same orders, addressed to a system that is not there",
-        content="a target on the course: aside_m = 0, which stops the aircraft only",
-        placement="the companion of another aircraft",
-    ),
-)

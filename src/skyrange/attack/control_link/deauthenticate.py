@@ -2,97 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Iterator, Sequence
+from typing import Final, Literal
 
-from pydantic import Field
-
-from skyrange.attack.contract import AirLink, Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.control_link.wifi_links import find_wifi_links
-from skyrange.attack.radio import make_sender
+from skyrange.attack.bases.transmission import Periodic, radiated_power, transmitter_place
+from skyrange.attack.contract import AirLink, AttackContext, Controls, ThreatModel
+from skyrange.attack.control_link.wifi_links import WIFI_LINKS, find_wifi_links
+from skyrange.attack.declaration import attack
 from skyrange.codec.wifi_management import FrameRequest, encode_deauthentication, pack_request
-from skyrange.contracts.params import Enu, Number, Params
+from skyrange.contracts.params import Enu, Number
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.time import NS_PER_MS, Time
 
-NOBODY = b"\x02\x00\x00\x00\x00\x00"
+NOBODY: Final = b"\x02\x00\x00\x00\x00\x00"
 """The receiver of a sham's frames: a locally administered address that no radio has."""
 
 
-class Deauthenticate(Params):
-    """Deauthentication frames in the names of both ends, again and again."""
-
-    transmitter_m: Enu = Field(
-        description="Position of the attacker, [east_m, north_m, up_m] in metres from the origin or the "
-        "attack's anchor."
-    )
-    links: tuple[str, ...] = Field(
-        default=("gcs:*",), min_length=1, description="Control links over Wi-Fi by name or pattern."
-    )
-    towards: Literal["both", "aircraft", "station"] = Field(
-        default="both", description="Receivers of the frames; each frame is in the name of the link's other end."
-    )
-    power_dbm: Number = Field(default=20.0, ge=-30, le=60, description="Radiated power (EIRP) in dBm.")
-    period_ms: Number = Field(
-        default=100.0, ge=1, le=60_000, description="Time between two rounds of frames, in milliseconds."
-    )
-
-
-@dataclass(slots=True)
-class FrameRounds:
-    """Rounds of one frame to each receiver of each link, one round per period."""
-
-    links: Sequence[AirLink]
-    to_aircraft: bool
-    to_station: bool
-    power_cdbm: int
-    period_ns: Time
-    sham: bool
-    round: int = 0
-
-    @property
-    def due(self) -> Time:
-        """When the next round is due."""
-        return self.round * self.period_ns
-
-    def make(self, now: Time) -> list[bytes]:
-        """The round that is due at `now`."""
-        if self.due > now:
-            return []
-        self.round = now // self.period_ns + 1
-        frames = []
-        for link in self.links:
-            if self.to_aircraft:
-                frames.append(self._frame(link, link.aircraft_address, link.station_address))
-            if self.to_station:
-                frames.append(self._frame(link, link.station_address, link.aircraft_address))
-        return frames
-
-    def _frame(self, link: AirLink, destination: bytes, source: bytes) -> bytes:
-        destination = NOBODY if self.sham else destination
-        frame = encode_deauthentication(destination, source, link.station_address, self.round)
-        return pack_request(FrameRequest(link.channel, self.power_cdbm, frame))
-
-
-def make(params: Deauthenticate, context: AttackContext) -> Attack:
-    """The attack."""
-    rounds = FrameRounds(
-        list(find_wifi_links(context, params.links).values()),
-        params.towards != "station",
-        params.towards != "aircraft",
-        round(params.power_dbm * 100),
-        round(params.period_ms * NS_PER_MS),
-        context.sham,
-    )
-    return make_sender(context, params.transmitter_m, params.power_dbm, rounds)
-
-
-DEAUTHENTICATE = AttackPlugin(
-    Deauthenticate,
-    make,
-    "Ends the Wi-Fi association of a control link by forged deauthentication frames.",
+@attack(
+    "control_link.deauthenticate",
     technique="T0814",
-    counterfactual="sham",
     surface=("gcs", "medium"),
     persists="acts",
     effect="the control link has no association, so that nothing passes in either direction",
@@ -113,4 +41,37 @@ DEAUTHENTICATE = AttackPlugin(
         "Shin & Arbaugh, 2003)",
     },
 )
-"""The attack `control_link.deauthenticate`."""
+class Deauthenticate(Periodic):
+    """Ends the Wi-Fi association of a control link by forged deauthentication frames.
+
+    In each period there is one frame to each receiver of each link, in the name of the link's other end.
+    """
+
+    transmitter_m: Enu = transmitter_place("attacker")
+    links: tuple[str, ...] = WIFI_LINKS
+    towards: Literal["both", "aircraft", "station"] = param(
+        "Receivers of the frames; each frame is in the name of the link's other end.", default="both"
+    )
+    power_dbm: Number = radiated_power(le=60)
+    period_ms: Number = param("Time between two rounds of frames, in milliseconds.", default=100.0, ge=1, le=60_000)
+
+    targets: Sequence[AirLink]
+    power_cdbm: int
+
+    def prepare(self, context: AttackContext) -> None:
+        """Find the links."""
+        self.targets = list(find_wifi_links(context, self.links).values())
+        self.period_ns, self.power_cdbm = round(self.period_ms * NS_PER_MS), round(self.power_dbm * 100)
+
+    def send(self, now: Time, number: int) -> Iterator[bytes]:
+        """The frames of a period."""
+        for link in self.targets:
+            if self.towards != "station":
+                yield self._frame(link, link.aircraft_address, link.station_address)
+            if self.towards != "aircraft":
+                yield self._frame(link, link.station_address, link.aircraft_address)
+
+    def _frame(self, link: AirLink, destination: bytes, source: bytes) -> bytes:
+        destination = NOBODY if self.sham else destination
+        frame = encode_deauthentication(destination, source, link.station_address, self.turn)
+        return pack_request(FrameRequest(link.channel, self.power_cdbm, frame))

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from fnmatch import fnmatchcase
+from typing import Final
 
 from skyrange.attack.contract import AirLink, AttackContext
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.errors import InputError, nearest
+
+WIFI_LINKS: Final = param("Control links over Wi-Fi by name or pattern.", default=("gcs:*",), min_length=1)
+"""The parameter `links`."""
 
 
 def find_wifi_links(context: AttackContext, patterns: tuple[str, ...]) -> dict[str, AirLink]:

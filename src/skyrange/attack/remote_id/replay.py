@@ -3,134 +3,29 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from functools import partial
+from typing import Final
 
-from pydantic import Field
-
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
-from skyrange.attack.radio import SERVICE_NS, down_link, transmitter, up_link
-from skyrange.attack.remote_id.forgery import claim_identity
-from skyrange.codec.f3411 import (
-    BasicId,
-    IdType,
-    Location,
-    MessagePack,
-    SelfId,
-    SingleMessage,
-    Status,
-    UaType,
-    encode,
-)
+from skyrange.attack.bases.forged_remote_id import claim_identity, standing_aircraft
+from skyrange.attack.bases.transmission import Reception, radiated_power, transmitter_place
+from skyrange.attack.contract import AttackContext, Controls, ThreatModel
+from skyrange.attack.declaration import attack
+from skyrange.codec.f3411 import MessagePack, SingleMessage, encode
 from skyrange.codec.f3411.encode import PACK_HEADER, SIZE
 from skyrange.codec.remote_id import link_payload
-from skyrange.codec.remote_id.link_payload import ANY_CHANNEL, NO_RSSI
-from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.contracts.params import Enu, Number, Params
-from skyrange.core.errors import DecodeError
-from skyrange.core.geodesy import Origin
-from skyrange.core.ids import FrameId, Port
+from skyrange.codec.remote_id.link_payload import ANY_CHANNEL, NO_RSSI, RidHeader
+from skyrange.contracts.mailboxes import Arrival, Outbox
+from skyrange.contracts.params import Enu, Number
+from skyrange.contracts.plugins.fields import param, state
+from skyrange.core.ids import FrameId
 from skyrange.core.time import Time, from_seconds
 
-MAX_BROADCASTS = 100_000
+MAX_BROADCASTS: Final = 100_000
 """Largest number of broadcasts that the recorder holds; the oldest are discarded."""
 
 
-class Replay(Params):
-    """Records the broadcasts that it receives from time 0 on, and sends each again after a fixed delay."""
-
-    transmitter_m: Enu = Field(
-        description="Position of the attacker's radio, [east_m, north_m, up_m] in metres from the origin or the "
-        "attack's anchor."
-    )
-    delay_s: Number = Field(
-        default=30.0,
-        gt=0,
-        le=86_400,
-        description="Time in seconds from the reception of a broadcast until it is sent again.",
-    )
-    power_dbm: Number = Field(default=20.0, ge=-30, le=50, description="Radiated power (EIRP) in dBm.")
-
-
-@dataclass(slots=True)
-class Replayer:
-    """Receives on its `rid_down` link and sends on its `rid_up` link, `delay_ns` later.
-
-    With `stands_enu_m` it is a sham: it sends broadcasts of the same length at the same times, which report an aircraft
-    on the ground at that place.
-    """
-
-    name: str
-    up: Port
-    down: Port
-    delay_ns: Time
-    origin: Origin
-    stands_enu_m: Place | None = None
-    service_ns: Time = SERVICE_NS
-    ports: Sequence[Port] = field(init=False)
-    heard: deque[tuple[Time, bytes, FrameId]] = field(default_factory=lambda: deque(maxlen=MAX_BROADCASTS))
-
-    def __post_init__(self) -> None:
-        self.ports = [self.up, self.down]
-
-    def step(self, now: Time, inbox: Inbox) -> Outbox:
-        """Record the broadcasts that arrived and send those that are due; ignore anything else that arrived."""
-        out = Outbox()
-        for arrival in inbox:
-            try:
-                header, body = link_payload.unpack(arrival.payload)
-            except DecodeError:
-                continue
-            again = header._replace(channel=ANY_CHANNEL, rssi_cdbm=NO_RSSI, time_ns=arrival.at + self.delay_ns)
-            if self.stands_enu_m is not None:
-                again = again._replace(address=claim_identity(self.name).address)
-                body = self._harmless(body, self.stands_enu_m)
-            self.heard.append((arrival.at + self.delay_ns, link_payload.pack(again, body), arrival.ref))
-        while self.heard and self.heard[0][0] <= now:
-            _, payload, ref = self.heard.popleft()
-            out.send(self.up, payload, (ref,))
-        return out
-
-    def next_wakeup(self) -> Time | None:
-        """When the oldest recorded broadcast is due."""
-        return self.heard[0][0] if self.heard else None
-
-    def _harmless(self, body: bytes, place: Place) -> bytes:
-        """A body of the same length with this transmitter's own identity and place, and Self-IDs for the rest."""
-        lat_deg, lon_deg = self.origin.geodetic_of(place[0], place[1])
-        messages: list[SingleMessage] = [
-            Location(
-                status=Status.GROUND,
-                lat_deg=lat_deg,
-                lon_deg=lon_deg,
-                alt_geo_m=self.origin.ellipsoid_of(self.origin.alt_msl_m) + place[2],
-            ),
-            BasicId(IdType.SERIAL_NUMBER, UaType.HELICOPTER_OR_MULTIROTOR, claim_identity(self.name).uas_id),
-            *[SelfId(0, "standing here")] * 9,
-        ]
-        if len(body) < PACK_HEADER + SIZE:
-            return encode(messages[0])
-        return encode(MessagePack(tuple(messages[: (len(body) - PACK_HEADER) // SIZE])))
-
-
-def make(params: Replay, context: AttackContext) -> Attack:
-    """The attack."""
-    agent = Replayer(
-        context.radio,
-        Port(context.radio, context.up),
-        Port(context.radio, context.down),
-        from_seconds(params.delay_s),
-        context.origin,
-        params.transmitter_m if context.sham else None,
-    )
-    radio = transmitter(context, params.transmitter_m, params.power_dbm, listens=True)
-    return Attack(agents=[agent], links=[up_link(context), down_link(context)], radios=[radio])
-
-
-REPLAY = AttackPlugin(
-    Replay,
-    make,
-    "Sends received Remote ID broadcasts again later, from another place.",
+@attack(
+    "remote_id.replay",
     technique="T0856",
     surface=("medium",),
     persists="acts",
@@ -149,3 +44,49 @@ REPLAY = AttackPlugin(
     ),
     realism={"signal strength": "simulated: from the transmitter's place"},
 )
+class Replay(Reception):
+    """Sends received Remote ID broadcasts again later, from another place.
+
+    It records the broadcasts that it receives from time 0 on, and sends each again after a fixed delay. The sham sends
+    broadcasts of the same length at the same times, which report an aircraft on the ground at the transmitter.
+    """
+
+    transmitter_m: Enu = transmitter_place("attacker's radio")
+    delay_s: Number = param(
+        "Time in seconds from the reception of a broadcast until it is sent again.", default=30.0, gt=0, le=86_400
+    )
+    power_dbm: Number = radiated_power()
+
+    delay_ns: Time
+    harmless: list[SingleMessage]
+    """What the sham sends."""
+    heard: deque[tuple[Time, bytes, FrameId]] = state(partial(deque, maxlen=MAX_BROADCASTS))
+
+    def prepare(self, context: AttackContext) -> None:
+        """Learn the origin."""
+        self.delay_ns = from_seconds(self.delay_s)
+        self.harmless = standing_aircraft(context.radio, context.origin, self.transmitter_m)
+
+    def hear(self, now: Time, arrival: Arrival, header: RidHeader, body: bytes, out: Outbox) -> None:
+        """Record it."""
+        due = arrival.at + self.delay_ns
+        again = header._replace(channel=ANY_CHANNEL, rssi_cdbm=NO_RSSI, time_ns=due)
+        if self.sham:
+            again, body = again._replace(address=claim_identity(self.name).address), self._of_length(len(body))
+        self.heard.append((due, link_payload.pack(again, body), arrival.ref))
+
+    def send_due(self, now: Time, out: Outbox) -> None:
+        """Send those that are due."""
+        while self.heard and self.heard[0][0] <= now:
+            _, payload, ref = self.heard.popleft()
+            out.send(self.up, payload, (ref,))
+
+    def next_wakeup(self) -> Time | None:
+        """When the oldest recorded broadcast is due."""
+        return self.heard[0][0] if self.heard else None
+
+    def _of_length(self, length: int) -> bytes:
+        """A harmless body of a length: as many messages as fit."""
+        if length < PACK_HEADER + SIZE:
+            return encode(self.harmless[0])
+        return encode(MessagePack(tuple(self.harmless[: (length - PACK_HEADER) // SIZE])))

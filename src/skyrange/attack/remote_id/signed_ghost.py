@@ -2,203 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
 
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.radio import make_sender, place_transmitter
-from skyrange.attack.remote_id.drip_keys import KeyOrigin, find_registration
-from skyrange.attack.remote_id.forgery import (
-    ClaimedIdentity,
-    ClaimedVelocity,
-    Forger,
+from skyrange.attack.bases.forged_remote_id import (
+    CLAIMED_VELOCITY,
+    ON_TRANSPORTS,
+    RADIATED_POWER,
+    TRANSMITTER_PLACE,
+    ForgedRemoteId,
     RadiatedPower,
-    TransmitterPlace,
     Transports,
     claim_identity,
 )
+from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
+from skyrange.attack.declaration import attack
+from skyrange.attack.remote_id.drip_keys import KeyOrigin, find_registration
 from skyrange.codec.f3411 import IdType
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
-from skyrange.contracts.claims import ClaimedTrack
-from skyrange.contracts.params import Enu, Number, Params, refuse
+from skyrange.contracts.params import Enu, Number
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.errors import Problem
 from skyrange.core.ids import hash64
-from skyrange.core.time import NS_PER_S, Time
-from skyrange.remoteid.broadcast_profiles import TRANSPORTS, Broadcast, sender_address
+from skyrange.core.time import Time
+from skyrange.remoteid.broadcast_profiles import Broadcast, sender_address
 
 if TYPE_CHECKING:  # its imports are slow, and only authenticated broadcasts need them
     from skyrange.remoteid.drip.broadcasts import AuthenticationPages
     from skyrange.remoteid.drip.registry import Registration
 
 
-class SignedGhost(Params):
-    """An aircraft that is not where it says it is, with real DRIP signatures, from the attacker's own transmitter."""
-
-    key: KeyOrigin = Field(
-        default="registered",
-        description="Key that signs. registered: the attacker's own, which the registry has endorsed (an insider); "
-        "stolen: that of the aircraft in vehicle; unregistered: one that only a made-up registry endorses.",
-    )
-    vehicle: str | None = Field(
-        default=None,
-        description="Aircraft whose key is stolen, such as 'red/r1'; its remote_id.auth has to be 'drip'.",
-    )
-    address: Literal["own", "vehicle"] = Field(
-        default="own",
-        description="Sender address. own: the attacker's; vehicle: that of the aircraft in vehicle, so that receivers "
-        "take both for one sender.",
-    )
-    at: Enu = Field(
-        description="Claimed position at the start of the attack, [east_m, north_m, up_m] in metres from the origin or "
-        "the attack's anchor."
-    )
-    velocity_mps: ClaimedVelocity = (0.0, 0.0, 0.0)
-    rate_hz: Number = Field(default=1.0, ge=0.1, le=10, description="Broadcasts per second on each transport.")
-    auth_rates: Literal["required", "recommended"] = Field(
-        default="required", description="How often it sends authentication messages, as remote_id.auth_rates."
-    )
-    transports: Transports = ("wifi_beacon",)
-    transmitter_m: TransmitterPlace = None
-    power_dbm: RadiatedPower = 20.0
-
-    @model_validator(mode="after")
-    def _fits_its_key(self) -> SignedGhost:
-        faults = []
-        if self.key == "stolen" and self.vehicle is None:
-            faults.append(Problem("vehicle", "missing", "the aircraft whose key is stolen, because key = 'stolen'"))
-        if self.key != "stolen" and self.vehicle is not None:
-            faults.append(Problem("vehicle", self.vehicle, f"no vehicle with key = {self.key!r}"))
-        if self.key != "stolen" and self.address == "vehicle":
-            faults.append(Problem("address", self.address, f"'own' with key = {self.key!r}, which is of no vehicle"))
-        if faults:
-            raise refuse(*faults)
-        return self
-
-
-@dataclass(slots=True)
-class SignedForger:
-    """A forger of one aircraft whose broadcasts are signed, as those of an honest transmitter are."""
-
-    forger: Forger
-    pages: AuthenticationPages
-
-    @property
-    def due(self) -> Time:
-        """When the next broadcast or page is due."""
-        return min(self.forger.due, self.pages.next_ns)
-
-    def make(self, now: Time) -> list[bytes]:
-        """The `rid_up` payloads that are due; none before the attack starts."""
-        forger = self.forger
-        payloads = forger.make(now)
-        for payload in payloads:
-            self.pages.sent(0, now, link_payload.unpack(payload).body)
-        clock_us = np.array([(forger.epoch.unix_ns + now) // 1000], dtype=np.int64)
-        self.pages.sign(now, clock_us, np.array([forger.due], dtype=np.int64))
-        for page in self.pages.take(now, now + 1):
-            counter = page.counter
-            if page.transport != Transport.BT4:
-                counter = forger.counter & 0xFF
-                forger.counter += 1
-            address = forger.identities[0].address
-            header = RidHeader(Transport(page.transport), counter=counter, address=address, time_ns=page.at_ns)
-            payloads.append(link_payload.pack(header, page.body))
-        return payloads
-
-
-def make(params: SignedGhost, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for a vehicle that is not in the scenario or signs nothing.
-
-    The sham is an aircraft on the ground at the transmitter, registered and signed by its own key.
-    """
-    registration = find_registration(context, params.key, params.vehicle)
-    if context.sham:
-        registration = find_registration(context, "registered", None)
-    place = place_transmitter(context, params.transmitter_m, params.at)
-    identity = _identity(params, context, registration)
-    forger = Forger(
-        identities=[identity],
-        places=[params.at],
-        velocity_mps=params.velocity_mps,
-        transports=[one for name in params.transports for one in TRANSPORTS[name]],
-        period_ns=round(NS_PER_S / params.rate_hz),
-        origin=context.origin,
-        epoch=context.epoch,
-        schedule=context.schedule,
-        stands_enu_m=(place[0], place[1], 0.0) if context.sham else None,
-    )
-    source = SignedForger(forger, _pages(params, context, registration, identity))
-    attack = make_sender(context, place, params.power_dbm, source)
-    shown = {"ghost" if params.vehicle is None else f"{params.vehicle} as claimed": params.at}
-    claims = [ClaimedTrack(context.radio, params.at, params.velocity_mps, identity.uas_id)]
-    return replace(attack, shown=shown, claims=claims, threat=THREATS[params.key])
-
-
-def _identity(params: SignedGhost, context: AttackContext, registration: Registration) -> ClaimedIdentity:
-    from skyrange.codec.drip import session_id
-
-    own = claim_identity(context.id, session_id(registration.identity.tag))
-    if params.address == "own" or params.vehicle is None or context.sham:
-        return own
-    return own._replace(address=sender_address(params.vehicle))
-
-
-def _pages(
-    params: SignedGhost, context: AttackContext, registration: Registration, identity: ClaimedIdentity
-) -> AuthenticationPages:
-    from skyrange.remoteid.drip.broadcasts import AuthenticationPages
-    from skyrange.remoteid.drip.credentials import Credentials
-    from skyrange.remoteid.drip.schedule import RECOMMENDED, REQUIRED
-
-    rates = REQUIRED if params.auth_rates == "required" else RECOMMENDED
-    credentials = Credentials(registration, rates, seed=hash64(context.id))
-    return AuthenticationPages(
-        [
-            Broadcast(
-                context.id,
-                uas_id=identity.uas_id,
-                id_type=IdType.SPECIFIC_SESSION,
-                transports=params.transports,
-                credentials=credentials,
-            )
-        ]
+def _threat(equipment: str, more_knowledge: str = "", before: str = "") -> ThreatModel:
+    return ThreatModel(
+        knowledge=f"the formats of ASTM F3411 and RFC 9575{more_knowledge}",
+        position=f"within radio range of the receivers{before}",
+        equipment=equipment,
+        budget="the frames of one aircraft: about 200 bytes a period, and one to four pages of signatures each 5 s",
     )
 
 
-_POSITION: Final = "within radio range of the receivers"
-_BUDGET: Final = "the frames of one aircraft: about 200 bytes a period, and one to four pages of signatures each 5 s"
 THREATS: Final[Mapping[KeyOrigin, ThreatModel]] = {
-    "registered": ThreatModel(
-        knowledge="the formats of ASTM F3411 and RFC 9575",
-        position=_POSITION,
-        equipment="a transmitter, and a key of its own that the registry has endorsed",
-        budget=_BUDGET,
+    "registered": _threat("a transmitter, and a key of its own that the registry has endorsed"),
+    "stolen": _threat(
+        "a transmitter", ", and the private key of the victim", "; before that, at the victim or its supplier"
     ),
-    "stolen": ThreatModel(
-        knowledge="the formats of ASTM F3411 and RFC 9575, and the private key of the victim",
-        position=f"{_POSITION}; before that, at the victim or its supplier",
-        equipment="a transmitter",
-        budget=_BUDGET,
-    ),
-    "unregistered": ThreatModel(
-        knowledge="the formats of ASTM F3411 and RFC 9575",
-        position=_POSITION,
-        equipment="a transmitter, and keys that it has made itself",
-        budget=_BUDGET,
-    ),
+    "unregistered": _threat("a transmitter, and keys that it has made itself"),
 }
 """What each origin of the key needs."""
 
-SIGNED_GHOST = AttackPlugin(
-    SignedGhost,
-    make,
-    "Forges Remote ID with real DRIP signatures: by the attacker's own registered key, a stolen key, or a made-up "
-    "registry.",
+
+@attack(
+    "remote_id.signed_ghost",
     technique="T0859",
     honest=True,
     surface=("medium",),
@@ -216,4 +74,98 @@ SIGNED_GHOST = AttackPlugin(
         "theft of the key": "assumed: the attacker has it from the start",
     },
 )
-"""The attack `remote_id.signed_ghost`."""
+class SignedGhost(ForgedRemoteId):
+    """Forges Remote ID with real DRIP signatures: by the attacker's own registered key, a stolen key, or a made-up
+    registry.
+
+    An aircraft that is not where it says it is signs as an honest transmitter does, from the attacker's own. The sham
+    is an aircraft on the ground at the transmitter, registered and signed by its own key.
+    """
+
+    key: KeyOrigin = param(
+        "Key that signs. registered: the attacker's own, which the registry has endorsed (an insider); stolen: that of "
+        "the aircraft in vehicle; unregistered: one that only a made-up registry endorses.",
+        default="registered",
+    )
+    vehicle: str | None = param(
+        "Aircraft whose key is stolen, such as 'red/r1'; its remote_id.auth has to be 'drip'.", default=None
+    )
+    address: Literal["own", "vehicle"] = param(
+        "Sender address. own: the attacker's; vehicle: that of the aircraft in vehicle, so that receivers take both "
+        "for one sender.",
+        default="own",
+    )
+    at: Enu = param(
+        "Claimed position at the start of the attack, [east_m, north_m, up_m] in metres from the origin or the "
+        "attack's anchor."
+    )
+    velocity_mps: Enu = CLAIMED_VELOCITY
+    rate_hz: Number = param("Broadcasts per second on each transport.", default=1.0, ge=0.1, le=10)
+    auth_rates: Literal["required", "recommended"] = param(
+        "How often it sends authentication messages, as remote_id.auth_rates.", default="required"
+    )
+    transports: Transports = ON_TRANSPORTS
+    transmitter_m: Enu | None = TRANSMITTER_PLACE
+    power_dbm: RadiatedPower = RADIATED_POWER
+
+    pages: AuthenticationPages
+
+    def find_problems(self) -> Iterator[Problem]:
+        """A key and its vehicle go together."""
+        if self.key == "stolen" and self.vehicle is None:
+            yield Problem("vehicle", "missing", "the aircraft whose key is stolen, because key = 'stolen'")
+        if self.key != "stolen" and self.vehicle is not None:
+            yield Problem("vehicle", self.vehicle, f"no vehicle with key = {self.key!r}")
+        if self.key != "stolen" and self.address == "vehicle":
+            yield Problem("address", self.address, f"'own' with key = {self.key!r}, which is of no vehicle")
+
+    def prepare(self, context: AttackContext) -> None:
+        """Take the key. Raises `InputError` for a vehicle that is not in the scenario or signs nothing."""
+        from skyrange.codec.drip import session_id
+
+        registration = find_registration(context, self.key, self.vehicle)
+        if self.sham:
+            registration = find_registration(context, "registered", None)
+        identity = claim_identity(self.id, session_id(registration.identity.tag))
+        if self.address == "vehicle" and self.vehicle is not None and not self.sham:
+            identity = identity._replace(address=sender_address(self.vehicle))
+        self.identities, self.pages = [identity], self._pages(registration, identity.uas_id)
+
+    def _pages(self, registration: Registration, uas_id: str) -> AuthenticationPages:
+        from skyrange.remoteid.drip.broadcasts import AuthenticationPages
+        from skyrange.remoteid.drip.credentials import Credentials
+        from skyrange.remoteid.drip.schedule import RECOMMENDED, REQUIRED
+
+        rates = REQUIRED if self.auth_rates == "required" else RECOMMENDED
+        credentials = Credentials(registration, rates, seed=hash64(self.id))
+        sender = Broadcast(
+            self.id, uas_id=uas_id, id_type=IdType.SPECIFIC_SESSION, transports=self.transports,
+            credentials=credentials,
+        )  # fmt: skip
+        return AuthenticationPages([sender])
+
+    def build(self, context: AttackContext) -> Attack:
+        """Its radio, with what its key needs."""
+        return replace(super().build(context), threat=THREATS[self.key])
+
+    @property
+    def due(self) -> Time:
+        """When the next broadcast or page is due."""
+        return min(self.broadcast_due, self.pages.next_ns)
+
+    def transmit(self, now: Time) -> list[bytes]:
+        """The payloads that are due, with pages; none before the attack starts."""
+        payloads = super().transmit(now)
+        for payload in payloads:
+            self.pages.sent(0, now, link_payload.unpack(payload).body)
+        clock_us = np.array([(self.epoch.unix_ns + now) // 1000], dtype=np.int64)
+        self.pages.sign(now, clock_us, np.array([self.broadcast_due], dtype=np.int64))
+        for page in self.pages.take(now, now + 1):
+            counter = page.counter
+            if page.transport != Transport.BT4:
+                counter = self.counter & 0xFF
+                self.counter += 1
+            address = self.identities[0].address
+            header = RidHeader(Transport(page.transport), counter=counter, address=address, time_ns=page.at_ns)
+            payloads.append(link_payload.pack(header, page.body))
+        return payloads

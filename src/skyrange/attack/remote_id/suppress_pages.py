@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable
 from heapq import heapify, heappop, heappush
-from typing import Annotated, Final
+from typing import Final
 
-from pydantic import Field
-
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.radio import down_link, transmitter, up_link
-from skyrange.attack.remote_id.jam import SILENT_CDBM
-from skyrange.codec.drip import SamType
+from skyrange.attack.bases.transmission import SILENT_CDBM, Reception, WifiChannel, radiated_power, transmitter_place
+from skyrange.attack.contract import AttackContext, ThreatModel
+from skyrange.attack.declaration import attack
+from skyrange.attack.presets import NEAR_RECEIVERS, noise_controls
+from skyrange.attack.remote_id.manifest_times import TOLERANCE_NS, Rhythm, carries_manifest
 from skyrange.codec.f3411 import MessageType
-from skyrange.codec.f3411.encode import PACK_HEADER, SIZE
-from skyrange.codec.remote_id import link_payload
+from skyrange.codec.f3411.encode import SIZE
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.codec.remote_id.noise_request import NoiseRequest, pack
-from skyrange.contracts.links import Schedule
-from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.contracts.params import Enu, Number, Params, Whole
-from skyrange.core.errors import DecodeError
-from skyrange.core.ids import FrameId, Port
-from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time
+from skyrange.contracts.mailboxes import Arrival, Outbox
+from skyrange.contracts.params import Enu, Number
+from skyrange.contracts.plugins.fields import param, state
+from skyrange.core.ids import FrameId
+from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 from skyrange.radio.phy.framing import OVERHEAD_BYTES, TRANSPORT_WAVEFORM
 from skyrange.radio.phy.waveforms import airtime_ns
 from skyrange.remoteid.drip.schedule import PAGE_NS
@@ -37,128 +33,80 @@ JITTER_NS: Final = 10 * NS_PER_MS
 """advDelay of an advertisement (Bluetooth Core 5.4 vol. 6 part B 4.4.2.2.1)."""
 MAX_PAGE: Final = 8
 """Last page of a message of unknown length: nine pages, and the parity page after them."""
-LONGEST_NS: Final = 12 * NS_PER_S
-"""How long Manifests are remembered: RFC 9575, section 6.3, has one in 5 s at least."""
-SHORTEST_NS: Final = NS_PER_S // 2
-"""Shortest period that is believed: the recommended one is a second. Frames that come at once have none."""
-LONG_NS: Final = 2 * NS_PER_S
-ENOUGH: Final = 2
-ENOUGH_SHORT: Final = 6
-"""Manifests that have to come a period after another one, of periods of at least `LONG_NS` and of shorter ones."""
-TOLERANCE_NS: Final = 100 * NS_PER_US
-"""Of times that are expected: less than a pack of signatures takes."""
-MAX_SURPRISES: Final = 3
-"""Manifests out of their times in a row: fewer are late because the channel was busy."""
 MAX_SENDERS: Final = 256
 MAX_UNHEARD: Final = 60
 """Predictions without any frame of the sender heard; then it is forgotten."""
 ADVERTISING_KHZ: Final = (2_402_000, 2_426_000, 2_480_000)
 """The three advertising channels of Bluetooth."""
-_DATA_AT: Final = 8
-"""Where the authentication data begin in page 0 (F3411-22a, Authentication message)."""
 
 
-class SuppressPages(Params):
-    """A jammer that listens for DRIP signatures, and covers with noise those that it can expect."""
-
-    transmitter_m: Enu = Field(
-        description="Position of the jammer, [east_m, north_m, up_m] in metres from the origin or the attack's anchor."
-    )
-    power_dbm: Number = Field(default=30.0, ge=-30, le=60, description="Radiated power (EIRP) in dBm.")
-    channel: Annotated[Whole, Field(ge=1, le=13)] = Field(
-        default=6, description="Wi-Fi channel on which it expects packs of signatures."
-    )
-
-
-@dataclass(slots=True)
-class Rhythm:
-    """The times of one sender's Manifests over Wi-Fi, and the period after which they repeat."""
-
-    heard: list[Time] = field(default_factory=list)
-    """Starts of the last ones."""
-    period_ns: Time | None = None
-    unheard: int = 0
-    """Manifests expected since any frame of the sender was heard."""
-    surprises: int = 0
-    """Manifests heard since the last one that came when it was expected."""
-
-    def hear(self, start_ns: Time, is_expected: bool) -> list[Time]:
-        """Learn from a Manifest that was heard; the times of those to come, if the period is known only now."""
-        self.surprises = 0 if is_expected else self.surprises + 1
-        if self.surprises > MAX_SURPRISES:
-            self.period_ns = None  # the sender has changed its times
-        self.heard = [one for one in self.heard if start_ns - one <= LONGEST_NS] + [start_ns]
-        if self.period_ns is not None:
-            return []
-        self.period_ns = find_period(self.heard)
-        if self.period_ns is None:
-            return []
-        self.surprises = 0
-        return [one + self.period_ns for one in self.heard if one + self.period_ns > start_ns]
-
-
-def find_period(starts: Sequence[Time]) -> Time | None:
-    """The shortest period with which all of these times repeat; `None` while they show none.
-
-    A sender whose program polls slower than it broadcasts has several gaps in turn, and a period that is their sum.
-    """
-    for first in reversed(starts[:-1]):
-        period_ns = starts[-1] - first
-        if period_ns < SHORTEST_NS:
-            continue
-        again = [one for one in starts if one - period_ns >= starts[0] - TOLERANCE_NS]
-        if len(again) >= (ENOUGH if period_ns >= LONG_NS else ENOUGH_SHORT) and all(
-            any(abs(one - period_ns - other) <= TOLERANCE_NS for other in starts) for one in again
-        ):
-            return period_ns
-    return None
-
-
-@dataclass(slots=True)
-class PageJammer:
-    """Receives on its `rid_down` link, and orders noise on its `rid_up` link.
+@attack(
+    "remote_id.suppress_pages",
+    technique="T0804",
+    counterfactual="mute",
+    surface=("medium",),
+    persists="acts",
+    effect="receivers get positions without signatures: they come to trust nobody, and trust in others grows stale",
+    threat=ThreatModel(
+        knowledge="the formats of RFC 9575; it learns the senders' periods from what it hears",
+        position=f"{NEAR_RECEIVERS}, and where it hears the senders",
+        equipment="a software-defined radio for 2.4 GHz that reacts within 0.2 ms, with an amplifier",
+        budget="over Wi-Fi 0.5 ms of noise a Manifest; over Bluetooth 4 up to 0.4 s a message",
+    ),
+    controls=noise_controls(
+        same="orders",
+        placement="the same jammer where it does not hear the senders, or remote_id.jam with as much noise a second",
+    ),
+    realism={
+        "missed pages": "simulated: power at each receiver over the part of a frame that the noise covers",
+        "drift between the clocks of sender and jammer": "assumed: none; 20 ppm would be 0.1 ms in 5 s",
+        "hearing": "simulated: as the companion of an aircraft, which misses half of the advertisements",
+        "hearing while it transmits": "assumed: none",
+    },
+)
+class SuppressPages(Reception):
+    """Jams the frames that carry DRIP signatures: over Wi-Fi by their period, over Bluetooth 4 after their first page.
 
     Over Wi-Fi it learns the period of each sender's Manifests, and jams the second half of each that is to come. Over
-    Bluetooth 4 it hears a page, and jams those that follow it. While it transmits it hears nothing.
+    Bluetooth 4 it hears a page, and jams those that follow it. While it transmits it hears nothing. The sham orders the
+    same noise at −200 dBm.
     """
 
-    name: str
-    up: Port
-    down: Port
+    transmitter_m: Enu = transmitter_place("jammer")
+    power_dbm: Number = radiated_power(default=30.0, le=60)
+    channel: WifiChannel = param("Wi-Fi channel on which it expects packs of signatures.", default=6)
+
+    service_ns: Time = SERVICE_NS
     burst: NoiseRequest
     """An order of noise; its centre, width and duration are replaced."""
     wifi_khz: int
-    schedule: Schedule
-    service_ns: Time = SERVICE_NS
-    ports: Sequence[Port] = field(init=False)
-    rhythms: dict[bytes, Rhythm] = field(default_factory=dict)
-    expected: list[tuple[Time, bytes]] = field(default_factory=list)
+    rhythms: dict[bytes, Rhythm] = state(dict)
+    expected: list[tuple[Time, bytes]] = state(list)
     """Heap of the Manifests to come, with the addresses of their senders."""
-    recent: dict[bytes, Time] = field(default_factory=dict)
+    recent: dict[bytes, Time] = state(dict)
     """The last time at which one was expected, by sender."""
     bluetooth_until: Time = -1
     """End of the noise on the advertising channels."""
     wifi_from: Time = -1
     """Start of the last noise over Wi-Fi."""
 
-    def __post_init__(self) -> None:
-        self.ports = [self.up, self.down]
+    def prepare(self, context: AttackContext) -> None:
+        """Prepare the orders."""
+        self.burst = NoiseRequest(SILENT_CDBM if self.sham else round(self.power_dbm * 100), 0, 1, 1)
+        self.wifi_khz = (2407 + 5 * self.channel) * 1000
 
-    def step(self, now: Time, inbox: Inbox) -> Outbox:
-        """Learn from what was heard, and order the noise that is due; ignore anything else that arrived."""
-        out = Outbox()
-        for arrival in inbox:
-            try:
-                header, body = link_payload.unpack(arrival.payload)
-            except DecodeError:
-                continue
-            rhythm = self.rhythms.get(header.address)
-            if rhythm is not None:
-                rhythm.unheard = 0  # the sender is still there
-            if header.transport == Transport.BT4:
-                self._hear_page(now, header, body, arrival.ref, out)
-            elif header.transport in (Transport.WIFI_BEACON, Transport.WIFI_NAN) and carries_manifest(body):
-                self._hear_manifest(header, body)
+    def hear(self, now: Time, arrival: Arrival, header: RidHeader, body: bytes, out: Outbox) -> None:
+        """Learn from a Manifest over Wi-Fi; order noise on the pages that follow one over Bluetooth 4."""
+        rhythm = self.rhythms.get(header.address)
+        if rhythm is not None:
+            rhythm.unheard = 0  # the sender is still there
+        if header.transport == Transport.BT4:
+            self._hear_page(now, header, body, arrival.ref, out)
+        elif header.transport in (Transport.WIFI_BEACON, Transport.WIFI_NAN) and carries_manifest(body):
+            self._hear_manifest(header, body)
+
+    def send_due(self, now: Time, out: Outbox) -> None:
+        """Order noise on the Manifests that are to come now."""
         while self.expected and self.expected[0][0] <= now:
             at_ns, address = heappop(self.expected)
             rhythm = self.rhythms.get(address)
@@ -172,7 +120,6 @@ class PageJammer:
             self.recent[address] = at_ns
             if now - at_ns < WIFI_BURST_NS and self._order(now, (self.wifi_khz,), 20_000, WIFI_BURST_NS, (), out):
                 self.wifi_from = now
-        return out
 
     def next_wakeup(self) -> Time | None:
         """When the next Manifest is to come."""
@@ -226,60 +173,3 @@ class PageJammer:
             )
             out.send(self.up, pack(order), causes)
         return True
-
-
-def carries_manifest(body: bytes) -> bool:
-    """Whether a pack begins with the first page of a DRIP Manifest, as its first bytes tell."""
-    at = PACK_HEADER + _DATA_AT
-    return (
-        len(body) > at
-        and body[0] >> 4 == MessageType.MESSAGE_PACK
-        and body[PACK_HEADER] >> 4 == MessageType.AUTHENTICATION
-        and body[PACK_HEADER + 1] & 0x0F == 0
-        and body[at] == SamType.MANIFEST  # the first byte of the authentication data
-    )
-
-
-def make(params: SuppressPages, context: AttackContext) -> Attack:
-    """The attack; its sham orders the same noise at −200 dBm."""
-    power_cdbm = SILENT_CDBM if context.sham else round(params.power_dbm * 100)
-    agent = PageJammer(
-        context.radio,
-        Port(context.radio, context.up),
-        Port(context.radio, context.down),
-        NoiseRequest(power_cdbm, 0, 1, 1),
-        (2407 + 5 * params.channel) * 1000,
-        context.schedule,
-    )
-    radio = transmitter(context, params.transmitter_m, params.power_dbm, listens=True)
-    return Attack(agents=[agent], links=[up_link(context), down_link(context)], radios=[radio])
-
-
-SUPPRESS_PAGES = AttackPlugin(
-    SuppressPages,
-    make,
-    "Jams the frames that carry DRIP signatures: over Wi-Fi by their period, over Bluetooth 4 after their first page.",
-    technique="T0804",
-    counterfactual="mute",
-    surface=("medium",),
-    persists="acts",
-    effect="receivers get positions without signatures: they come to trust nobody, and trust in others grows stale",
-    threat=ThreatModel(
-        knowledge="the formats of RFC 9575; it learns the senders' periods from what it hears",
-        position="within some hundred metres of the receivers, by power and walls, and where it hears the senders",
-        equipment="a software-defined radio for 2.4 GHz that reacts within 0.2 ms, with an amplifier",
-        budget="over Wi-Fi 0.5 ms of noise a Manifest; over Bluetooth 4 up to 0.4 s a message",
-    ),
-    controls=Controls(
-        load="none, because the noise is the attack; the sham has the same orders at −200 dBm",
-        content="none, because noise has no content",
-        placement="the same jammer where it does not hear the senders, or remote_id.jam with as much noise a second",
-    ),
-    realism={
-        "missed pages": "simulated: power at each receiver over the part of a frame that the noise covers",
-        "drift between the clocks of sender and jammer": "assumed: none; 20 ppm would be 0.1 ms in 5 s",
-        "hearing": "simulated: as the companion of an aircraft, which misses half of the advertisements",
-        "hearing while it transmits": "assumed: none",
-    },
-)
-"""The attack `remote_id.suppress_pages`."""
