@@ -11,8 +11,6 @@ import pytest
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
-from skyrange.attack.gnss.drift import DRIFT
-from skyrange.attack.gnss.jump import JUMP
 from skyrange.attack.remote_id.jam import JAM
 from skyrange.attack.remote_id.replay import REPLAY
 from skyrange.attack.remote_id.spoof import SPOOF
@@ -26,6 +24,9 @@ from skyrange.core.time import NS_PER_S, Time
 from skyrange.testing import NonConformance, check_attack
 from tests.hostile_kind import HOMEWARD, Homeward, Orders
 from tests.hostile_kind import make as make_homeward
+
+DRIFT = AttackPlugin.find("gnss.drift")
+JUMP = AttackPlugin.find("gnss.jump")
 
 PLACE = [10.0, 5.0, 20.0]
 KINDS: list[tuple[AttackPlugin, Mapping[str, Any], bool]] = [

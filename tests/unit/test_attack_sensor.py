@@ -12,14 +12,15 @@ import pytest
 from pydantic import ValidationError
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.sensor.accelerometer import ACCELEROMETER
-from skyrange.attack.sensor.barometer import BAROMETER
-from skyrange.attack.sensor.compass import COMPASS
-from skyrange.attack.sensor.gyro import GYRO
 from skyrange.contracts.components import SensorAct, SensorFault, Sensors
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from tests.unit.test_attack_gnss import context, readings
+
+ACCELEROMETER = AttackPlugin.find("sensor.accelerometer")
+BAROMETER = AttackPlugin.find("sensor.barometer")
+COMPASS = AttackPlugin.find("sensor.compass")
+GYRO = AttackPlugin.find("sensor.gyro")
 
 S, MS = NS_PER_S, NS_PER_MS
 ONE: list[tuple[AttackPlugin, str, dict[str, Any]]] = [
