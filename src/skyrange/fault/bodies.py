@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar
 
+from skyrange.attack.bases.sensors import find_label
 from skyrange.attack.declaration import Acting
 from skyrange.attack.victims import check_vehicles
 from skyrange.contracts.components import BodyAct, Disturbances
@@ -33,7 +34,7 @@ class OnBodies(Acting):
     def build(self, context: FaultContext) -> FaultParts:
         """Itself as a body fault. Raises `InputError` for aircraft that are not in the scenario."""
         check_vehicles(context, self.vehicles)
-        self.label = self.plugin.surface[0]
+        self.label = find_label(self)
         self.name = f"{self.id}.{self.label}"
         return FaultParts(body_faults=[self])
 

@@ -17,8 +17,8 @@ from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.params import Number, refuse
 from skyrange.contracts.plugins.fields import param
-from skyrange.contracts.plugins.form import Kind
-from skyrange.core.errors import Problem
+from skyrange.contracts.plugins.form import Kind, place_of
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 SAMPLE_NS: Final = 100 * NS_PER_MS
@@ -44,11 +44,11 @@ class AltersSensors(Acting):
     """The actor in labels."""
 
     def assemble(self, context: AttackContext) -> Any:
-        """See `Acting`. Raises `InputError` for aircraft that are not in the scenario."""
+        """See `Acting`. Raises `InputError` for aircraft that the scenario does not have, or no surface."""
         if "vehicles" not in type(self).declared_params:
             self.vehicles = tuple(sorted(context.vehicles))
         check_vehicles(context, self.vehicles)
-        self.label = self.plugin.surface[0]
+        self.label = find_label(self)
         self.allocate(len(self.vehicles))
         return super().assemble(context)
 
@@ -178,6 +178,14 @@ class AddsSignal(OnSensors):
             readings += self.errors
         else:
             readings += error
+
+
+def find_label(kind: Kind) -> str:
+    """What labels of its acts name: the first of its surface. Raises `InputError` for a kind without one."""
+    surface: Sequence[str] = kind.plugin.surface
+    if not surface:
+        raise InputError.one(place_of(type(kind)), "surface", "missing", "what it acts on, such as ('gnss',)")
+    return surface[0]
 
 
 def need_one(kind: Kind, *names: str) -> Iterator[Problem]:

@@ -90,10 +90,10 @@ class PullOff(FalseFixes):
     )
     period_s: Number = param("Interval of the receiver's fixes, in seconds; 0.2 is 5 Hz.", default=0.2, ge=0.05, le=1)
     lag_s: Number = param("Age of a fix when it is fused, in seconds, at most period_s.", default=0.12, ge=0, le=1)
-    offset_m: Floats
+    offset_at_m: Floats
     """Offset, speed and phase of each fix from `aligned_s` on, `period_s` apart; after the last the speed stays."""
     speed_at_mps: Floats
-    phase: Ints
+    phase_at: Ints
 
     def find_problems(self) -> Iterator[Problem]:
         """A fix that is fused after the next one."""
@@ -114,16 +114,16 @@ class PullOff(FalseFixes):
 
     def shift(self, seconds: Floats) -> Shift:
         """Between two fixes the speed changes linearly, so position and velocity agree at the time of any fix."""
-        last = len(self.offset_m) - 1
+        last = len(self.offset_at_m) - 1
         since = np.maximum(seconds - self.aligned_s, 0.0)
         row = np.minimum(since / self.period_s, last).astype(np.int64)
         further = np.minimum(row + 1, last)
         into_s = since - row * self.period_s
         change = (self.speed_at_mps[further] - self.speed_at_mps[row]) / self.period_s
         speed = self.speed_at_mps[row] + change * into_s
-        offset = self.offset_m[row] + 0.5 * (self.speed_at_mps[row] + speed) * into_s
+        offset = self.offset_at_m[row] + 0.5 * (self.speed_at_mps[row] + speed) * into_s
         way = np.array([sin(radians(self.bearing_deg)), cos(radians(self.bearing_deg)), 0.0])
-        phases = np.where(seconds < self.aligned_s, ALIGNED, self.phase[further])
+        phases = np.where(seconds < self.aligned_s, ALIGNED, self.phase_at[further])
         return offset[:, None] * way, speed[:, None] * way, phases.astype(np.int64)
 
     def plan(self, duration_ns: Time) -> None:
@@ -157,5 +157,5 @@ class PullOff(FalseFixes):
             phases.append(phase)
             if phase != PULLING and distance_m == inf and abs(chosen - error_mps) < _SETTLED_MPS:
                 break
-        self.offset_m, self.speed_at_mps = np.array(offsets), np.array(speeds)
-        self.phase = np.array(phases, dtype=np.int64)
+        self.offset_at_m, self.speed_at_mps = np.array(offsets), np.array(speeds)
+        self.phase_at = np.array(phases, dtype=np.int64)
