@@ -11,8 +11,6 @@ import pytest
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
-from skyrange.attack.gnss.drift import DRIFT
-from skyrange.attack.gnss.jump import JUMP
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
@@ -27,6 +25,8 @@ from tests.hostile_kind import make as make_homeward
 JAM = AttackPlugin.find("remote_id.jam")
 SPOOF = AttackPlugin.find("remote_id.spoof")
 REPLAY = AttackPlugin.find("remote_id.replay")
+DRIFT = AttackPlugin.find("gnss.drift")
+JUMP = AttackPlugin.find("gnss.jump")
 
 PLACE = [10.0, 5.0, 20.0]
 KINDS: list[tuple[AttackPlugin, Mapping[str, Any], bool]] = [

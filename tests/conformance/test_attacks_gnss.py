@@ -8,12 +8,13 @@ from typing import Any
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.gnss.capture import CAPTURE
-from skyrange.attack.gnss.false_time import GNSS_TIME
-from skyrange.attack.gnss.jam import GNSS_JAM
-from skyrange.attack.gnss.meacon import MEACON
-from skyrange.attack.gnss.pull_off import PULL_OFF
 from skyrange.testing import check_attack
+
+CAPTURE = AttackPlugin.find("gnss.capture")
+GNSS_JAM = AttackPlugin.find("gnss.jam")
+MEACON = AttackPlugin.find("gnss.meacon")
+PULL_OFF = AttackPlugin.find("gnss.pull_off")
+GNSS_TIME = AttackPlugin.find("gnss.time")
 
 PLACE = [60.0, 5.0, 2.0]
 SENSOR = frozenset({"sensor"})

@@ -8,11 +8,12 @@ from typing import Any
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.sensor.accelerometer import ACCELEROMETER
-from skyrange.attack.sensor.barometer import BAROMETER
-from skyrange.attack.sensor.compass import COMPASS
-from skyrange.attack.sensor.gyro import GYRO
 from skyrange.testing import check_attack
+
+ACCELEROMETER = AttackPlugin.find("sensor.accelerometer")
+BAROMETER = AttackPlugin.find("sensor.barometer")
+COMPASS = AttackPlugin.find("sensor.compass")
+GYRO = AttackPlugin.find("sensor.gyro")
 
 KINDS: list[tuple[AttackPlugin, Mapping[str, Any]]] = [
     (BAROMETER, {"offset_m": 6.0, "rise_s": 3.0}),

@@ -8,19 +8,20 @@ from typing import Any
 
 import pytest
 
-from skyrange.attack.contract import Attack, AttackContext, Transmitter
-from skyrange.attack.gnss.jump import JUMP
-from skyrange.fault.battery_fade import BATTERY_FADE
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Transmitter
 from skyrange.fault.contract import FaultContext, FaultParts, FaultPlugin
-from skyrange.fault.gnss_multipath import GNSS_MULTIPATH
-from skyrange.fault.gnss_outage import GNSS_OUTAGE
-from skyrange.fault.gust import GUST
-from skyrange.fault.motor_loss import MOTOR_LOSS
-from skyrange.fault.operator_error import OPERATOR_ERROR
-from skyrange.fault.sensor_failure import SENSOR_FAILURE
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_reader import load_text
 from skyrange.testing import NonConformance, check_attack, check_fault
+
+JUMP = AttackPlugin.find("gnss.jump")
+BATTERY_FADE = FaultPlugin.find("battery.fade")
+GNSS_MULTIPATH = FaultPlugin.find("gnss.multipath")
+GNSS_OUTAGE = FaultPlugin.find("gnss.outage")
+GUST = FaultPlugin.find("gust")
+MOTOR_LOSS = FaultPlugin.find("motor.loss")
+OPERATOR_ERROR = FaultPlugin.find("operator.error")
+SENSOR_FAILURE = FaultPlugin.find("sensor.failure")
 
 LINK_LOSS = FaultPlugin.find("link.loss")
 LINK_OUTAGE = FaultPlugin.find("link.outage")

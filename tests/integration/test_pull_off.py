@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
-from skyrange.attack.gnss.drift import DRIFT
-from skyrange.attack.gnss.pull_off import PULL_OFF
 from skyrange.contracts.components import Sensors
 from skyrange.contracts.links import Schedule
 from skyrange.core.chance import Chance
@@ -19,6 +17,9 @@ from skyrange.core.time import NS_PER_S, Epoch
 from skyrange.vehicle.builtin.estimation.state import Status
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range
+
+DRIFT = AttackPlugin.find("gnss.drift")
+PULL_OFF = AttackPlugin.find("gnss.pull_off")
 
 ME = "blue/b1"
 SECONDS = 40.0

@@ -7,15 +7,16 @@ import pytest
 
 from skyrange.assembly.build import build
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.gnss.capture import CAPTURE
-from skyrange.attack.gnss.jam import GNSS_JAM
-from skyrange.attack.sensor.barometer import BAROMETER
-from skyrange.attack.sensor.gyro import GYRO
 from skyrange.contracts.plugins import registry as plugins
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
 from skyrange.scenario.toml_reader import load_text
+
+CAPTURE = AttackPlugin.find("gnss.capture")
+GNSS_JAM = AttackPlugin.find("gnss.jam")
+BAROMETER = AttackPlugin.find("sensor.barometer")
+GYRO = AttackPlugin.find("sensor.gyro")
 
 SQUARE = """
 name = "s"

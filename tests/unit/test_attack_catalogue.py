@@ -9,7 +9,9 @@ from skyrange.attack.techniques import ATTACK_ICS, NO_FIT, SPARTA, describe_tech
 from skyrange.contracts.plugins.registry import ATTACKS, kinds
 
 SHIPPED = [
-    name for name in kinds(ATTACKS) if AttackPlugin.find(name).make.__module__.split(".")[:2] == ["skyrange", "attack"]
+    name
+    for name in kinds(ATTACKS)
+    if AttackPlugin.find(name).params.__module__.split(".")[:2] == ["skyrange", "attack"]
 ]
 
 

@@ -12,8 +12,6 @@ import pytest
 
 from skyrange.assembly.build import build
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
-from skyrange.attack.gnss.drift import DRIFT
-from skyrange.attack.gnss.jump import JUMP
 from skyrange.contracts.components import SensorAct, SensorFault, Sensors
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.plugins import registry as plugins
@@ -23,6 +21,9 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time
 from skyrange.scenario.toml_reader import load_text
 from skyrange.world import Body, SensorSpec, World
+
+DRIFT = AttackPlugin.find("gnss.drift")
+JUMP = AttackPlugin.find("gnss.jump")
 
 S = NS_PER_S
 B1, EAST = '"blue/b1"', "rate_mps = [1, 0, 0]"

@@ -10,10 +10,8 @@ import pytest
 import shapely
 
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
-from skyrange.attack.gnss.capture import CAPTURE
 from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_NONE, Emitter
-from skyrange.attack.gnss.jam import GNSS_JAM, code_jitter_m, effective_db_hz
-from skyrange.attack.gnss.meacon import MEACON
+from skyrange.attack.gnss.receiver_noise import code_jitter_m, effective_db_hz
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.contracts.components import SensorAct, SensorFault, Sensors
@@ -23,6 +21,10 @@ from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Epoch, Time
 from skyrange.world import Body, SensorSpec, World
+
+CAPTURE = AttackPlugin.find("gnss.capture")
+GNSS_JAM = AttackPlugin.find("gnss.jam")
+MEACON = AttackPlugin.find("gnss.meacon")
 
 S = NS_PER_S
 WALL = City([Building("wall", 40.0, shapely.box(-5.0, -60.0, 5.0, 60.0))], "test")

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.attack.gnss.false_time import GNSS_TIME, ROLLOVER_S
+from skyrange.attack.contract import AttackPlugin
+from skyrange.attack.gnss.time import ROLLOVER_S
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.codec.mavlink.signing import SignatureRefusal, Signer, SigningKey, signing_timestamp
 from skyrange.contracts.components import SensorAct, Sensors
@@ -18,6 +19,8 @@ from skyrange.core.time import NS_PER_S, Epoch, Time
 from skyrange.vehicle.ardupilot.gps_input import GnssReceivers
 from skyrange.vehicle.builtin.utc_clocks import UtcClocks
 from tests.unit.test_attack_gnss import S, context, fault, readings
+
+GNSS_TIME = AttackPlugin.find("gnss.time")
 
 EPOCH = Epoch(1_767_268_800 * NS_PER_S)  # 2026-01-01T12:00:00Z
 

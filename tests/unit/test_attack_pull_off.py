@@ -8,20 +8,25 @@ import numpy as np
 import pytest
 
 from skyrange.attack.gnss.innovation_model import converged
-from skyrange.attack.gnss.pull_off import ALIGNED, CRUISING, PULLING, STOPPING, PullOff, pull_off_track
+from skyrange.attack.gnss.pull_off import ALIGNED, CRUISING, PULLING, STOPPING, PullOff
 from skyrange.core.time import NS_PER_S
 
 
 def chosen(**params: Any) -> PullOff:
-    return PullOff.model_validate({"vehicles": ["blue/b1"], "bearing_deg": 90, **params})
+    return PullOff(**{"vehicles": ["blue/b1"], "bearing_deg": 90, **params})
 
 
-def innovations(params: PullOff, seconds: int = 120) -> np.ndarray:
+def planned(seconds: int = 120, **params: Any) -> PullOff:
+    found = chosen(**params)
+    found.plan(seconds * NS_PER_S)
+    return found
+
+
+def innovations(track: PullOff) -> np.ndarray:
     """What its own model says of its fixes: innovations over their gates, (n, 2)."""
-    track = pull_off_track(params, seconds * NS_PER_S)
-    model = converged(params.assumed)
+    model = converged(track.assumed)
     rows = []
-    for offset, speed in zip(track.offset_m[1:].tolist(), track.speed_mps[1:].tolist(), strict=True):
+    for offset, speed in zip(track.offset_at_m[1:].tolist(), track.speed_at_mps[1:].tolist(), strict=True):
         by_m, by_mps = model.innovations(offset, speed)
         rows.append((by_m / model.position_gate_m, by_mps / model.velocity_gate_mps))
         model.fuse(offset, speed)
@@ -59,22 +64,22 @@ def test_the_model_follows_a_constant_offset_and_a_constant_speed() -> None:
     ],
 )
 def test_no_innovation_exceeds_the_fraction_of_its_gate_and_one_reaches_it(params: dict[str, Any]) -> None:
-    wanted = chosen(**params)
+    wanted = planned(**params)
     assert innovations(wanted).max() == pytest.approx(wanted.gate_fraction, rel=0.01)
 
 
 def test_a_larger_fraction_is_faster() -> None:
     times = []
     for fraction in (0.3, 0.6, 0.9):
-        track = pull_off_track(chosen(gate_fraction=fraction), 120 * NS_PER_S)
-        times.append(float(np.interp(50.0, track.offset_m, np.arange(len(track.offset_m)) * 0.2)))
+        track = planned(gate_fraction=fraction)
+        times.append(float(np.interp(50.0, track.offset_at_m, np.arange(len(track.offset_at_m)) * 0.2)))
     assert times == sorted(times, reverse=True)
 
 
 def test_position_and_velocity_agree_at_any_time_and_the_phases_follow_each_other() -> None:
-    track = pull_off_track(chosen(aligned_s=4, distance_m=250), 120 * NS_PER_S)
+    track = planned(aligned_s=4, distance_m=250)
     seconds = np.linspace(0.0, 119.0, 11_901)
-    offsets, velocities, phases = track.at(seconds)
+    offsets, velocities, phases = track.shift(seconds)
     assert not offsets[seconds < 4.0].any()
     assert not velocities[seconds < 4.0].any()
     middle = 0.5 * (velocities[1:] + velocities[:-1])
@@ -86,9 +91,9 @@ def test_position_and_velocity_agree_at_any_time_and_the_phases_follow_each_othe
 
 
 def test_it_goes_on_after_its_table() -> None:
-    track = pull_off_track(chosen(aligned_s=0), 3_600 * NS_PER_S)
-    assert len(track.offset_m) < 3_600
-    offsets, velocities, _ = track.at(np.array([3_000.0, 3_001.0]))
+    track = planned(3_600, aligned_s=0)
+    assert len(track.offset_at_m) < 3_600
+    offsets, velocities, _ = track.shift(np.array([3_000.0, 3_001.0]))
     assert offsets[1, 0] - offsets[0, 0] == pytest.approx(10.0)
     assert velocities[1, 0] == pytest.approx(10.0)
 

@@ -11,15 +11,19 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from skyrange.attack.bases.sensors import OnSensors
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.sensor.accelerometer import ACCELEROMETER
-from skyrange.attack.sensor.barometer import BAROMETER
-from skyrange.attack.sensor.compass import COMPASS
-from skyrange.attack.sensor.gyro import GYRO
+from skyrange.attack.declaration import attack
 from skyrange.contracts.components import SensorAct, SensorFault, Sensors
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from tests.registered_kinds import registered
 from tests.unit.test_attack_gnss import context, readings
+
+ACCELEROMETER = AttackPlugin.find("sensor.accelerometer")
+BAROMETER = AttackPlugin.find("sensor.barometer")
+COMPASS = AttackPlugin.find("sensor.compass")
+GYRO = AttackPlugin.find("sensor.gyro")
 
 S, MS = NS_PER_S, NS_PER_MS
 ONE: list[tuple[AttackPlugin, str, dict[str, Any]]] = [
@@ -108,3 +112,34 @@ def test_impossible_parameters_are_refused(kind: AttackPlugin, params: dict[str,
 def test_a_stranger_is_named() -> None:
     with pytest.raises(InputError, match="blue/b4"):
         fault(BAROMETER, vehicles=["blue/b4"], offset_m=1.0)
+
+
+class Stuck(OnSensors):
+    """Freezes the barometer."""
+
+    held: Any = None
+
+    def act(self, now: Time, sensors: Sensors) -> None:
+        if self.held is None:
+            self.held = sensors.baro_up_m.copy()
+        sensors.baro_up_m[:] = self.held
+
+
+def test_a_kind_of_one_method_has_vehicles_labels_and_a_sham() -> None:
+    with registered():
+        kind = attack("test.stuck", surface=("baro",))(Stuck).plugin
+    assert list(kind.params.model_fields) == ["vehicles"]
+    for sham in (False, True):
+        stuck, later = fault(kind, sham=sham), readings()
+        assert stuck.name == "x.baro"
+        assert stuck.on_sensors(2 * S, readings()) == [SensorAct("blue/b1", "baro"), SensorAct("blue/b2", "baro")]
+        later.baro_up_m += 1.0
+        stuck.on_sensors(3 * S, later)
+        assert (later.baro_up_m.tobytes() == readings().baro_up_m.tobytes()) is not sham
+
+
+def test_a_kind_that_does_not_say_which_sensor_it_alters_is_named() -> None:
+    with registered():
+        kind = attack("test.stuck")(Stuck).plugin
+    with pytest.raises(InputError, match=r"class Stuck in .*surface: missing"):
+        fault(kind)

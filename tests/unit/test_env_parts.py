@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.attack.gnss.drift import DriftTrack
+from skyrange.attack.gnss.drift import Drift
 from skyrange.codec.mavlink import Packer
 from skyrange.contracts.components import SensorAct
 from skyrange.core.errors import ComponentError, InputError
@@ -239,7 +239,9 @@ def shift(fault: ChosenDrift, now: Time, measured: Time) -> tuple[np.ndarray, li
 
 def test_the_drift_is_that_of_the_chosen_aircraft_from_its_choice_on() -> None:
     choice = RedChoice()
-    fault = ChosenDrift("red.gnss", ["blue/b1", "blue/b2"], DriftTrack((2.0, 0.0, 0.0), 60.0, False, True), choice)
+    fault = ChosenDrift(
+        "red.gnss", ["blue/b1", "blue/b2"], Drift(vehicles=["any"], rate_mps=(2.0, 0.0, 0.0), largest_m=60.0), choice
+    )
     assert not shift(fault, NS_PER_S, NS_PER_S)[0].any()
     choice.choose(2 * NS_PER_S, "blue/b2", RedAct.GNSS)
     moved, acts = shift(fault, 3 * NS_PER_S, 3 * NS_PER_S)
@@ -263,7 +265,7 @@ def test_frames_of_acts_are_sent_just_after_the_beginning_of_a_step() -> None:
     assert CLOCK.next_act(0) == NS_PER_MS
     assert CLOCK.next_act(NS_PER_MS) == NS_PER_S + NS_PER_MS
     plan, taps = make_red_team(
-        {"blue/b1": 1}, RedChoice(), CLOCK, mode=9, track=DriftTrack((1.0, 0, 0), 9, False, True)
+        {"blue/b1": 1}, RedChoice(), CLOCK, mode=9, drift=Drift(vehicles=["any"], rate_mps=(1.0, 0, 0), largest_m=9)
     )
     assert plan.id == "red"
     assert [(tap.match, tap.side, tap.attack) for tap in taps] == [("gcs:blue/b1", "companion", "red")]

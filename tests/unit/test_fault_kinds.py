@@ -11,7 +11,7 @@ import pytest
 import shapely
 
 from skyrange.assembly.build import build
-from skyrange.attack.gnss.jam import CHIP_M
+from skyrange.attack.gnss.receiver_noise import CHIP_M
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.codec.mavlink import decode
@@ -22,18 +22,20 @@ from skyrange.contracts.plugins.registry import ATTACKS, FAULTS, kinds
 from skyrange.contracts.verdicts import Drop, Inject
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.fault.battery_fade import BATTERY_FADE
 from skyrange.fault.contract import FaultPlugin
-from skyrange.fault.gnss_multipath import GNSS_MULTIPATH, pseudorange_errors
-from skyrange.fault.gnss_outage import GNSS_OUTAGE
-from skyrange.fault.gust import GUST
-from skyrange.fault.motor_loss import MOTOR_LOSS
-from skyrange.fault.operator_error import OPERATOR_ERROR
-from skyrange.fault.sensor_failure import SENSOR_FAILURE
+from skyrange.fault.gnss.multipath import pseudorange_errors
 from skyrange.fault.sky_view import Satellite, Seen, even_sky, see, solve
 from skyrange.scenario.shipped import FAULT_EXAMPLES, load
 from skyrange.scenario.toml_reader import load_text
 from tests.unit.test_attack_gnss import FLEET, context, readings
+
+BATTERY_FADE = FaultPlugin.find("battery.fade")
+GNSS_MULTIPATH = FaultPlugin.find("gnss.multipath")
+GNSS_OUTAGE = FaultPlugin.find("gnss.outage")
+GUST = FaultPlugin.find("gust")
+MOTOR_LOSS = FaultPlugin.find("motor.loss")
+OPERATOR_ERROR = FaultPlugin.find("operator.error")
+SENSOR_FAILURE = FaultPlugin.find("sensor.failure")
 
 LINK_LOSS = FaultPlugin.find("link.loss")
 STATION_RESTART = FaultPlugin.find("station.restart")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.attack.gnss.jump import JUMP
+from skyrange.attack.gnss.jump import Jump
 from skyrange.contracts.plugins import registry as plugins
 from skyrange.contracts.plugins.registry import NoParams, Plugin
 from skyrange.core.errors import ComponentError, InputError
@@ -48,7 +48,7 @@ def test_the_same_plugin_may_register_twice_and_another_may_not() -> None:
         plugins.register(plugins.APPROVALS, "test-kind", NO)
 
 
-@pytest.mark.parametrize("other", [JUMP, ApproveAll, None, Plugin(NoParams, print, "Of no group.")])
+@pytest.mark.parametrize("other", [Jump.plugin, ApproveAll, None, Plugin(NoParams, print, "Of no group.")])
 def test_what_is_no_plugin_of_the_group_is_refused(other: object) -> None:
     with pytest.raises(InputError, match=r"plugin x: object: .* expected a plugin of skyrange\.approvals"):
         plugins.register(plugins.APPROVALS, "x", other)  # type: ignore[arg-type]
@@ -100,9 +100,9 @@ def test_the_shipped_kinds_are_installed() -> None:
 
 GOOD = """
 import skyrange
-from skyrange.attack.gnss.jump import JUMP
+from skyrange.attack.gnss.jump import Jump
 
-skyrange.register("skyrange.attacks", "test.jump", JUMP)
+skyrange.register("skyrange.attacks", "test.jump", Jump.plugin)
 """
 
 
@@ -115,7 +115,7 @@ def written(folder: Path, text: str, name: str = "mine.py") -> Path:
 def test_a_file_offers_what_it_registers(tmp_path: Path) -> None:
     path = written(tmp_path, GOOD)
     assert plugins.load_file(path) == ((plugins.ATTACKS, "test.jump"),)
-    assert plugins.find(plugins.ATTACKS, "test.jump") is JUMP
+    assert plugins.find(plugins.ATTACKS, "test.jump") is Jump.plugin
     path.write_text("raise RuntimeError('run twice')")
     assert plugins.load_file(str(path)) == ((plugins.ATTACKS, "test.jump"),)
     assert plugins.loaded_sources()[-1] == ("mine.py", GOOD.encode())

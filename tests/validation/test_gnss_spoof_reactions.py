@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.attack.contract import Aircraft, AttackContext
-from skyrange.attack.gnss.drift import DRIFT
-from skyrange.attack.gnss.jump import JUMP
+from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
 from skyrange.codec.mavlink import dialect
 from skyrange.contracts.components import SensorFault, Sensors
 from skyrange.contracts.links import Schedule
@@ -23,6 +21,9 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import EPOCH, ORIGIN, Range
 from tests.validation.gnss_spoofs import FINE, MOVED, RATIO, RESET, SECONDS, SPOOFS, TIME_S, USUAL, Spoof
+
+DRIFT = AttackPlugin.find("gnss.drift")
+JUMP = AttackPlugin.find("gnss.jump")
 
 ME = "blue/b1"
 KINDS = {"gnss.jump": JUMP, "gnss.drift": DRIFT}

@@ -10,18 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Annotated, Any, Final, Protocol
+from typing import Annotated, Any, Final
 
 from pydantic import AfterValidator, BeforeValidator
 
 from skyrange.attack.contract import AttackContext
 from skyrange.codec.mavlink import dialect
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule, TapPlacement
-from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.params import items, refuse
-from skyrange.contracts.verdicts import Direction, Inject, Verdict
+from skyrange.contracts.verdicts import Direction
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import APPROVAL, endpoint, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Time
@@ -101,43 +99,6 @@ def ends_of(link: str, direction: Direction) -> tuple[str, str]:
         USS: (endpoint(APPROVAL, one), endpoint(APPROVAL, other)),
     }[role]
     return (first, second) if direction == "fwd" else (second, first)
-
-
-class InjectionSource(Protocol):
-    """Frames that an attacker puts on a link when they are due. It can be deep-copied."""
-
-    @property
-    def due(self) -> Time | None:
-        """When the next frames are due; `None` for never again."""
-        ...
-
-    def see(self, now: Time, frame: Frame) -> Sequence[Note] | None:
-        """Learn from a frame that passes; what is to be noted of it."""
-        ...
-
-    def make(self, now: Time) -> Sequence[tuple[Direction, bytes]]:
-        """Directions and payloads of the frames that are due."""
-        ...
-
-
-@dataclass(slots=True)
-class InjectingTap:
-    """A tap that injects what its source makes, in the name of the link's own ends."""
-
-    link: str
-    source: InjectionSource
-
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """Let it pass, and learn from it."""
-        return self.source.see(now, frame) or ()
-
-    def next_wakeup(self) -> Time | None:
-        """When the source is due."""
-        return self.source.due
-
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Inject what is due."""
-        return [Inject(payload, way, *ends_of(self.link, way)) for way, payload in self.source.make(now)]
 
 
 @dataclass(slots=True)

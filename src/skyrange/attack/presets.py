@@ -115,3 +115,50 @@ def in_companion(knowledge: str, *, budget: str, position: str = "in the compani
     """An adversary whose program runs on the companion computer of an aircraft."""
     equipment = "a program on the companion: from its supply chain, an update or a remote login"
     return ThreatModel(knowledge, position, equipment, budget)
+
+
+SPOOFED_OFFSET: Final = {
+    "position and velocity": "simulated: the truth with an offset",
+    "fix type, satellites, claimed accuracy": "assumed: unaltered, a seamless capture",
+}
+"""Realism of fixes that a spoofer moves."""
+
+
+def gnss_spoofer(
+    knowledge: str = "the place of each victim, to align code and Doppler with the authentic signals",
+    *,
+    equipment: str = "a GNSS simulator that follows each victim alone",
+    budget: str = "a signal some decibels above the authentic ones, for as long as it acts",
+) -> ThreatModel:
+    """An adversary that transmits false GNSS signals to each victim alone."""
+    return ThreatModel(knowledge, "in sight of the victims' antennas", equipment, budget)
+
+
+def takes_no_airtime(signal: str, *, content: str, placement: str) -> Controls:
+    """Controls of an act by a signal that no link of the range carries."""
+    load = f"none, because a {signal} signal takes no airtime of the range's links"
+    return Controls(load=load, content=content, placement=placement)
+
+
+def unaltered_fixes(*, placement: str = "the same offset on another aircraft", besides: str = "") -> Controls:
+    """Controls of an act whose sham leaves GNSS fixes as they are; `besides` is another content control."""
+    return takes_no_airtime(
+        "spoofed", content=f"the sham: the same acts with unaltered fixes{besides}", placement=placement
+    )
+
+
+def unaltered_readings(placement: str, *, besides: str = "") -> Controls:
+    """Controls of an act whose sham leaves readings of sensors as they are; `besides` is another content control."""
+    content = f"the sham: the same act with unaltered readings{besides}"
+    return takes_no_airtime("sensor", content=content, placement=placement)
+
+
+SOUND_AT_AIRCRAFT: Final = {
+    "amplitude at the aircraft": "assumed: a parameter, because it depends on sensor, distance and housing"
+}
+"""Realism of readings that sound alters."""
+
+
+def sound(knowledge: str, *, position: str, budget: str) -> ThreatModel:
+    """An adversary that plays sound at the resonance of inertial sensors."""
+    return ThreatModel(knowledge, position, "a loudspeaker and amplifier for the resonance", budget)

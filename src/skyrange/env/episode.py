@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from skyrange.assembly.build import BuiltScenario, build
 from skyrange.assembly.placement.flight_plans import make_flight_plan
-from skyrange.attack.gnss.drift import DriftTrack
+from skyrange.attack.gnss.drift import Drift
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.components import World
 from skyrange.core.errors import InputError, Problem
@@ -28,7 +28,7 @@ BLOCK_S: Final = 10.0
 """How long a BLOCK lasts."""
 RED_MODE: Final = "LAND"
 """The flight mode that `RedAct.MODE` commands."""
-DRIFT: Final = DriftTrack((2.0, 0.0, 0.0), 60.0, False, True)
+DRIFT: Final = Drift(vehicles=("any",), rate_mps=(2.0, 0.0, 0.0), largest_m=60.0)
 """The drift of `RedAct.GNSS`: 2 m/s to the east, up to 60 m, with the velocity of the false track."""
 
 
@@ -141,7 +141,7 @@ def _make_parts(scenario: Scenario, step_ns: Time, rewards: Rewards) -> tuple[Pa
     fleet = {vehicle_id(operator.id, vehicle.id): vehicle for operator, vehicle in scenario.fleet}
     origin, clock, systems = scenario.origin.datum, Clock(step_ns), {name: one.system_id for name, one in fleet.items()}
     red = RedChoice()
-    plan, taps = make_red_team(systems, red, clock, mode=COPTER_MODE_NUMBERS[RED_MODE], track=DRIFT)
+    plan, taps = make_red_team(systems, red, clock, mode=COPTER_MODE_NUMBERS[RED_MODE], drift=DRIFT)
     plans, defences = [plan], []
     monitors = {RED: TelemetryFeatures(list(fleet), origin, step_ns, received=False)}
     blue = {}

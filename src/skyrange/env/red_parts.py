@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from skyrange.attack.bases.mavlink_orders import mode_order
-from skyrange.attack.gnss.drift import DriftTrack
+from skyrange.attack.gnss.drift import Drift
 from skyrange.attack.on_path import ends_of, side_of
 from skyrange.codec.mavlink import Packer
 from skyrange.contracts.components import SensorAct, Sensors
@@ -75,7 +75,7 @@ class ChosenDrift:
 
     name: str
     vehicles: Sequence[str]
-    track: DriftTrack
+    drift: Drift
     choice: RedChoice
     slow: bool = True
     labelled_ns: Time = NEVER
@@ -90,7 +90,7 @@ class ChosenDrift:
         age_ns = int(sensors.gnss_time_ns[row]) - choice.since_ns
         if age_ns < 0 or sensors.gnss_fix[row] < _FIX_2D:
             return ()
-        offsets, velocities, _ = self.track.at(np.array([age_ns * _NS]))
+        offsets, velocities, _ = self.drift.shift(np.array([age_ns * _NS]))
         sensors.gnss_enu_m[row] += offsets[0]
         sensors.gnss_vel_enu_mps[row] += velocities[0]
         if self.labelled_ns == choice.since_ns:
@@ -100,12 +100,12 @@ class ChosenDrift:
 
 
 def make_red_team(
-    systems: Mapping[str, int], choice: RedChoice, clock: Clock, *, mode: int, track: DriftTrack
+    systems: Mapping[str, int], choice: RedChoice, clock: Clock, *, mode: int, drift: Drift
 ) -> tuple[AttackPlan, list[TapPlacement]]:
     """The adversary's attack and its taps; `systems` are the MAVLink system ids of all aircraft."""
     vehicles = sorted(systems)
     make = _AdversaryTaps(systems, mode, choice, clock).make
     taps = [TapPlacement(link, side_of(link), make, RED) for link in (link_name("gcs", one) for one in vehicles)]
-    fault = ChosenDrift(f"{RED}.gnss", vehicles, track, choice)
+    fault = ChosenDrift(f"{RED}.gnss", vehicles, drift, choice)
     plan = AttackPlan(RED, agents=[Announcer(RED, choice, clock)], faults=[fault], one_process=True, noted=False)
     return plan, taps

@@ -11,103 +11,93 @@ course. An aircraft that flies against it meets it sooner and faster.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from math import cos, inf, radians, sin
 
 import numpy as np
-from pydantic import Field, model_validator
 
-from skyrange.attack.sensor.injection import need_one
-from skyrange.attack.victims import Victims, check_vehicles
+from skyrange.attack.bases.sensors import need_one
+from skyrange.attack.victims import Victims
 from skyrange.contracts.components import BodyAct, Disturbances, Floats
-from skyrange.contracts.links import Schedule
-from skyrange.contracts.params import Enu, Number, Params
+from skyrange.contracts.params import Enu, Number
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.compiled import compiled
+from skyrange.core.errors import Problem
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.fault.contract import FaultContext, FaultParts, FaultPlugin
+from skyrange.fault.bodies import OnBodies
+from skyrange.fault.contract import FaultContext
+from skyrange.fault.declaration import fault
 
 
-class Gust(Params):
-    """How strong and long the gust is, where it comes from, and whom it meets."""
+@fault(
+    "gust",
+    surface=("wind",),
+    effect="the aircraft is carried off its track, leans against the wind, and takes more power",
+    cause="a thunderstorm's outflow, a passing front, or the edge of a building's wake",
+    not_modelled="the shape of a real front, its change with height, what buildings do to it, and a gust that turns an "
+    "aircraft because it meets one rotor before the others; aircraft whose pose their autopilot imposes are refused",
+    realism={
+        "shape": "cited: 1 - cosine (MIL-F-8785C 3.7.1.3); with the fall, 14 CFR 25.341(a)(2)",
+        "motion": "assumed: it travels unchanged, at a speed of its own",
+        "forces": "simulated: drag of body and rotors in the moving air",
+        "size and length": "assumed: the parameters say them",
+    },
+)
+class Gust(OnBodies):
+    """Lets a discrete gust pass over the fleet, on top of wind and turbulence."""
 
-    speed_mps: Number = Field(
-        default=0.0, ge=0, le=60, description="Largest horizontal speed in m/s that comes on top of the wind."
+    speed_mps: Number = param(
+        "Largest horizontal speed in m/s that comes on top of the wind.", default=0.0, ge=0, le=60
     )
-    up_mps: Number = Field(
-        default=0.0,
-        ge=-60,
-        le=60,
-        description="Largest vertical speed in m/s that comes on top; negative is down.",
+    up_mps: Number = param(
+        "Largest vertical speed in m/s that comes on top; negative is down.", default=0.0, ge=-60, le=60
     )
-    from_deg: Number = Field(
-        default=0.0,
-        ge=0,
-        le=360,
-        description="Direction that the gust comes from and travels from, in degrees clockwise from true north.",
-    )
-    length_m: Number = Field(
-        default=30.0, gt=0, le=10_000, description="Length in metres of the rise, and of the fall."
-    )
-    hold_m: Number = Field(
-        default=0.0, ge=0, le=100_000, description="Length in metres of the part between them, at full speed."
-    )
-    travel_mps: Number = Field(default=10.0, gt=0, le=100, description="Speed in m/s at which the gust travels.")
-    at: Enu = Field(
+    from_deg: Number = param(
+        "Direction that the gust comes from and travels from, in degrees clockwise from true north.",
+        default=0.0, ge=0, le=360,
+    )  # fmt: skip
+    length_m: Number = param("Length in metres of the rise, and of the fall.", default=30.0, gt=0, le=10_000)
+    hold_m: Number = param("Length in metres of the part between them, at full speed.", default=0.0, ge=0, le=100_000)
+    travel_mps: Number = param("Speed in m/s at which the gust travels.", default=10.0, gt=0, le=100)
+    at: Enu = param(
+        "Place that the front passes when the fault starts, [east_m, north_m, up_m] in metres; its height does not "
+        "count.",
         default=(0.0, 0.0, 0.0),
-        description="Place that the front passes when the fault starts, [east_m, north_m, up_m] in metres; its height "
-        "does not count.",
     )
-    radius_m: Number | None = Field(
-        default=None,
-        gt=0,
-        le=100_000,
-        description="Distance in metres from `at` up to which the gust is felt in full; beyond it, it fades out within "
-        "`length_m`. Default: everywhere.",
+    radius_m: Number | None = param(
+        "Distance in metres from `at` up to which the gust is felt in full; beyond it, it fades out within `length_m`. "
+        "Default: everywhere.",
+        default=None, gt=0, le=100_000,
+    )  # fmt: skip
+    vehicles: Victims | None = param(
+        "Aircraft that it can meet, such as ['blue/b1']. Default: all of the scenario.", default=None
     )
-    vehicles: Victims | None = Field(
-        default=None, description="Aircraft that it can meet, such as ['blue/b1']. Default: all of the scenario."
-    )
+    share: Floats
+    """(n,) Of its full speed, at each vehicle."""
 
-    @model_validator(mode="after")
-    def _is_there(self) -> Gust:
-        need_one(self, "speed_mps", "up_mps")
-        return self
+    def find_problems(self) -> Iterator[Problem]:
+        """No gust."""
+        return need_one(self, "speed_mps", "up_mps")
 
-
-@dataclass(slots=True)
-class GustFront:
-    """A body fault that moves the air around its vehicles while the gust passes them."""
-
-    name: str
-    vehicles: Sequence[str]
-    gust: Gust
-    schedule: Schedule
-    _met: set[str] = field(default_factory=set)
-    _share: Floats = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._share = np.zeros(len(self.vehicles))
+    def prepare(self, context: FaultContext) -> None:
+        """Choose whom it can meet."""
+        self.vehicles = tuple(context.vehicles) if self.vehicles is None else self.vehicles
+        self.share = np.zeros(len(self.vehicles))
 
     def on_bodies(self, now: Time, bodies: Disturbances) -> list[BodyAct]:
         """Move the air. Returns an act for each vehicle when the gust reaches it for the first time."""
         if now < self.schedule.start_ns:
             return []
-        gust = self.gust
-        east, north = -sin(radians(gust.from_deg)), -cos(radians(gust.from_deg))
-        way_m = gust.travel_mps * ((now - self.schedule.start_ns) / NS_PER_S)
-        radius_m = inf if gust.radius_m is None else gust.radius_m
-        shape = (gust.length_m, gust.hold_m, radius_m)
-        share = self._share
-        if not find_shares(bodies.position_enu_m, gust.at[0], gust.at[1], east, north, way_m, *shape, share):
+        east, north = -sin(radians(self.from_deg)), -cos(radians(self.from_deg))
+        way_m = self.travel_mps * ((now - self.schedule.start_ns) / NS_PER_S)
+        shape = (self.length_m, self.hold_m, inf if self.radius_m is None else self.radius_m)
+        share = self.share
+        if not find_shares(bodies.position_enu_m, self.at[0], self.at[1], east, north, way_m, *shape, share):
             return []
-        top = (gust.speed_mps * east, gust.speed_mps * north, gust.up_mps)
+        top = (self.speed_mps * east, self.speed_mps * north, self.up_mps)
         for k in range(3):
             bodies.wind_enu_mps[:, k] = share * top[k]
-        reached = [self.vehicles[row] for row in np.flatnonzero(share > 0.0).tolist()]
-        acts = [BodyAct(vehicle, "wind") for vehicle in reached if vehicle not in self._met]
-        self._met.update(reached)
-        return acts
+        return self.meet(np.flatnonzero(share > 0.0).tolist())
 
 
 @compiled
@@ -135,28 +125,3 @@ def find_shares(
 def rise_to(part: float) -> float:
     """Half a cosine, from 0 at 0 to 1 at 1."""
     return float(0.5 * (1.0 - np.cos(np.pi * min(max(part, 0.0), 1.0))))
-
-
-def make(params: Gust, context: FaultContext) -> FaultParts:
-    """The parts. Raises `InputError` for aircraft that are not in the scenario."""
-    vehicles = params.vehicles if params.vehicles is not None else tuple(context.vehicles)
-    check_vehicles(context, vehicles)
-    return FaultParts(body_faults=[GustFront(f"{context.id}.wind", vehicles, params, context.schedule)])
-
-
-GUST = FaultPlugin(
-    Gust,
-    make,
-    "Lets a discrete gust pass over the fleet, on top of wind and turbulence.",
-    surface=("wind",),
-    effect="the aircraft is carried off its track, leans against the wind, and takes more power",
-    cause="a thunderstorm's outflow, a passing front, or the edge of a building's wake",
-    not_modelled="the shape of a real front, its change with height, what buildings do to it, and a gust that turns an "
-    "aircraft because it meets one rotor before the others; aircraft whose pose their autopilot imposes are refused",
-    realism={
-        "shape": "cited: 1 - cosine (MIL-F-8785C 3.7.1.3); with the fall, 14 CFR 25.341(a)(2)",
-        "motion": "assumed: it travels unchanged, at a speed of its own",
-        "forces": "simulated: drag of body and rotors in the moving air",
-        "size and length": "assumed: the parameters say them",
-    },
-)

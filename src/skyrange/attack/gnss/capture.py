@@ -2,81 +2,17 @@
 
 from __future__ import annotations
 
-from pydantic import Field
-
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.gnss.emitter import SPEED_OF_LIGHT_MPS, emitter_at
-from skyrange.attack.gnss.false_fixes import Rate
-from skyrange.attack.gnss.takeover import CapturedReceivers, Requirements, SimulatedSignals, Takeover
+from skyrange.attack.bases.fixes import Rate
+from skyrange.attack.contract import AttackContext, ThreatModel
+from skyrange.attack.declaration import attack
+from skyrange.attack.gnss.emitter import SPEED_OF_LIGHT_MPS
+from skyrange.attack.gnss.takeover import AFTER_CAPTURE, WHO_IS_CAPTURED, SimulatedSignals, Takeover, same_receivers
 from skyrange.contracts.params import Enu, Number
-from skyrange.core.time import from_seconds
+from skyrange.contracts.plugins.fields import param
 
 
-class Capture(Takeover):
-    """A GNSS simulator with one antenna. It affects every aircraft by the power at its antenna."""
-
-    transmitter_m: Enu = Field(
-        description="Position of the transmitting antenna, [east_m, north_m, up_m] in metres from the origin or the "
-        "attack's anchor."
-    )
-    at: Enu = Field(
-        description="Simulated place at the start of the attack, [east_m, north_m, up_m] in metres from the origin or "
-        "the attack's anchor."
-    )
-    velocity_mps: Rate = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Simulated velocity, [east, north, up] in m/s, each from -500 to 500.",
-    )
-    power_dbm: Number = Field(
-        default=-30.0,
-        ge=-100,
-        le=60,
-        description="Power of each simulated signal (EIRP) in dBm; -30 captures up to 1 km away in free space.",
-    )
-    time_error_ns: Number = Field(
-        default=0.0,
-        ge=-1e9,
-        le=1e9,
-        description="Error of the simulator's time against GPS time, in nanoseconds.",
-    )
-    code_alignment_m: Number = Field(
-        default=150.0,
-        ge=0,
-        le=100_000,
-        description="Largest misalignment of code for a capture without loss of lock, in metres; 150 is half a C/A "
-        "chip.",
-    )
-    doppler_alignment_mps: Number = Field(
-        default=5.0,
-        ge=0,
-        le=1_000,
-        description="Largest misalignment of Doppler for a capture without loss of lock, in m/s; 5 is the pull-in "
-        "range of a frequency lock loop with 20 ms of integration (25 Hz).",
-    )
-
-
-def make(params: Capture, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for a transmitter inside a building."""
-    delay_m = params.time_error_ns * 1e-9 * SPEED_OF_LIGHT_MPS
-    fault = CapturedReceivers(
-        f"{context.id}.gnss",
-        tuple(sorted(context.vehicles)),
-        emitter_at(params.transmitter_m, params.power_dbm, params.wall_loss_db, context),
-        SimulatedSignals(params.at, params.velocity_mps, delay_m, leads=True),
-        Requirements(
-            params.advantage_db, params.code_alignment_m, params.doppler_alignment_mps, from_seconds(params.reacquire_s)
-        ),
-        context.schedule,
-        context.sham,
-    )
-    shown = {"GNSS spoofer": params.transmitter_m, "simulated place": params.at}
-    return Attack(faults=[fault], shown=shown, exclusive=fault.exclusive)
-
-
-CAPTURE = AttackPlugin(
-    Capture,
-    make,
-    "Captures all GNSS receivers in the power of one antenna, which then report one and the same simulated place.",
+@attack(
+    "gnss.capture",
     technique="EX-0014.04",
     counterfactual="mute",
     surface=("gnss",),
@@ -88,20 +24,57 @@ CAPTURE = AttackPlugin(
         equipment="a software radio with a GPS signal simulator and one antenna",
         budget="microwatts per signal, for as long as it acts",
     ),
-    controls=Controls(
-        load="none, because a spoofed signal takes no airtime of the range's links",
-        content="the sham: the same receivers are captured at the same times, with unaltered fixes",
+    controls=same_receivers(
+        "spoofed",
         placement="the same simulated place from an antenna out of reach, or another place from the same antenna",
     ),
     realism={
-        "who is captured": "cited: 2 dB over the authentic signals (Tippenhauer et al., CCS 2011), in free space and "
-        "behind walls",
+        **WHO_IS_CAPTURED,
         "seamless capture or loss of lock": "cited: alignment in code and Doppler (Tippenhauer et al., CCS 2011; Kerns "
         "et al., 2014); the limits are parameters",
         "position and velocity": "simulated: those of the simulated place, without receiver noise",
         "time": "assumed: nothing in the range uses the receiver's clock at the scale of its error, below 1 ms",
         "satellites, claimed accuracy": "assumed: unaltered once captured, as of a sky that is simulated whole",
-        "alarm of the receiver": "assumed: none",
-        "after the attack": "assumed: the authentic fix is back at once",
+        **AFTER_CAPTURE,
     },
 )
+class Capture(Takeover):
+    """Captures all GNSS receivers in the power of one antenna, which then report one and the same simulated place.
+
+    A GNSS simulator with one antenna. It affects every aircraft by the power at its antenna.
+    """
+
+    transmitter_m: Enu = param(
+        "Position of the transmitting antenna, [east_m, north_m, up_m] in metres from the origin or the attack's "
+        "anchor."
+    )
+    at: Enu = param(
+        "Simulated place at the start of the attack, [east_m, north_m, up_m] in metres from the origin or the attack's "
+        "anchor."
+    )
+    velocity_mps: Rate = param(
+        "Simulated velocity, [east, north, up] in m/s, each from -500 to 500.", default=(0.0, 0.0, 0.0)
+    )
+    power_dbm: Number = param(
+        "Power of each simulated signal (EIRP) in dBm; -30 captures up to 1 km away in free space.",
+        default=-30.0, ge=-100, le=60,
+    )  # fmt: skip
+    time_error_ns: Number = param(
+        "Error of the simulator's time against GPS time, in nanoseconds.", default=0.0, ge=-1e9, le=1e9
+    )
+    code_alignment_m: Number = param(
+        "Largest misalignment of code for a capture without loss of lock, in metres; 150 is half a C/A chip.",
+        default=150.0, ge=0, le=100_000,
+    )  # fmt: skip
+    doppler_alignment_mps: Number = param(
+        "Largest misalignment of Doppler for a capture without loss of lock, in m/s; 5 is the pull-in range of a "
+        "frequency lock loop with 20 ms of integration (25 Hz).",
+        default=5.0, ge=0, le=1_000,
+    )  # fmt: skip
+
+    def prepare(self, context: AttackContext) -> None:
+        """Place the antenna. Raises `InputError` for one inside a building."""
+        delay_m = self.time_error_ns * 1e-9 * SPEED_OF_LIGHT_MPS
+        signals = SimulatedSignals(self.at, self.velocity_mps, delay_m, leads=True)
+        self.transmit(signals, self.transmitter_m, self.power_dbm, context)
+        self.shown = {"GNSS spoofer": self.transmitter_m, "simulated place": self.at}

@@ -25,7 +25,6 @@ L1_HZ: Final = 1_575_420_000.0
 AUTHENTIC_DBM: Final = -128.5
 """Received power of GPS L1 C/A: the least that is specified, −158.5 dBW (IS-GPS-200, table 3-Va)."""
 FIX_NONE: Final = 1
-FIX_2D: Final = 2
 FIX_3D: Final = 3
 _FREE_SPACE_1M_DB: Final = 20.0 * log10(4.0 * pi * L1_HZ / SPEED_OF_LIGHT_MPS)
 _LEAST_M: Final = 0.5

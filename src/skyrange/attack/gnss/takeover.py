@@ -10,59 +10,41 @@ via GPS spoofing, Journal of Field Robotics 2014).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from math import dist
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field
 
-from skyrange.attack.contract import Place
+from skyrange.attack.bases.fixes import FIX_2D, UNALTERED, OnReceivers, fixes_of
+from skyrange.attack.contract import Attack, AttackContext, Controls, Place
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_2D, FIX_3D, FIX_NONE, Emitter
-from skyrange.attack.gnss.false_fixes import fixes_of
-from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
-from skyrange.contracts.links import Schedule
-from skyrange.contracts.params import Number, Params
-from skyrange.core.time import NS_PER_S, Time
+from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_3D, FIX_NONE, Emitter, emitter_at
+from skyrange.attack.presets import takes_no_airtime
+from skyrange.contracts.components import Ints, Sensors
+from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param
+from skyrange.core.time import NS_PER_S, Time, from_seconds
 
-AUTHENTIC, LOST, CAPTURED = range(3)
-"""States of a receiver."""
-_MARK: Final = np.iinfo(np.int64).min
+AUTHENTIC: Final = UNALTERED
+LOST, CAPTURED = range(2)
+"""Phases of a receiver."""
+WHO_IS_CAPTURED: Final = {
+    "who is captured": "cited: 2 dB over the authentic signals (Tippenhauer et al., CCS 2011), in free space and "
+    "behind walls"
+}
+AFTER_CAPTURE: Final = {
+    "alarm of the receiver": "assumed: none",
+    "after the attack": "assumed: the authentic fix is back at once",
+}
+"""Realism of a takeover: how it begins and ends."""
 
 
-class Requirements(NamedTuple):
-    """What a takeover needs."""
-
-    advantage_db: float
-    """Of the received power over the authentic one."""
-    code_m: float
-    doppler_mps: float
-    reacquire_ns: Time
-
-
-class Takeover(Params):
-    """When receivers follow false signals, and what it takes them to lose lock."""
-
-    advantage_db: Number = Field(
-        default=2.0,
-        ge=0,
-        le=40,
-        description="Least received power over that of the authentic signals, in dB; 2 as measured by Tippenhauer et "
-        "al. (CCS 2011).",
-    )
-    reacquire_s: Number = Field(
-        default=5.0,
-        ge=0,
-        le=120,
-        description="Time without a fix of a receiver that loses lock, in seconds; 1 is a hot start of a u-blox M10, "
-        "24 a cold start.",
-    )
-    wall_loss_db: Number = Field(
-        default=30.0, ge=0, le=100, description="Loss in dB where a building of the city blocks the line of sight."
-    )
+def same_receivers(signal: str, *, placement: str) -> Controls:
+    """Controls of a takeover by signals that are `spoofed` or `repeated`."""
+    content = "the sham: the same receivers are captured at the same times, with unaltered fixes"
+    return takes_no_airtime(signal, content=content, placement=placement)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,90 +78,89 @@ class SimulatedSignals:
         return dist(place, position) + abs(common_m), dist(self.velocity_mps, velocity) + abs(radial)
 
 
-@dataclass(slots=True)
-class CapturedReceivers:
-    """A fault by which receivers within the power of the antenna lose lock, and report what it simulates.
+class Takeover(OnReceivers):
+    """Takes over all receivers within the power of an antenna: they lose lock, and report what it simulates.
 
-    The antenna of a receiver is where its fix was measured, before other attacks altered it. A receiver stays captured
-    while the signals are no weaker than the authentic ones.
+    A receiver stays captured while the signals are no weaker than the authentic ones. Its antenna is where its fix was
+    measured. A kind says what is sent from where: `prepare` calls `transmit`, and sets `shown`.
     """
 
-    name: str
-    vehicles: Sequence[str]
+    advantage_db: Number = param(
+        "Least received power over that of the authentic signals, in dB; 2 as measured by Tippenhauer et al. (CCS "
+        "2011).",
+        default=2.0, ge=0, le=40,
+    )  # fmt: skip
+    reacquire_s: Number = param(
+        "Time without a fix of a receiver that loses lock, in seconds; 1 is a hot start of a u-blox M10, 24 a cold "
+        "start.",
+        default=5.0, ge=0, le=120,
+    )  # fmt: skip
+    wall_loss_db: Number = param(
+        "Loss in dB where a building of the city blocks the line of sight.", default=30.0, ge=0, le=100
+    )
+    code_alignment_m: float
+    doppler_alignment_mps: float
+    """Largest misalignments of a capture without loss of lock."""
     emitter: Emitter
     signals: SimulatedSignals
-    needs: Requirements
-    schedule: Schedule
-    sham: bool
-    slow: bool = True
-    _seen: Ints = field(init=False)
-    _state: Ints = field(init=False)
-    _until: Ints = field(init=False)
+    shown: Mapping[str, Place]
+    """Places to mark on a map, by label."""
+    until: Ints
+    """(n,) Until when each has lost lock, ns."""
 
-    def __post_init__(self) -> None:
-        count = len(self.vehicles)
-        self._seen = np.full(count, _MARK, dtype=np.int64)
-        self._state = np.full(count, AUTHENTIC, dtype=np.int64)
-        self._until = np.zeros(count, dtype=np.int64)
+    def allocate(self, count: int) -> None:
+        """See `AltersSensors`."""
+        super().allocate(count)
+        self.until = np.zeros(count, dtype=np.int64)
 
-    def on_sensors(self, now: Time, sensors: Sensors) -> list[SensorAct]:
-        """Take receivers over. Returns an act for each that loses lock or is captured."""
-        start = self.schedule.start_ns
-        if start > now:
-            return []
-        fresh = np.flatnonzero((sensors.gnss_time_ns != self._seen) & (sensors.gnss_time_ns >= start))
-        acts = self._receive(fresh, sensors) if len(fresh) else []
-        if self.sham:
-            return acts
-        lost = self._state == LOST
+    def transmit(self, signals: SimulatedSignals, place: Place, power_dbm: float, context: AttackContext) -> None:
+        """Send signals from a place. Raises `InputError` for one inside a building."""
+        self.signals, self.emitter = signals, emitter_at(place, power_dbm, self.wall_loss_db, context)
+
+    def build(self, context: AttackContext) -> Attack:
+        """See `AltersSensors`. No other attack may falsify the fixes as far as the signals reach."""
+        area = (self.emitter.place_enu_m, self.emitter.reach_m)
+        exclusive = [Exclusive(fixes_of(vehicle), area=area) for vehicle in self.vehicles]
+        return Attack(faults=super().build(context).faults, shown=self.shown, exclusive=exclusive)
+
+    def receive(self, rows: Ints, sensors: Sensors) -> None:
+        """Decide who loses lock and who is captured."""
+        stronger = self.emitter.received_dbm(sensors.gnss_enu_m[rows]) - AUTHENTIC_DBM
+        for row, advantage in zip(rows.tolist(), stronger.tolist(), strict=True):
+            self.phases[row] = self._next_phase(row, int(self.seen[row]), advantage, sensors)
+
+    def alter(self, sensors: Sensors) -> None:
+        """Take the fixes of those that have lost lock, and move those of the captured."""
+        lost = self.phases == LOST
         if lost.any():
             sensors.gnss_fix[lost] = np.minimum(sensors.gnss_fix[lost], FIX_NONE)
             sensors.gnss_satellites[lost] = 0
-        for row in np.flatnonzero((self._state == CAPTURED) & (sensors.gnss_fix >= FIX_2D)).tolist():
-            seconds = (int(self._seen[row]) - start) / NS_PER_S
-            sensors.gnss_enu_m[row] = self.signals.place(seconds)
+        for row in np.flatnonzero((self.phases == CAPTURED) & (sensors.gnss_fix >= FIX_2D)).tolist():
+            sensors.gnss_enu_m[row] = self.signals.place(self._seconds(int(self.seen[row])))
             sensors.gnss_vel_enu_mps[row] = self.signals.velocity_mps
             sensors.gnss_fix[row] = FIX_3D
-        return acts
 
-    @property
-    def exclusive(self) -> list[Exclusive]:
-        """The fixes of all receivers, as far as the signals reach."""
-        area = (self.emitter.place_enu_m, self.emitter.reach_m)
-        return [Exclusive(fixes_of(vehicle), area=area) for vehicle in self.vehicles]
+    def _seconds(self, time: Time) -> float:
+        """Time since the start of the attack."""
+        return (time - self.schedule.start_ns) / NS_PER_S
 
-    def _receive(self, rows: NDArray[np.int64], sensors: Sensors) -> list[SensorAct]:
-        """Decide on receivers with new fixes."""
-        stronger: Floats = self.emitter.received_dbm(sensors.gnss_enu_m[rows]) - AUTHENTIC_DBM
-        acts = []
-        for row, advantage in zip(rows.tolist(), stronger.tolist(), strict=True):
-            time = int(sensors.gnss_time_ns[row])
-            self._seen[row] = time
-            before = int(self._state[row])
-            after = self._next_state(row, time, advantage, sensors)
-            self._state[row] = after
-            if after not in (before, AUTHENTIC):
-                acts.append(SensorAct(self.vehicles[row], "gnss"))
-        return acts
-
-    def _next_state(self, row: int, time: Time, advantage: float, sensors: Sensors) -> int:
-        state = int(self._state[row])
-        if state == AUTHENTIC:
-            if advantage < self.needs.advantage_db:
+    def _next_phase(self, row: int, time: Time, advantage: float, sensors: Sensors) -> int:
+        phase = int(self.phases[row])
+        if phase == AUTHENTIC:
+            if advantage < self.advantage_db:
                 return AUTHENTIC
-            seconds = (time - self.schedule.start_ns) / NS_PER_S
             code_m, doppler_mps = self.signals.misalignment(
-                self.emitter.place_enu_m, seconds, sensors.gnss_enu_m[row].tolist(),
+                self.emitter.place_enu_m, self._seconds(time), sensors.gnss_enu_m[row].tolist(),
                 sensors.gnss_vel_enu_mps[row].tolist(),
             )  # fmt: skip
-            if code_m <= self.needs.code_m and doppler_mps <= self.needs.doppler_mps:
+            if code_m <= self.code_alignment_m and doppler_mps <= self.doppler_alignment_mps:
                 return CAPTURED
-        elif state == CAPTURED:
+        elif phase == CAPTURED:
             if advantage >= 0.0:
                 return CAPTURED
         else:
-            if time < self._until[row]:
+            if time < self.until[row]:
                 return LOST
             return CAPTURED if advantage >= 0.0 else AUTHENTIC
-        self._until[row] = time + self.needs.reacquire_ns
+        self.until[row] = time + from_seconds(self.reacquire_s)
         return LOST

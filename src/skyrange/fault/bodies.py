@@ -1,0 +1,49 @@
+"""Base of faults that act on bodies: on the thrust of their motors, or on the air around them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, ClassVar
+
+from skyrange.attack.bases.sensors import find_label
+from skyrange.attack.declaration import Acting
+from skyrange.attack.victims import check_vehicles
+from skyrange.contracts.components import BodyAct, Disturbances
+from skyrange.contracts.plugins.fields import state
+from skyrange.core.time import Time
+from skyrange.fault.contract import FaultContext, FaultParts
+
+
+class OnBodies(Acting):
+    """Acts on the bodies of its vehicles: `on_bodies` writes into arrays whose rows are these.
+
+    One instance is the body fault. A kind has the parameter `vehicles`, or sets it in `prepare`.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("on_bodies",)
+
+    vehicles: Any
+    """Their ids, in order."""
+    name: str
+    """The actor in labels."""
+    label: str
+    """What labels name: the first of the kind's surface."""
+    met: set[int] = state(set)
+    """Rows of the vehicles that it has acted on."""
+
+    def build(self, context: FaultContext) -> FaultParts:
+        """Itself as a body fault. Raises `InputError` for aircraft that are not in the scenario."""
+        check_vehicles(context, self.vehicles)
+        self.label = find_label(self)
+        self.name = f"{self.id}.{self.label}"
+        return FaultParts(body_faults=[self])
+
+    def on_bodies(self, now: Time, bodies: Disturbances) -> Sequence[BodyAct]:
+        """Write into the bodies once it acts, and return the acts to be labelled: see `BodyFault`."""
+        raise NotImplementedError
+
+    def meet(self, rows: Iterable[int]) -> list[BodyAct]:
+        """An act for each of these vehicles that it acts on for the first time."""
+        new = [row for row in rows if row not in self.met]
+        self.met.update(new)
+        return [BodyAct(self.vehicles[row], self.label) for row in new]

@@ -1,0 +1,1 @@
+"""Kinds of faults of GNSS receivers and their surroundings."""

@@ -1,0 +1,114 @@
+"""GNSS multipath: among buildings, satellites are hidden or received by reflections, and fixes have errors."""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Final
+
+import numpy as np
+
+from skyrange.attack.bases.fixes import FIX_2D, UNALTERED, OnReceivers
+from skyrange.attack.gnss.emitter import FIX_NONE
+from skyrange.attack.gnss.receiver_noise import CHIP_M, LEAST_SATELLITES
+from skyrange.attack.victims import Victims
+from skyrange.city.city import City
+from skyrange.contracts.components import Floats, Ints, Sensors
+from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param
+from skyrange.core.chance import Chance
+from skyrange.core.errors import InputError
+from skyrange.core.ids import hash64
+from skyrange.fault.contract import FaultContext
+from skyrange.fault.declaration import fault
+from skyrange.fault.sky_view import Seen, even_sky, see, solve
+
+STREAM: Final = "fault.gnss_multipath"
+WAVE_M: Final = 0.190293673
+"""Wavelength of GPS L1, 1575.42 MHz (IS-GPS-200)."""
+NOTICEABLE_M: Final = 0.5
+"""A fix with a smaller error, and with all satellites, is left as it is."""
+DEGRADED, LOST = range(2)
+"""Phases of a receiver."""
+
+
+@fault(
+    "gnss.multipath",
+    surface=("gnss",),
+    effect="fixes near walls are metres to tens of metres off, and jump from fix to fix",
+    cause="walls that hide satellites and reflect their signals",
+    not_modelled="reflections by several walls or by the ground, motion of the satellites, errors of the velocity, and "
+    "the receiver's filter and its tests for outliers",
+    realism={
+        "satellites in sight": "simulated: buildings of the city against an even sky above 10 degrees, assumed",
+        "detour of reflections": "cited: 2·d·cos(elevation) by a vertical wall (Hsu, GPS Solutions 22:7, 2018)",
+        "errors of satellites in sight": "cited: the envelope of a narrow correlator (Van Dierendonck, Fenton and "
+        "Ford, Navigation 39:3, 1992)",
+        "position": "simulated: least squares weighted by signal strength and elevation",
+        "claimed accuracy": "simulated: grows with the dilution of precision; errors of reflections are not claimed",
+    },
+)
+class Multipath(OnReceivers):
+    """Gives GNSS fixes among buildings the errors of hidden and reflected satellites."""
+
+    vehicles: Victims = param("Aircraft whose GNSS fixes are affected, such as ['blue/b1'].")
+    reflection: Number = param(
+        "Amplitude of a reflected signal, as a share of the direct one's.", default=0.5, gt=0, le=1
+    )
+    spacing_chips: Number = param(
+        "Spacing of the receiver's correlators in C/A chips: 1 is wide, 0.1 narrow.", default=0.1, gt=0, le=1
+    )
+    radius_m: Number = param("Distance in metres up to which buildings count.", default=150.0, ge=10, le=1_000)
+    city: City
+    chance: Chance
+
+    def prepare(self, context: FaultContext) -> None:
+        """Look for the city. Raises `InputError` without one."""
+        if context.city is None:
+            hint = "Add [city], such as city = { grid = {} }."
+            raise InputError.one(context.id, "vehicles", "no buildings", "a scenario with a city", hint)
+        self.city, self.chance = context.city, context.chance
+
+    def receive(self, rows: Ints, sensors: Sensors) -> None:
+        """Give each new fix the error of reflected signals at the place where it was measured."""
+        for row in rows.tolist():
+            self.restore(row)
+            self.phases[row] = self._degrade(row, sensors)
+
+    def _degrade(self, row: int, sensors: Sensors) -> int:
+        """What a receiver makes of its satellites; returns its phase."""
+        count = int(sensors.gnss_satellites[row])
+        if sensors.gnss_fix[row] < FIX_2D or count < LEAST_SATELLITES:
+            return UNALTERED
+        east, north, up = sensors.gnss_enu_m[row].tolist()
+        sky = even_sky(count, 2.0 * pi * self.chance.uniform4(STREAM, hash64(self.name), 0)[0])
+        seen = see(self.city, (east, north, up), sky, self.radius_m)
+        errors_m = pseudorange_errors(seen, self.reflection, self.spacing_chips)
+        strength = np.where(seen.hidden > 0.0, self.reflection, 1.0)
+        solved, open_sky = solve(sky, errors_m, strength), solve(sky, np.zeros(count), np.ones(count))
+        received = int(np.isfinite(errors_m).sum())
+        if solved is None or open_sky is None:
+            self.fix[row], self.satellites[row] = FIX_NONE, received
+            return LOST
+        offset_m, dilution = solved
+        if received == count and float(np.linalg.norm(offset_m)) < NOTICEABLE_M:
+            return UNALTERED
+        self.satellites[row], self.offset[row] = received, offset_m
+        flat = float(np.hypot(*dilution[:2]) / np.hypot(*open_sky[1][:2]))
+        self.scale[row, :2] = flat, float(dilution[2] / open_sky[1][2])
+        return DEGRADED
+
+
+def pseudorange_errors(seen: Seen, reflection: float, spacing_chips: float) -> Floats:
+    """Errors (n,) in metres of the pseudoranges; NaN for a satellite that is hidden and not reflected.
+
+    A hidden satellite has the whole detour of its reflection. One in sight has the error of a reflection that a delay
+    lock loop does not resolve: ±(α·detour) for a short one, and at most α·spacing·chip/2, 7 m for half the amplitude
+    and a tenth of a chip (Van Dierendonck, Fenton and Ford, Theory and performance of narrow correlator spacing in a
+    GPS receiver, Navigation 39:3, 1992). Its sign and size follow the phase of the detour. Reflections that are longer
+    than a chip and a half do no harm.
+    """
+    detour = seen.detour_m
+    most_m = reflection * spacing_chips * CHIP_M / 2.0
+    mixed = np.minimum(reflection * detour, most_m) * np.cos(2.0 * pi * detour / WAVE_M)
+    mixed = np.where(np.isnan(detour) | (detour > 1.5 * CHIP_M), 0.0, mixed)
+    return np.asarray(np.where(seen.hidden > 0.0, detour, mixed), dtype=np.float64)

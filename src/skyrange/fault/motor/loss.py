@@ -1,0 +1,48 @@
+"""Motor loss: one motor of an aircraft gives less thrust than its command asks for, or none."""
+
+from __future__ import annotations
+
+from skyrange.attack.victims import Victims
+from skyrange.contracts.components import BodyAct, Disturbances
+from skyrange.contracts.params import Number, Whole
+from skyrange.contracts.plugins.fields import param
+from skyrange.core.time import Time
+from skyrange.fault.bodies import OnBodies
+from skyrange.fault.declaration import fault
+
+
+@fault(
+    "motor.loss",
+    surface=("motor",),
+    effect="the aircraft turns and falls, or flies on with less control of its heading",
+    cause="a failed motor or speed controller, a broken wire, or a propeller that came off",
+    not_modelled="vibration of a damaged propeller, drag of a propeller that the air turns, thrust that inflow changes "
+    "in a fall, a motor that restarts, and a fire; aircraft whose pose their autopilot imposes are refused",
+    realism={
+        "speed of the motor": "simulated: the root of the remaining share, because thrust is k·ω² (Mahony, Kumar and "
+        "Corke, IEEE RAM 19:3, 2012); it slows down with the motor's own lag",
+        "forces and torques": "simulated: each rotor by itself, on its arm; roll, pitch and yaw follow from the rest",
+        "power": "simulated: a slower rotor takes less from the battery",
+        "size of the loss": "assumed: the parameter says it",
+    },
+)
+class Loss(OnBodies):
+    """Stops a motor of an aircraft, or takes a share of its thrust away."""
+
+    vehicles: Victims = param("Aircraft that lose a motor, such as ['blue/b1'].")
+    motor: Whole = param(
+        "Number of the motor, as ArduCopter counts those of a quadrotor in X: 1 front right, 2 rear left, 3 front "
+        "left, 4 rear right.",
+        default=1, ge=1, le=4,
+    )  # fmt: skip
+    loss: Number = param(
+        "Share of the motor's thrust that is lost at every command: 1 stops it, 0.3 is a damaged one.",
+        default=1.0, gt=0, le=1,
+    )  # fmt: skip
+
+    def on_bodies(self, now: Time, bodies: Disturbances) -> list[BodyAct]:
+        """Take it away. Returns an act for each vehicle when it begins."""
+        if now < self.schedule.start_ns:
+            return []
+        bodies.thrust_share[:, self.motor - 1] = 1.0 - self.loss
+        return [] if self.met else self.meet(range(len(self.vehicles)))

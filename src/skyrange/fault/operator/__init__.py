@@ -1,0 +1,1 @@
+"""Kinds of faults of operators."""
