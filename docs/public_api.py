@@ -36,7 +36,7 @@ TOPICS: dict[str, dict[str, str]] = {
         "Bases of attacks and faults": "OnPath OnLinks LinkTap Composite",
         "Attacks": """AttackPlugin AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
             AirLink ClaimedTrack SensorFault SensorAct
-            Schedule AttackPlan ThreatModel Controls Exclusive""",
+            Schedule Act ThreatModel Controls Exclusive""",
         "Campaigns": "Adversary CampaignParams CampaignStage Knowledge Observation campaign_plugin",
         "Defences": """DefencePlugin DefenceContext Defence PathRule PathEnd Sends Passes Signs Compares Holds
             ExpectsOrder""",

@@ -66,7 +66,7 @@ if TYPE_CHECKING:
     from skyrange.contracts.frames.blocks import FrameBlock
     from skyrange.contracts.frames.frame import Fate, Frame
     from skyrange.contracts.links import (
-        AttackPlan,
+        Act,
         Channel,
         LinkSpec,
         OpenChannel,
@@ -152,6 +152,7 @@ __all__ = [
     "NS_PER_MS",
     "NS_PER_S",
     "NS_PER_US",
+    "Act",
     "Adversary",
     "Agent",
     "AirLink",
@@ -169,7 +170,6 @@ __all__ = [
     "Arrival",
     "Attack",
     "AttackContext",
-    "AttackPlan",
     "AttackPlugin",
     "AutopilotContext",
     "AutopilotPlugin",

@@ -16,7 +16,7 @@ import pytest
 
 from skyrange.codec.mavlink import dialect
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.links import Act, TapPlacement
 from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.time import Time, from_seconds
 from skyrange.record import RunRecord
@@ -107,8 +107,8 @@ def without_station(folder: Path, *changes: str) -> RunRecord:
     """Four deliveries whose ground stations hear and say nothing from 60 to 90 s."""
     settings = ("operators.*.fleets.*.count=1", BAD_LINKS, *changes)
     taps = [TapPlacement("gcs:*", "companion", Blackhole, "cut")]
-    plans = [AttackPlan("cut", start_ns=from_seconds(60.0), stop_ns=from_seconds(90.0))]
-    return fly(load("city-fleet", settings), folder, taps=taps, attacks=plans, report=False)
+    plans = [Act("cut", start_ns=from_seconds(60.0), stop_ns=from_seconds(90.0))]
+    return fly(load("city-fleet", settings), folder, taps=taps, acts=plans, report=False)
 
 
 def test_a_station_that_vanishes_sends_the_fleet_home_and_is_heard_again(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import pytest
 from skyrange.codec import f3411
 from skyrange.codec.remote_id import link_payload
 from skyrange.contracts.components import SensorAct, Sensors
-from skyrange.contracts.links import AttackPlan
+from skyrange.contracts.links import Act
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.record import RunRecord
@@ -240,8 +240,8 @@ class Elsewhere:
 
 def test_a_gnss_attack_is_broadcast_as_if_it_were_true(tmp_path: Path) -> None:
     """Belief, not truth: the companion tells where the autopilot thinks that it is."""
-    plan = AttackPlan("gnss", start_ns=10 * NS_PER_S, faults=[Elsewhere()])
-    record = flown(tmp_path / "run", plain(28), attacks=[plan])
+    plan = Act("gnss", start_ns=10 * NS_PER_S, faults=[Elsewhere()])
+    record = flown(tmp_path / "run", plain(28), acts=[plan])
     truth = {
         (row["vehicle"], row["time_ns"]): (row["east_m"], row["north_m"]) for row in record.table("truth").to_pylist()
     }

@@ -10,7 +10,7 @@ import pytest
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import is_signed
-from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.links import Act, TapPlacement
 from skyrange.record import RunRecord
 from skyrange.scenario.toml_reader import load_data
 from skyrange.study.runs import fly
@@ -66,8 +66,8 @@ def test_it_does_not_obey_what_nobody_signed(signed: RunRecord, tmp_path: Path) 
 
     def flown(signing: str) -> RunRecord:
         taps = [TapPlacement(f"gcs:{V}", "companion", lambda link: Says([forged]), "mallory")]
-        plans = [AttackPlan("mallory")]
-        return fly(scenario(signing), tmp_path / signing, taps=taps, attacks=plans, report=False)
+        plans = [Act("mallory")]
+        return fly(scenario(signing), tmp_path / signing, taps=taps, acts=plans, report=False)
 
     assert "LAND" in modes(flown("off"), 0)
     safe = flown("on")

@@ -26,7 +26,7 @@ from skyrange.codec.mavlink.signing import (
     signing_timestamp,
 )
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.links import Act, TapPlacement
 from skyrange.contracts.plugins.registry import AUTOPILOTS, NoParams, register
 from skyrange.contracts.verdicts import Inject, Replace, Verdict
 from skyrange.core.errors import InputError
@@ -129,7 +129,7 @@ class Strips:
 
 def flown(folder: Path, what: Scenario, tap: Callable[[], Any] | None = None) -> RunRecord:
     taps = [TapPlacement(LINK, "companion", lambda link: tap(), "mallory")] if tap else []
-    return fly(what, folder, taps=taps, attacks=[AttackPlan("mallory")] if tap else [], report=False)
+    return fly(what, folder, taps=taps, acts=[Act("mallory")] if tap else [], report=False)
 
 
 def notes(record: RunRecord, kind: str) -> list[dict[str, Any]]:

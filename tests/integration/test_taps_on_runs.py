@@ -10,7 +10,7 @@ import pytest
 
 from skyrange.codec.mavlink import message_name
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.links import Act, TapPlacement
 from skyrange.contracts.verdicts import Delay, Drop, Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, Time, from_seconds
@@ -37,9 +37,9 @@ class Blinds:
         return ()
 
 
-def flown(folder: Path, plan: AttackPlan | None) -> RunRecord:
+def flown(folder: Path, plan: Act | None) -> RunRecord:
     taps = [TapPlacement("gcs:blue/b1", "companion", Blinds, "blind")] if plan else []
-    return fly(load("squares", ["duration_s=24"]), folder, taps=taps, attacks=[plan] if plan else [], report=False)
+    return fly(load("squares", ["duration_s=24"]), folder, taps=taps, acts=[plan] if plan else [], report=False)
 
 
 def positions(record: RunRecord, vehicle: str) -> list[float]:
@@ -49,8 +49,8 @@ def positions(record: RunRecord, vehicle: str) -> list[float]:
 
 def test_live_muted_and_removed(tmp_path: Path) -> None:
     removed = flown(tmp_path / "removed", None)
-    muted = flown(tmp_path / "muted", AttackPlan("blind", start_ns=from_seconds(15.0), muted=True))
-    live = flown(tmp_path / "live", AttackPlan("blind", start_ns=from_seconds(15.0)))
+    muted = flown(tmp_path / "muted", Act("blind", start_ns=from_seconds(15.0), muted=True))
+    live = flown(tmp_path / "live", Act("blind", start_ns=from_seconds(15.0)))
 
     assert muted.manifest["digests"] == removed.manifest["digests"], "a muted attack is a nominal run to the byte"
     assert muted.rows("labels") == 0
@@ -78,5 +78,5 @@ def test_live_muted_and_removed(tmp_path: Path) -> None:
 def test_a_tap_on_a_link_that_is_not_there_leaves_nothing_behind(tmp_path: Path) -> None:
     taps = [TapPlacement("gcs:blue/b9", "companion", Blinds, "blind")]
     with pytest.raises(InputError, match=r"gcs:blue/b9.*Did you mean 'gcs:blue/b"):
-        fly(load("squares"), tmp_path / "run", taps=taps, attacks=[AttackPlan("blind")])
+        fly(load("squares"), tmp_path / "run", taps=taps, acts=[Act("blind")])
     assert list(tmp_path.iterdir()) == []

@@ -12,7 +12,7 @@ from skyrange.contracts.components import Agent
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.frames.payloads import Payloads
-from skyrange.contracts.links import AttackPlan, Channel, LinkSpec, Route, TapPlacement
+from skyrange.contracts.links import Act, Channel, LinkSpec, Route, TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.verdicts import Delay, Direction, Inject, Pass, Verdict
 from skyrange.core.errors import ComponentError
@@ -223,7 +223,7 @@ def test_blocks_of_an_attack_are_labelled_one_by_one_and_silenced_when_muted() -
     for muted in (False, True):
         observer = MemoryObserver()
         plan = wiring(True, agents=[Ears()])
-        plan.attacks = [AttackPlan("bad", muted=muted, agents=[Many(True)])]
+        plan.acts = [Act("bad", muted=muted, agents=[Many(True)])]
         kernel = Kernel(plan, [observer])
         kernel.advance(END)
         kernel.finish()

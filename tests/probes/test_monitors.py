@@ -12,7 +12,7 @@ import pytest
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Agent
 from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.links import AttackPlan, Channel, TapPlacement
+from skyrange.contracts.links import Act, Channel, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement, ObservedFrame, ObservedFrames
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import Port, originator_id
@@ -65,7 +65,7 @@ def range_wiring(gcs: Channel | None, tapped: bool = False, **more: Any) -> Wiri
     if tapped:
         sides = [("gcs:*", "gcs"), ("gcs:*", "companion"), ("log:*", "proxy")]
         more["taps"] = [TapPlacement(match, side, test_taps.Meddler, "mitm") for match, side in sides]
-        more["attacks"] = [AttackPlan("mitm", start_ns=300 * MS)]
+        more["attacks"] = [Act("mitm", start_ns=300 * MS)]
     agents: list[Agent] = [Station("blue", VEHICLES), Fleet("fleet", VEHICLES)]
     return Wiring(5, links, agents, routes, **more)
 

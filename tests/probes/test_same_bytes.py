@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pytest
 
 from skyrange.contracts.components import Agent
-from skyrange.contracts.links import AttackPlan, Channel, LinkSpec, Route, TapPlacement
+from skyrange.contracts.links import Act, Channel, LinkSpec, Route, TapPlacement
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel import EngineMount, Kernel, Transit, Wiring
 from tests.probes.test_taps import Meddler
@@ -44,7 +44,7 @@ def test_a_fork_equals_the_straight_run(fork_at: Time) -> None:
                 routes=routes,
                 agents=stations(vehicles),
                 taps=[TapPlacement("gcs:blue/b1", "companion", Meddler, "mitm")],
-                attacks=[AttackPlan("mitm", start_ns=500 * MS)],
+                acts=[Act("mitm", start_ns=500 * MS)],
                 world=Bodies(vehicles),
                 engines=[EngineMount(Climber("climbers", vehicles), slice(None))],
             ),
@@ -121,7 +121,7 @@ def test_two_kernels_with_a_barrier_equal_one(gcs: Channel | None, barrier: Time
             links=links,
             agents=agents,  # type: ignore[arg-type]
             taps=[TapPlacement("gcs:blue/b1", side, Meddler, "mitm") for side in ("gcs", "companion")],
-            attacks=[AttackPlan("mitm")],
+            acts=[Act("mitm")],
             **more,  # type: ignore[arg-type]
         )
 

@@ -13,7 +13,7 @@ import pytest
 
 from skyrange.contracts.components import Agent
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import AttackPlan, Channel, TapPlacement
+from skyrange.contracts.links import Act, Channel, TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
 from skyrange.core.errors import ComponentError, InputError
@@ -82,7 +82,7 @@ class Flooder:
 
 def run(
     *,
-    attack: AttackPlan | None,
+    attack: Act | None,
     side: str = "companion",
     gcs: Channel | None = None,
     fuse: bool = True,
@@ -103,7 +103,7 @@ def run(
             routes=routes,
             agents=[station, Fleet("fleet", VEHICLES)],
             taps=taps,
-            attacks=[] if attack is None else [attack],
+            acts=[] if attack is None else [attack],
             fuse=fuse,
         ),
         [log],
@@ -115,7 +115,7 @@ def run(
 
 @pytest.mark.parametrize("side", ["gcs", "companion"])
 def test_each_verdict_does_what_it_says_and_is_labelled(side: str) -> None:
-    log, station = run(attack=AttackPlan("mitm"), side=side)
+    log, station = run(attack=Act("mitm"), side=side)
     by_action = {
         action: [label for label in log.labels if label.action == action]
         for action in ("delay", "replace", "inject", "drop")
@@ -148,7 +148,7 @@ def test_each_verdict_does_what_it_says_and_is_labelled(side: str) -> None:
 
 
 def test_a_decision_names_the_forged_frame_that_caused_it() -> None:
-    log, _ = run(attack=AttackPlan("mitm"))
+    log, _ = run(attack=Act("mitm"))
     parents = {(row[1], row[2], row[3], row[4]): row[10] for row in log.frames}
     forged = {str(label.frame) for label in log.labels if label.action == "inject" and label.frame.direction == "fwd"}
     traced = 0
@@ -202,7 +202,7 @@ def test_an_injected_frame_meets_only_the_taps_after_its_own() -> None:
                 TapPlacement("gcs:*", "gcs", witness("gcs inner")),
                 TapPlacement("gcs:*", "companion", witness("companion")),
             ],
-            attacks=[AttackPlan("mitm")],
+            acts=[Act("mitm")],
         ),
         [Log()],
     )
@@ -223,8 +223,8 @@ def others(log: Log) -> list[tuple[Any, ...]]:
 @pytest.mark.parametrize("gcs", [None, ROUGH], ids=["fixed", "rough"])
 def test_muted_equals_removed(side: str, gcs: Channel | None) -> None:
     removed, _ = run(attack=None, gcs=gcs)
-    muted, _ = run(attack=AttackPlan("mitm", muted=True), side=side, gcs=gcs)
-    live, _ = run(attack=AttackPlan("mitm"), side=side, gcs=gcs)
+    muted, _ = run(attack=Act("mitm", muted=True), side=side, gcs=gcs)
+    live, _ = run(attack=Act("mitm"), side=side, gcs=gcs)
     assert others(muted) == others(removed)
     assert muted.notes == removed.notes
     assert muted.labels == []
@@ -239,10 +239,8 @@ def test_a_hostile_node_muted_sends_nothing() -> None:
     counts = {}
     for muted in (True, False):
         log = Log()
-        plan = AttackPlan("mitm", muted=muted, agents=[Flooder(ports=[Port("blue/b1.proxy", "autopilot:blue/b1")])])
-        kernel = Kernel(
-            Wiring(seed=1, links=flooder_links, agents=[Fleet("fleet", ["blue/b1"])], attacks=[plan]), [log]
-        )
+        plan = Act("mitm", muted=muted, agents=[Flooder(ports=[Port("blue/b1.proxy", "autopilot:blue/b1")])])
+        kernel = Kernel(Wiring(seed=1, links=flooder_links, agents=[Fleet("fleet", ["blue/b1"])], acts=[plan]), [log])
         kernel.advance(NS_PER_S)
         kernel.finish()
         counts[muted] = (len([row for row in log.frames if row[9] == b"flood"]), len(log.labels))
@@ -251,10 +249,10 @@ def test_a_hostile_node_muted_sends_nothing() -> None:
 
 
 def test_an_attack_acts_only_between_start_and_stop() -> None:
-    log, _ = run(attack=AttackPlan("mitm", start_ns=700 * MS, stop_ns=1400 * MS))
+    log, _ = run(attack=Act("mitm", start_ns=700 * MS, stop_ns=1400 * MS))
     assert log.labels
     assert all(700 * MS <= label.at_ns < 1400 * MS for label in log.labels)
-    before, _ = run(attack=AttackPlan("mitm", muted=True))
+    before, _ = run(attack=Act("mitm", muted=True))
     early = [row for row in log.table() if row[7] != -1 and row[7] < 700 * MS]
     assert early == [row for row in before.table() if row[7] != -1 and row[7] < 700 * MS]
 
@@ -270,9 +268,9 @@ def test_fusing_cannot_be_told_from_the_record(gcs: Channel | None) -> None:
 
 def test_a_tap_on_no_link_or_no_side_is_refused() -> None:
     with pytest.raises(InputError, match=r"gsc:\*.*link"):
-        run(attack=AttackPlan("mitm"), match="gsc:*")
+        run(attack=Act("mitm"), match="gsc:*")
     with pytest.raises(InputError, match="one end of"):
-        run(attack=AttackPlan("mitm"), side="proxy")
+        run(attack=Act("mitm"), side="proxy")
 
 
 def test_a_tap_that_breaks_its_contract_is_blamed_by_name() -> None:
@@ -372,4 +370,4 @@ def test_a_taps_latest_wish_counts() -> None:
 def test_attacks_have_names_of_their_own(ids: list[str], expected: str) -> None:
     links, routes = onboard("blue/b1")
     with pytest.raises(InputError, match=expected):
-        Kernel(Wiring(seed=1, links=links, routes=routes, attacks=[AttackPlan(each) for each in ids]))
+        Kernel(Wiring(seed=1, links=links, routes=routes, acts=[Act(each) for each in ids]))

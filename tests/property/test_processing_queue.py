@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import AttackPlan, Channel, LinkSpec, ProcessingLimit, TapPlacement
+from skyrange.contracts.links import Act, Channel, LinkSpec, ProcessingLimit, TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.ids import Port
@@ -68,7 +68,7 @@ def fly(times: Sequence[Time], limit: ProcessingLimit | None, costs: Sequence[Ti
             [LinkSpec("l", "a", "b", Channel(latency_ns=LATENCY_NS))],
             agents=[Source(times)],
             taps=taps[::-1],  # the last of the wiring is nearest to the channel
-            attacks=[AttackPlan(name, muted=muted, defence=True) for name in names],
+            acts=[Act(name, muted=muted, role="defence") for name in names],
             processing=[limit] if limit is not None else [],
         ),
         [log],

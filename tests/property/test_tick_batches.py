@@ -12,7 +12,7 @@ import pytest
 
 import skyrange
 from skyrange.contracts.components import READINGS_NS, SensorAct, Sensors
-from skyrange.contracts.links import AttackPlan
+from skyrange.contracts.links import Act
 from skyrange.contracts.tick_batches import BatchStop
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_S, Time
@@ -85,15 +85,15 @@ class Slow:
 
 def test_a_slow_sensor_fault_is_called_every_ten_milliseconds(tmp_path: Path) -> None:
     fault = Slow("baro_up_m", 1.0)
-    skyrange.run(load("squares", ["duration_s=2"]), tmp_path / "run", attacks=[AttackPlan("x", faults=[fault])])
+    skyrange.run(load("squares", ["duration_s=2"]), tmp_path / "run", acts=[Act("x", faults=[fault])])
     assert fault.called == list(range(0, 2 * NS_PER_S + 1, READINGS_NS))
 
 
 @pytest.mark.parametrize("name", ["gyro_radps", "accel_mps2", "attitude", "rotor_radps"])
 def test_a_slow_sensor_fault_that_alters_fast_readings_is_an_error(name: str, tmp_path: Path) -> None:
-    plan = AttackPlan("x", faults=[Slow(name, 0.1)])
+    plan = Act("x", faults=[Slow(name, 0.1)])
     with pytest.raises(ComponentError, match=f"slow: altered {name}"):
-        skyrange.run(load("squares", ["duration_s=2"]), tmp_path / "run", attacks=[plan])
+        skyrange.run(load("squares", ["duration_s=2"]), tmp_path / "run", acts=[plan])
 
 
 @dataclass
@@ -129,8 +129,8 @@ class Integrals:
 
 def test_a_sensor_check_gets_the_integrals_of_what_attacks_have_made_of_the_readings(tmp_path: Path) -> None:
     check = Integrals()
-    plans = [AttackPlan("x", faults=[Shaker()]), AttackPlan("check", faults=[check], defence=True)]
-    skyrange.run(load("squares", ["duration_s=1"]), tmp_path / "run", attacks=plans)
+    plans = [Act("x", faults=[Shaker()]), Act("check", faults=[check], role="defence")]
+    skyrange.run(load("squares", ["duration_s=1"]), tmp_path / "run", acts=plans)
     tick = READINGS_NS // 4
     for now in range(READINGS_NS, NS_PER_S, READINGS_NS):
         turn = sum(shaken(now - k * tick) for k in range(4)) * tick / NS_PER_S

@@ -16,7 +16,7 @@ from skyrange.codec.mavlink import Packer, decode, dialect, message_name
 from skyrange.codec.mavlink.signing import SignatureRefusal, Signer, SigningKey, sign_frame
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.links import AttackPlan, Channel, LinkSpec, Schedule
+from skyrange.contracts.links import Act, Channel, LinkSpec, Schedule
 from skyrange.contracts.mailboxes import Inbox, Note, Outbox
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Replace, Verdict
 from skyrange.core.chance import Chance
@@ -351,14 +351,14 @@ class Talker:
 def run(kind: AttackPlugin, params: dict[str, Any], channel: Channel, muted: bool = False) -> MemoryObserver:
     own = replace(context(links=[LINK]), schedule=Schedule())
     attack = kind(kind.params.model_validate({"links": [LINK], **params}), own)
-    plan = AttackPlan("attack", NS_PER_S, 3 * NS_PER_S, muted=muted, agents=attack.agents, schedule=own.schedule)
+    plan = Act("attack", NS_PER_S, 3 * NS_PER_S, muted=muted, agents=attack.agents, schedule=own.schedule)
     seen = MemoryObserver()
     wiring = Wiring(
         3,
         [LinkSpec(LINK, *ENDS, channel)],
         agents=[Talker()],
         taps=[replace(tap, attack="attack") for tap in attack.taps],
-        attacks=[plan],
+        acts=[plan],
     )
     kernel = Kernel(wiring, [seen])
     kernel.advance(4 * NS_PER_S)
@@ -414,8 +414,8 @@ class Notes:
 @pytest.mark.parametrize(("muted", "times"), [(True, []), (False, [2, 3])])
 def test_notes_of_an_attacks_agent_count_while_it_acts(muted: bool, times: list[int]) -> None:
     seen = MemoryObserver()
-    plan = AttackPlan("attack", 2 * NS_PER_S, 4 * NS_PER_S, muted=muted, agents=[Notes()])
-    kernel = Kernel(Wiring(1, [LinkSpec(LINK, *ENDS)], attacks=[plan]), [seen])
+    plan = Act("attack", 2 * NS_PER_S, 4 * NS_PER_S, muted=muted, agents=[Notes()])
+    kernel = Kernel(Wiring(1, [LinkSpec(LINK, *ENDS)], acts=[plan]), [seen])
     kernel.advance(6 * NS_PER_S)
     kernel.finish()
     assert [note.time_ns // NS_PER_S for note in seen.notes] == times

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from skyrange.attack.triggers import Near
 from skyrange.contracts.components import SensorAct, Sensors
-from skyrange.contracts.links import AttackPlan, LinkSpec, Schedule
+from skyrange.contracts.links import Act, LinkSpec, Schedule
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NEVER, Time
 from skyrange.kernel import EngineMount, Kernel, Wiring
@@ -49,10 +49,10 @@ def flown(until: Time = 200 * MS, **plan: object) -> tuple[Log, Lift, Kernel]:
     schedule = Schedule()
     lift = Lift(["blue/b1"], schedule)
     links = [LinkSpec(f"autopilot:{v}", f"{v}.proxy", f"{v}.autopilot") for v in FLEET]
-    attack = AttackPlan("liar", faults=[lift], schedule=schedule, **plan)  # type: ignore[arg-type]
+    attack = Act("liar", faults=[lift], schedule=schedule, **plan)  # type: ignore[arg-type]
     engines = [EngineMount(Climber("all", FLEET), slice(None))]
     log = Log()
-    kernel = Kernel(Wiring(1, links, world=Bodies(FLEET), attacks=[attack], engines=engines), [log])
+    kernel = Kernel(Wiring(1, links, world=Bodies(FLEET), acts=[attack], engines=engines), [log])
     kernel.advance(until)
     return log, lift, kernel
 
@@ -128,9 +128,9 @@ def test_near_measures_in_space() -> None:
 def test_a_trigger_needs_a_world_and_vehicles_of_it() -> None:
     with pytest.raises(InputError, match=r"liar\.trigger: blue/b7 .*Did you mean 'blue/b"):
         flown(trigger=Above(["blue/b7"], 1.0))
-    plan = AttackPlan("liar", trigger=Above(["blue/b1"], 1.0))
+    plan = Act("liar", trigger=Above(["blue/b1"], 1.0))
     with pytest.raises(InputError, match="no world"):
-        Kernel(Wiring(1, [LinkSpec("l", "a.x", "b.y")], attacks=[plan]))
+        Kernel(Wiring(1, [LinkSpec("l", "a.x", "b.y")], acts=[plan]))
 
 
 def test_a_trigger_that_raises_is_blamed() -> None:
@@ -140,8 +140,8 @@ def test_a_trigger_that_raises_is_blamed() -> None:
 
 def test_a_trigger_that_held_elsewhere_is_told_and_begins_it_once() -> None:
     schedule = Schedule()
-    attack = AttackPlan("liar", start_ns=NEVER, stop_ns=90 * MS, lasts_ns=30 * MS, schedule=schedule)
-    kernel = Kernel(Wiring(1, [LinkSpec("gcs:blue/b1", "blue.gcs", "blue/b1.companion")], attacks=[attack]), [])
+    attack = Act("liar", start_ns=NEVER, stop_ns=90 * MS, lasts_ns=30 * MS, schedule=schedule)
+    kernel = Kernel(Wiring(1, [LinkSpec("gcs:blue/b1", "blue.gcs", "blue/b1.companion")], acts=[attack]), [])
     kernel.advance(40 * MS)
     assert schedule.start_ns == NEVER
     kernel.begin("liar", 35 * MS)

@@ -283,8 +283,8 @@ JUMP = '[[attacks]]\nid = "dark"\nkind = "gnss.jump"\nparams = { vehicles = ["bl
 
 def test_a_fault_is_planned_as_one_and_stands_apart_in_the_manifest() -> None:
     built = build(load_text(scenario_with(OUTAGE)))
-    (plan,) = built.wiring.attacks
-    assert (plan.id, plan.fault, plan.sham, plan.start_ns) == ("dark", True, False, 3 * S)
+    (plan,) = built.wiring.acts
+    assert (plan.id, plan.is_fault, plan.sham, plan.start_ns) == ("dark", True, False, 3 * S)
     assert built.header["attacks"] == []
     (row,) = built.header["faults"]
     assert (row["id"], row["kind"], row["touches"]) == ("dark", "gnss.outage", ["sensors of blue/b1"])

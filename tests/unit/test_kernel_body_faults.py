@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from skyrange.contracts.components import BodyAct, BodyFault, Disturbances
-from skyrange.contracts.links import AttackPlan, LinkSpec
+from skyrange.contracts.links import Act, LinkSpec
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import Time
@@ -52,20 +52,20 @@ class Weather:
         return [BodyAct(self.says or vehicle, "wind") for vehicle in self.vehicles] if self.calls == 1 else []
 
 
-def rig(*plans: AttackPlan, gusty: bool = False, moves: Sequence[str] = ()) -> tuple[Kernel, World, Log]:
+def rig(*plans: Act, gusty: bool = False, moves: Sequence[str] = ()) -> tuple[Kernel, World, Log]:
     bodies = [Body(vehicle, "iris", 10.0 * k, 0.0, 50.0) for k, vehicle in enumerate(FLEET)]
     world = World(bodies, wind=Wind((2.0, 0.0, 0.0), 10.0 if gusty else 0.0), chance=Chance(3))
     engine = Hoverer("hover", FLEET)
     engine.moves = moves
     links = [LinkSpec(f"autopilot:{v}", f"{v}.proxy", f"{v}.autopilot") for v in FLEET]
     log = Log()
-    return Kernel(Wiring(1, links, world=world, attacks=plans, engines=[EngineMount(engine, slice(None))]), [log]), (
+    return Kernel(Wiring(1, links, world=world, acts=plans, engines=[EngineMount(engine, slice(None))]), [log]), (
         world
     ), log  # fmt: skip
 
 
-def plan(*faults: BodyFault, muted: bool = False, id_: str = "storm") -> AttackPlan:
-    return AttackPlan(id_, 20 * MS, 40 * MS, muted, fault=True, body_faults=faults)
+def plan(*faults: BodyFault, muted: bool = False, id_: str = "storm") -> Act:
+    return Act(id_, 20 * MS, 40 * MS, muted, role="fault", body_faults=faults)
 
 
 def state(world: World) -> dict[str, list[bytes]]:
@@ -92,7 +92,7 @@ def test_the_world_is_disturbed_from_the_tick_of_the_start_to_that_of_the_stop(g
 
 
 def test_a_weak_motor_settles_at_the_root_of_its_share_and_recovers() -> None:
-    kernel, world, _ = rig(AttackPlan("weak", 20 * MS, 400 * MS, fault=True, body_faults=[Weather("w", ["blue/b1"])]))
+    kernel, world, _ = rig(Act("weak", 20 * MS, 400 * MS, role="fault", body_faults=[Weather("w", ["blue/b1"])]))
     kernel.advance(399 * MS)
     rotor = world.sensors(slice(None)).rotor_radps[0]
     assert rotor[1] / rotor[0] == pytest.approx(np.sqrt(0.5), rel=1e-3)
@@ -150,7 +150,7 @@ def test_what_cannot_be_is_an_error() -> None:
     with pytest.raises(InputError, match="an aircraft that the world moves"):
         rig(plan(Weather("w", FLEET)), moves=["blue/b2"])
     with pytest.raises(InputError, match="only a benign fault acts on bodies"):
-        rig(AttackPlan("storm", body_faults=[Weather("w", FLEET)]))
+        rig(Act("storm", body_faults=[Weather("w", FLEET)]))
     kernel, _, _ = rig(plan(Weather("w", ["blue/b1"], says="blue/b2")))
     with pytest.raises(ComponentError, match="not its own"):
         kernel.advance(60 * MS)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from skyrange.contracts.components import Finished, SensorAct, SensorFault, Sensors
-from skyrange.contracts.links import AttackPlan, LinkSpec
+from skyrange.contracts.links import Act, LinkSpec
 from skyrange.contracts.mailboxes import Inbox
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import Time
@@ -59,21 +59,21 @@ class Lift:
         return [SensorAct(vehicle, "baro") for vehicle in self.vehicles] if self.calls == 9 else []
 
 
-def rig(*attacks: AttackPlan, split: bool = False) -> tuple[Kernel, list[Listener], Log]:
+def rig(*attacks: Act, split: bool = False) -> tuple[Kernel, list[Listener], Log]:
     parts = [FLEET[:1], FLEET[1:]] if split else [FLEET]
     engines = [Listener(f"part{i}", part) for i, part in enumerate(parts)]
     rows: list[Any] = [np.array([FLEET.index(v) for v in part]) for part in parts] if split else [slice(None)]
     links = [LinkSpec(f"autopilot:{v}", f"{v}.proxy", f"{v}.autopilot") for v in FLEET]
     log = Log()
     wiring = Wiring(
-        1, links, world=Bodies(FLEET), attacks=attacks,
+        1, links, world=Bodies(FLEET), acts=attacks,
         engines=[EngineMount(engine, row) for engine, row in zip(engines, rows, strict=True)],
     )  # fmt: skip
     return Kernel(wiring, [log]), engines, log
 
 
-def plan(*faults: SensorFault, muted: bool = False, id_: str = "liar") -> AttackPlan:
-    return AttackPlan(id_, 20 * MS, 40 * MS, muted, faults=faults)
+def plan(*faults: SensorFault, muted: bool = False, id_: str = "liar") -> Act:
+    return Act(id_, 20 * MS, 40 * MS, muted, faults=faults)
 
 
 def heights(engines: list[Listener]) -> dict[str, list[float]]:

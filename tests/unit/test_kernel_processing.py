@@ -9,7 +9,7 @@ from itertools import pairwise
 import pytest
 
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import AttackPlan, ProcessingLimit, TapPlacement
+from skyrange.contracts.links import Act, ProcessingLimit, TapPlacement
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, Time
@@ -35,7 +35,7 @@ def wiring(processing: Sequence[ProcessingLimit] = SLOW, rough: bool = False, mu
         routes=[route for _, routes in made for route in routes],
         agents=[Station("blue", VEHICLES, period=20 * MS), Fleet("fleet", VEHICLES)],
         taps=[TapPlacement("gcs:blue/b1", "companion", Meddler, "mitm")] if rough else [],
-        attacks=[AttackPlan("mitm", start_ns=500 * MS, muted=muted)] if rough else [],
+        acts=[Act("mitm", start_ns=500 * MS, muted=muted)] if rough else [],
         processing=processing,
     )
 
@@ -51,9 +51,7 @@ def guarded(processing: Sequence[ProcessingLimit] = SLOW, rough: bool = True, mu
     """With a defence at the companion's end of a link that takes 7 ms for each frame, in both directions."""
     made = wiring(processing, rough)
     guard = TapPlacement("gcs:blue/b1", "companion", Watcher, "guard", cost_ns=7 * MS)
-    return replace(
-        made, taps=[guard, *made.taps], attacks=[*made.attacks, AttackPlan("guard", muted=muted, defence=True)]
-    )
+    return replace(made, taps=[guard, *made.taps], acts=[*made.acts, Act("guard", muted=muted, role="defence")])
 
 
 def flown(wired: Wiring) -> Log:
@@ -113,7 +111,7 @@ def test_fusing_and_registration_change_no_byte(rough: bool) -> None:
 
 def test_a_muted_attack_is_no_attack() -> None:
     muted = flown(wiring(rough=True, muted=True))
-    assert muted.table() == flown(replace(wiring(rough=True), taps=[], attacks=[])).table()
+    assert muted.table() == flown(replace(wiring(rough=True), taps=[], acts=[])).table()
 
 
 def test_what_an_endpoint_sends_waits_for_the_defences_there_and_keeps_its_order() -> None:

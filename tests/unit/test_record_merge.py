@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyrange.contracts.frames.frame import Fate, Frame, end_journey
-from skyrange.contracts.links import AttackPlan, Channel, TapPlacement
+from skyrange.contracts.links import Act, Channel, TapPlacement
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import InputError
@@ -41,7 +41,7 @@ SHUFFLED = replace(ROUGH, duplicate=0.0, reorder=0.3)
 def meddled(*sides: str) -> dict[str, Any]:
     return {
         "taps": [TapPlacement("gcs:blue/b1", side, Meddler, "mitm") for side in sides],
-        "attacks": [AttackPlan("mitm")],
+        "attacks": [Act("mitm")],
     }
 
 

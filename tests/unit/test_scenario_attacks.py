@@ -67,7 +67,7 @@ def faults(text: str) -> list[str]:
 
 def test_what_is_declared_is_wired() -> None:
     built = build(loaded(GHOST))
-    (plan,) = built.wiring.attacks
+    (plan,) = built.wiring.acts
     assert (plan.id, plan.start_ns, plan.stop_ns, plan.lasts_ns) == ("ghost", 3 * NS_PER_S, NEVER, 9_500_000_000)
     assert plan.trigger is not None
     assert list(plan.trigger.vehicles) == ["green/g1"]
@@ -197,7 +197,7 @@ def test_places_in_acts_of_a_campaign_count_from_its_anchor() -> None:
     assert row["shown"] == other["shown"]
     assert row["radios"] == other["radios"]
     assert len(row["radios"]) == 2
-    (one,), (two,) = anchored.wiring.attacks, placed.wiring.attacks
+    (one,), (two,) = anchored.wiring.acts, placed.wiring.acts
     assert isinstance(one.agents[0], Controller)
     assert isinstance(two.agents[0], Controller)
     mine, others = one.agents[0].course.adversary, two.agents[0].course.adversary
@@ -219,7 +219,7 @@ def test_places_count_from_an_anchor() -> None:
     for east_m, north_m, up_m in row["shown"].values():
         assert (east_m - 110.0) ** 2 + (north_m + 10.0) ** 2 <= 100.0**2
         assert up_m == 10.0
-    trigger = built.wiring.attacks[0].trigger
+    trigger = built.wiring.acts[0].trigger
     assert isinstance(trigger, Near)
     assert trigger.place_enu_m == (100.0, -20.0, 10.0)
     with pytest.raises(InputError, match=r"anchor: green/g9 .* Did you mean 'green/g1'"):

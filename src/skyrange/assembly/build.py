@@ -28,7 +28,7 @@ from skyrange.assembly.run_header import make_attachments, make_header, make_mis
 from skyrange.assembly.signing import check_signing, derive_keys
 from skyrange.city.city import City
 from skyrange.contracts.components import Agent
-from skyrange.contracts.links import AttackPlan, LinkSpec, TapPlacement
+from skyrange.contracts.links import Act, LinkSpec, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
@@ -89,7 +89,7 @@ def build(
     scenario: Scenario,
     *,
     taps: Sequence[TapPlacement] = (),
-    attacks: Sequence[AttackPlan] = (),
+    acts: Sequence[Act] = (),
     monitors: Sequence[MonitorPlacement] = (),
     local: Container[str] | None = None,
     flown: Container[str] | None = None,
@@ -99,7 +99,7 @@ def build(
 ) -> BuiltScenario:
     """Build everything. Raises `InputError` with all that is wrong, before anything is written or started.
 
-    `taps`, `attacks` and `monitors` are placed on the scenario's links, by name or pattern, beside those that it
+    `taps`, `acts` and `monitors` are placed on the scenario's links, by name or pattern, beside those that it
     declares. With `local` only what lives at these endpoints is built, as a process needs it that runs a part of the
     range: world, oracle and autopilots where `oracle` is among them. With `flown` only these vehicles are built, and
     their starts and plans checked, whose operators have to be the ones of `local`; other processes check the rest.
@@ -180,7 +180,7 @@ def build(
         agents=[*agents, *air.agents],
         truth_subscribers=air.truth_subscribers,
         taps=[*defences.taps, *made.taps, *taps],
-        attacks=[plan if whole else _elsewhere(plan) for plan in (*made.plans, *attacks, *defences.plans)],
+        acts=[plan if whole else _elsewhere(plan) for plan in (*made.plans, *acts, *defences.plans)],
         monitors=[*detectors, *monitors],
         processing=processing,
         world=world,
@@ -226,7 +226,7 @@ def _make_acts(
 class Acts:
     """All that acts or listens in a scenario beside its own parts, and the links that these are on."""
 
-    plans: Sequence[AttackPlan]
+    plans: Sequence[Act]
     taps: Sequence[TapPlacement]
     monitors: Sequence[MonitorPlacement]
     links: Sequence[LinkSpec]
@@ -245,12 +245,12 @@ def list_acts(scenario: Scenario) -> Acts:
     return Acts(plans, taps, build_detectors(scenario, links)[0], links)
 
 
-def stay_elsewhere(plan: AttackPlan) -> AttackPlan:
+def stay_elsewhere(plan: Act) -> Act:
     """An attack as a process has it in which only some of its taps are; another one notes when it begins and ends."""
     return replace(plan, agents=(), faults=(), body_faults=(), noted=False)
 
 
-def _elsewhere(plan: AttackPlan) -> AttackPlan:
+def _elsewhere(plan: Act) -> Act:
     """An attack as a process has it without the world: taps alone, and of its trigger it is told (`Kernel.begin`)."""
     start = plan.start_ns if plan.trigger is None else NEVER
     return replace(plan, agents=(), faults=(), body_faults=(), trigger=None, start_ns=start)

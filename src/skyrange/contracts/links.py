@@ -194,9 +194,15 @@ class Schedule:
     stop_ns: Time = NEVER
 
 
+Role = Literal["attack", "defence", "fault"]
+"""What an act is. A fault has no adversary: its labels are marked so, and its events are named `event.fault_start` and
+`event.fault_stop`. The acts of a defence are events named `event.defence_act` and no labels; its taps and sensor checks
+may raise alerts in its name, and its checks come after the sensor faults of all others."""
+
+
 @dataclass(frozen=True, slots=True)
-class AttackPlan:
-    """When the hostile output of an attack takes effect, and the agents and sensor faults that it owns.
+class Act:
+    """An attack, a defence or a benign fault in a kernel: when it takes effect, and the parts that it owns.
 
     It acts from `start_ns` until `stop_ns`, and no longer than `lasts_ns`. With a `trigger` it starts at the first
     world tick from `start_ns` on at which the trigger holds, and once only. Muted, its agents, taps and sensor faults
@@ -221,17 +227,21 @@ class AttackPlan:
     honest: bool = False
     """Whether its parts are those of its honest arm, where real aircraft fly on the tracks that it claims: its labels
     are then marked benign, and its events are named `event.honest_start` and `event.honest_stop`."""
-    fault: bool = False
-    """Whether it is a benign fault, without an adversary: its labels are then marked so, and its events are named
-    `event.fault_start` and `event.fault_stop`."""
+    role: Role = "attack"
     body_faults: Sequence[BodyFault] = ()
     """What a fault does to bodies; an attack has none."""
-    defence: bool = False
-    """Whether it is a defence: its acts are then events named `event.defence_act` and no labels, its taps and sensor
-    checks may raise alerts in its name, and its sensor checks come after the sensor faults of all others."""
-
     noted: bool = True
     """Whether the kernel notes when it begins and ends; not where another kernel has the rest of it, and does."""
+
+    @property
+    def is_fault(self) -> bool:
+        """Whether it is a benign fault."""
+        return self.role == "fault"
+
+    @property
+    def is_defence(self) -> bool:
+        """Whether it is a defence."""
+        return self.role == "defence"
 
     @property
     def benign(self) -> bool:

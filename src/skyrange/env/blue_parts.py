@@ -12,7 +12,7 @@ from skyrange.codec.mavlink import Packer, sender_system
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.links import Act, TapPlacement
 from skyrange.contracts.verdicts import Drop, Inject, Verdict
 from skyrange.core.ids import link_name
 from skyrange.core.time import Time
@@ -87,12 +87,12 @@ class _BlueTaps:
 
 def make_blue_team(
     agent: str, systems: Mapping[str, int], choices: BlueChoices, clock: Clock
-) -> tuple[AttackPlan, list[TapPlacement]]:
+) -> tuple[Act, list[TapPlacement]]:
     """An operator's defence and its taps; `systems` are the MAVLink system ids of its aircraft."""
     made = _BlueTaps(systems, choices, clock)
     taps = []
     for link in (link_name("gcs", vehicle) for vehicle in systems):
         taps.append(TapPlacement(link, "gcs", made.make_console, agent))
         taps.append(TapPlacement(link, "companion", made.make_filter, agent))
-    plan = AttackPlan(agent, agents=[Announcer(agent, choices, clock)], one_process=True, noted=False, defence=True)
+    plan = Act(agent, agents=[Announcer(agent, choices, clock)], one_process=True, noted=False, role="defence")
     return plan, taps

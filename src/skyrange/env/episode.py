@@ -155,7 +155,7 @@ def _make_parts(scenario: Scenario, step_ns: Time, rewards: Rewards) -> tuple[Pa
         monitors[agent] = TelemetryFeatures(list(own), origin, step_ns, received=True)
     hooks = {
         "taps": [*defences, *taps],  # on one side, the later one is nearer to the channel
-        "attacks": plans,
+        "acts": plans,
         "monitors": [place_monitor(agent, monitor) for agent, monitor in monitors.items()],
     }
     return Parts(red, blue, monitors, Outcomes(rewards)), hooks

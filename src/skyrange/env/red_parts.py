@@ -14,7 +14,7 @@ from skyrange.attack.on_path import ends_of, side_of
 from skyrange.codec.mavlink import Packer
 from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.links import Act, TapPlacement
 from skyrange.contracts.verdicts import Drop, Inject, Verdict
 from skyrange.core.ids import link_name
 from skyrange.core.time import NEVER, Time
@@ -101,11 +101,11 @@ class ChosenDrift:
 
 def make_red_team(
     systems: Mapping[str, int], choice: RedChoice, clock: Clock, *, mode: int, drift: Drift
-) -> tuple[AttackPlan, list[TapPlacement]]:
+) -> tuple[Act, list[TapPlacement]]:
     """The adversary's attack and its taps; `systems` are the MAVLink system ids of all aircraft."""
     vehicles = sorted(systems)
     make = _AdversaryTaps(systems, mode, choice, clock).make
     taps = [TapPlacement(link, side_of(link), make, RED) for link in (link_name("gcs", one) for one in vehicles)]
     fault = ChosenDrift(f"{RED}.gnss", vehicles, drift, choice)
-    plan = AttackPlan(RED, agents=[Announcer(RED, choice, clock)], faults=[fault], one_process=True, noted=False)
+    plan = Act(RED, agents=[Announcer(RED, choice, clock)], faults=[fault], one_process=True, noted=False)
     return plan, taps

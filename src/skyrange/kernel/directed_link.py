@@ -16,7 +16,7 @@ from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.chance import Chance
 from skyrange.core.ids import FrameId, Port, hash64
 from skyrange.core.time import Time
-from skyrange.kernel.acts.attack_states import AttackState, takes_effect
+from skyrange.kernel.acts.act_states import ActState, takes_effect
 from skyrange.kernel.channel import NOT_RANDOM, open_channel
 from skyrange.kernel.processing_queue import ProcessingQueue
 
@@ -30,7 +30,7 @@ class TapSlot:
         self,
         tap: Tap,
         name: str,
-        attack: AttackState | None,
+        attack: ActState | None,
         cost_ns: Time = 0,
         inspects: Callable[[Frame], bool] | None = None,
     ) -> None:

@@ -39,7 +39,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port, originator_id
 from skyrange.core.time import NEVER, Time, ceil_to, to_seconds
-from skyrange.kernel.acts.attack_states import AttackState, AttackStates, note_withheld, takes_effect
+from skyrange.kernel.acts.act_states import ActState, ActStates, note_withheld, takes_effect
 from skyrange.kernel.acts.body_faults import BodyFaultInjector
 from skyrange.kernel.acts.sensor_faults import SensorFaultInjector
 from skyrange.kernel.directed_link import Mailbox, Transit
@@ -63,7 +63,7 @@ class _AgentSlot:
 
     __slots__ = ("agent", "box", "sender")
 
-    def __init__(self, agent: Agent, attack: AttackState | None) -> None:
+    def __init__(self, agent: Agent, attack: ActState | None) -> None:
         self.agent = agent
         self.sender = Sender(agent.name, agent.ports, attack)
         self.box = Mailbox(agent.name, agent.service_ns, polled=False)
@@ -97,7 +97,7 @@ class Kernel:
         """Raises `InputError` where the wiring does not fit together."""
         check_wiring(wiring)
         links = build_links(wiring, Chance(wiring.seed))
-        self._attacks = AttackStates(wiring.attacks, wiring.world)
+        self._attacks = ActStates(wiring.acts, wiring.world)
         taps = place_taps(wiring, links, self._attacks.by_id())
         slots = [_AgentSlot(agent, None) for agent in (*wiring.agents, *wiring.truth_subscribers)]
         slots += [_AgentSlot(agent, attack) for attack in self._attacks.each for agent in attack.plan.agents]
@@ -465,7 +465,7 @@ class Kernel:
             if isinstance(act, Alert):
                 self._observers.raise_alarm(now, sender.attack, who, act)
                 continue
-            if sender.attack is None or not sender.attack.plan.defence:
+            if sender.attack is None or not sender.attack.plan.is_defence:
                 raise ComponentError(who, f"ordered {act!r:.160}; only a defence gives orders to radios")
             channel = self._tunable.get(act.link)
             if channel is None:

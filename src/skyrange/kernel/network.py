@@ -26,7 +26,7 @@ from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verd
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port
 from skyrange.core.time import Time, ceil_to
-from skyrange.kernel.acts.attack_states import AttackState, note_withheld, takes_effect
+from skyrange.kernel.acts.act_states import ActState, note_withheld, takes_effect
 from skyrange.kernel.block_forwarder import BlockForwarder, cut_off
 from skyrange.kernel.directed_link import DirectedLink, RouteHop, RouteQueue, TapSlot, Transit
 from skyrange.kernel.event_heap import (
@@ -70,7 +70,7 @@ class Sender:
 
     __slots__ = ("attack", "link_numbers", "name", "ports")
 
-    def __init__(self, name: str, ports: Sequence[Port], attack: AttackState | None) -> None:
+    def __init__(self, name: str, ports: Sequence[Port], attack: ActState | None) -> None:
         self.name = name
         self.ports = ports
         self.attack = attack

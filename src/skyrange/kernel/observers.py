@@ -19,7 +19,7 @@ from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time, to_seconds
-from skyrange.kernel.acts.attack_states import AttackState
+from skyrange.kernel.acts.act_states import ActState
 from skyrange.kernel.directed_link import TapSlot
 
 
@@ -64,10 +64,10 @@ class ObserverList:
 
     # ---------------------------------------------------------------- labels
 
-    def label_sending(self, now: Time, attack: AttackState, agent: str, frame: FrameId) -> None:
+    def label_sending(self, now: Time, attack: ActState, agent: str, frame: FrameId) -> None:
         """Label a frame that an attack's own agent sent."""
         self._report_act(
-            attack, Label(now, attack.id, agent, "send", frame, benign=attack.plan.benign, fault=attack.plan.fault)
+            attack, Label(now, attack.id, agent, "send", frame, benign=attack.plan.benign, fault=attack.plan.is_fault)
         )
 
     def label_tap_act(
@@ -82,17 +82,17 @@ class ObserverList:
         """Label what a tap did to a frame, or that it injected one; a tap of no attack is not labelled."""
         if slot.attack is not None:
             plan = slot.attack.plan
-            label = Label(now, plan.id, slot.name, action, frame, child, until, plan.benign, plan.fault)
+            label = Label(now, plan.id, slot.name, action, frame, child, until, plan.benign, plan.is_fault)
             self._report_act(slot.attack, label)
 
-    def label_fault_act(self, now: Time, attack: AttackState, fault: str, action: str, act: FrameId) -> None:
+    def label_fault_act(self, now: Time, attack: ActState, fault: str, action: str, act: FrameId) -> None:
         """Label what a sensor or body fault did to a vehicle; `act` names the sensor or part of the body as a link."""
         plan = attack.plan
-        self._report_act(attack, Label(now, plan.id, fault, action, act, benign=plan.benign, fault=plan.fault))
+        self._report_act(attack, Label(now, plan.id, fault, action, act, benign=plan.benign, fault=plan.is_fault))
 
-    def _report_act(self, attack: AttackState, act: Label) -> None:
+    def _report_act(self, attack: ActState, act: Label) -> None:
         """Report an act: as a label, but as an event where it is that of a defence, which harms nobody."""
-        if attack.plan.defence:
+        if attack.plan.is_defence:
             data: dict[str, Scalar] = {"action": act.action, "frame": str(act.frame)}
             if act.child is not None:
                 data["child"] = str(act.child)
@@ -103,7 +103,7 @@ class ObserverList:
         for observer in self.members:
             observer.on_label(act)
 
-    def report_order(self, now: Time, attack: AttackState, agent: str, order: ChannelOrder) -> None:
+    def report_order(self, now: Time, attack: ActState, agent: str, order: ChannelOrder) -> None:
         """Report that a defence ordered a radio to change its channel."""
         data: dict[str, Scalar] = {
             "action": order.action,
@@ -116,9 +116,9 @@ class ObserverList:
 
     # ---------------------------------------------------------------- alarms
 
-    def raise_alarm(self, now: Time, attack: AttackState | None, who: str, alert: Alert) -> None:
+    def raise_alarm(self, now: Time, attack: ActState | None, who: str, alert: Alert) -> None:
         """Report the alarm of a defence. `ComponentError` for one that is no alert, or not that of a defence."""
-        if attack is None or not attack.plan.defence:
+        if attack is None or not attack.plan.is_defence:
             raise ComponentError(who, f"raised {alert!r:.160}; only a defence raises alerts")
         problem = find_problem(now, alert)
         if problem:

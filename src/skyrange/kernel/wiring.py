@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.components import ENGINE_MEMBERS, Agent, Engine, TruthSubscriber, World
-from skyrange.contracts.links import AttackPlan, LinkSpec, ProcessingLimit, Route, TapPlacement
+from skyrange.contracts.links import Act, LinkSpec, ProcessingLimit, Route, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import ID_PATTERN, Port
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.kernel.acts.attack_states import AttackState
+from skyrange.kernel.acts.act_states import ActState
 from skyrange.kernel.directed_link import DirectedLink, RouteHop, TapSlot
 from skyrange.kernel.processing_queue import ProcessingQueue
 
@@ -48,7 +48,7 @@ class Wiring:
     agents: Sequence[Agent] = ()
     routes: Sequence[Route] = ()
     taps: Sequence[TapPlacement] = ()
-    attacks: Sequence[AttackPlan] = ()
+    acts: Sequence[Act] = ()
     processing: Sequence[ProcessingLimit] = ()
     """Endpoints that take time for each frame; all others process frames at once."""
     world: World | None = None
@@ -95,7 +95,7 @@ def index_by_sender(links: Mapping[str, DirectedLink]) -> dict[Port, DirectedLin
     return {Port(link.src, link.link_name): link for link in links.values()}
 
 
-def place_taps(wiring: Wiring, links: Mapping[str, DirectedLink], attacks: Mapping[str, AttackState]) -> list[TapSlot]:
+def place_taps(wiring: Wiring, links: Mapping[str, DirectedLink], attacks: Mapping[str, ActState]) -> list[TapSlot]:
     """Make and place every tap of this kernel's endpoints; `attacks` are the run's, by id.
 
     Raises `InputError` for a placement that matches nothing.
@@ -159,7 +159,7 @@ def place_taps(wiring: Wiring, links: Mapping[str, DirectedLink], attacks: Mappi
 
 
 def _is_defence(slot: TapSlot) -> bool:
-    return slot.attack is not None and slot.attack.plan.defence
+    return slot.attack is not None and slot.attack.plan.is_defence
 
 
 def _share_processors(links: Mapping[str, DirectedLink], costly: Container[str]) -> None:
@@ -243,9 +243,9 @@ def _find_name_problems(wiring: Wiring) -> Iterator[Problem]:
             yield Problem(key, repr(value), " or ".join(allowed))
     names = [agent.name for agent in (*wiring.agents, *wiring.truth_subscribers)]
     names += [mount.engine.name for mount in wiring.engines]
-    names += [agent.name for plan in wiring.attacks for agent in plan.agents]
+    names += [agent.name for plan in wiring.acts for agent in plan.agents]
     yield from (Problem("agents", name, "names that differ") for name in _repeated(names))
-    attacks = [plan.id for plan in wiring.attacks]
+    attacks = [plan.id for plan in wiring.acts]
     yield from (Problem("attacks", id_, "ids that differ") for id_ in _repeated(attacks))
     for id_ in attacks:
         if id_ == _NO_ATTACK or not ID_PATTERN.match(id_):

@@ -14,7 +14,7 @@ from typing import Any, cast
 from skyrange.assembly.aircraft import describe_engines
 from skyrange.assembly.build import BuiltScenario, build
 from skyrange.contracts.components import Observer
-from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.links import Act, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
 from skyrange.core.time import NS_PER_S, Time, from_seconds, to_seconds
@@ -58,7 +58,7 @@ class Run:
         *,
         speed: float = 0.0,
         taps: Sequence[TapPlacement] = (),
-        attacks: Sequence[AttackPlan] = (),
+        acts: Sequence[Act] = (),
         monitors: Sequence[MonitorPlacement] = (),
         observers: Sequence[Observer] = (),
         fuse: bool = True,
@@ -68,7 +68,7 @@ class Run:
         """Build `scenario` and open the run folder `out`. Raises `InputError` before anything is written.
 
         Without `out` it is the first free one of `runs/NAME`, `runs/NAME-2` …, even if other runs start there.
-        `taps` and `attacks` act on its links, `monitors` listen at ends of them; `observers` see everything beside the
+        `taps` and `acts` act on its links, `monitors` listen at ends of them; `observers` see everything beside the
         recorder. `speed` is what
         `execute` will be asked for: whether the engines allow it is known once they are made.
         What a frame does on several links in a row they hear at its end, and without `fuse` as it happens; the
@@ -77,7 +77,7 @@ class Run:
         """
         began = time.perf_counter()
         with collect_seldom():
-            built = build(scenario, taps=taps, attacks=attacks, monitors=monitors, motion=motion)
+            built = build(scenario, taps=taps, acts=acts, monitors=monitors, motion=motion)
             resolve_speed(speed, [mount.engine for mount in built.wiring.engines])
             built.header |= more
             kernel = Kernel(replace(built.wiring, fuse=fuse))

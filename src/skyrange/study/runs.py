@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from skyrange.contracts.components import Observer
-from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.links import Act, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.errors import ShortfallError
 from skyrange.core.time import Time
@@ -28,7 +28,7 @@ def fly(
     *,
     speed: float | None = None,
     taps: Sequence[TapPlacement] = (),
-    attacks: Sequence[AttackPlan] = (),
+    acts: Sequence[Act] = (),
     monitors: Sequence[MonitorPlacement] = (),
     observers: Sequence[Observer] = (),
     viewers: Viewers | None = None,
@@ -42,7 +42,7 @@ def fly(
     unless its record is a summary.
 
     `speed` is that of `Run.execute`. Without it, a run with viewers runs in real time, or at the pace of engines that
-    have one, and any other run as fast as possible. `taps`, `attacks` and `monitors` are placed on the scenario's
+    have one, and any other run as fast as possible. `taps`, `acts` and `monitors` are placed on the scenario's
     links. `observers` see everything and alter nothing. `viewers` are served between steps; the caller closes them.
     `motion` is that of `Run.start`. The run has at most `cores` cores, with the same digests; why it uses fewer is in
     the manifest, and is told to `on_notice`. Raises the errors of `Run.execute`; after a `ShortfallError` (Ctrl-C) the
@@ -52,7 +52,7 @@ def fly(
     Pace(asked)  # rejects an invalid speed before a folder is created
     more: dict[str, Any] = {}
     if cores > 1:
-        seen = any((taps, attacks, monitors, observers, viewers, motion))
+        seen = any((taps, acts, monitors, observers, viewers, motion))
         folder, reason = _fly_on_cores(scenario, out, cores, asked, seen, on_progress, on_notice, report)
         if folder is not None:
             return _report(folder) if report else load(folder)
@@ -63,7 +63,7 @@ def fly(
             out,
             speed=asked,
             taps=taps,
-            attacks=attacks,
+            acts=acts,
             monitors=monitors,
             observers=observers,
             motion=motion,
@@ -76,7 +76,7 @@ def fly(
             out,
             speed=asked,
             taps=taps,
-            attacks=attacks,
+            acts=acts,
             monitors=monitors,
             observers=seeing,
             fuse=False,
@@ -148,7 +148,7 @@ def run(
     buildings: str | Path | None = None,
     changes: Sequence[str] = (),
     taps: Sequence[TapPlacement] = (),
-    attacks: Sequence[AttackPlan] = (),
+    acts: Sequence[Act] = (),
     monitors: Sequence[MonitorPlacement] = (),
     observers: Sequence[Observer] = (),
     viewers: Viewers | None = None,
@@ -160,7 +160,7 @@ def run(
 
     `scenario` is a `Scenario`, the name of a shipped scenario, or a TOML file. `out` defaults to the first free folder
     of `runs/<name>`, `runs/<name>-2` … `seed`, `buildings` and `changes` (`path=value`, as for `--set`) apply to names
-    and files; a `Scenario` is run unchanged. `taps`, `attacks` and `monitors` are placed on links by name or pattern.
+    and files; a `Scenario` is run unchanged. `taps`, `acts` and `monitors` are placed on links by name or pattern.
     `observers` (`contracts.components.Observer`) see every frame, note, label and tick, and alter nothing. `viewers`
     (`runtime.viewers.Viewers`) let ground stations watch, preferably at `speed` 1. `motion` is `--allow-motion`:
     together with the scenario's `allow_motion` it lets external vehicles move. `cores` is how many processor cores it
@@ -177,7 +177,7 @@ def run(
         folder,
         speed=speed,
         taps=taps,
-        attacks=attacks,
+        acts=acts,
         monitors=monitors,
         observers=observers,
         viewers=viewers,

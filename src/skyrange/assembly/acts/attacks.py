@@ -28,7 +28,7 @@ from skyrange.attack.contract import (
     moved,
 )
 from skyrange.city.city import City
-from skyrange.contracts.links import AttackPlan, LinkSpec, Schedule, TapPlacement
+from skyrange.contracts.links import Act, LinkSpec, Schedule, TapPlacement
 from skyrange.contracts.params import Params
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem, nearest
@@ -42,7 +42,7 @@ from skyrange.scenario.model.scenario import Scenario
 class MadeAttacks:
     """All attacks and faults of a scenario, made: what is added to its wiring, its medium and its manifest."""
 
-    plans: list[AttackPlan] = field(default_factory=list)
+    plans: list[Act] = field(default_factory=list)
     taps: list[TapPlacement] = field(default_factory=list)
     links: list[LinkSpec] = field(default_factory=list)
     radios: list[Transmitter] = field(default_factory=list)
@@ -148,18 +148,18 @@ def _anchored(attack: ActTable, context: AttackContext) -> Params:
     return moved(plugin, settings, by) if isinstance(plugin, AttackPlugin) else move_places(plugin.places, settings, by)
 
 
-def _plan(attack: ActTable, made: Attack, schedule: Schedule, anchor: Place) -> AttackPlan:
+def _plan(attack: ActTable, made: Attack, schedule: Schedule, anchor: Place) -> Act:
     trigger = attack.when.trigger if attack.when is not None else None
     if trigger is not None and trigger.place_enu_m is not None:
         trigger = replace(trigger, place_enu_m=move_place(trigger.place_enu_m, anchor))
-    return AttackPlan(
+    return Act(
         attack.id,
         start_ns=from_seconds(attack.start_s),
         stop_ns=NEVER if attack.stop_s is None else from_seconds(attack.stop_s),
         muted=attack.muted,
         sham=_is_sham(attack),
         honest=is_honest(attack),
-        fault=isinstance(attack, FaultTable),
+        role="fault" if isinstance(attack, FaultTable) else "attack",
         agents=made.agents,
         faults=made.faults,
         body_faults=made.body_faults,

@@ -13,7 +13,7 @@ from skyrange.assembly.acts.path_checks import Declared, check_paths, find_wrong
 from skyrange.assembly.control_links import LinksOverAir, make_channel_agent
 from skyrange.attack.contract import AttackContext
 from skyrange.contracts.components import Agent
-from skyrange.contracts.links import AttackPlan, Schedule, TapPlacement
+from skyrange.contracts.links import Act, Schedule, TapPlacement
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.time import NEVER, NS_PER_US, from_seconds
 from skyrange.defence.contract import Defence
@@ -24,7 +24,7 @@ from skyrange.scenario.model.defences import DefenceTable
 class MadeDefences:
     """All defences of a scenario, made: what is added to its wiring and its manifest."""
 
-    plans: list[AttackPlan] = field(default_factory=list)
+    plans: list[Act] = field(default_factory=list)
     taps: list[TapPlacement] = field(default_factory=list)
     """In the order of the wiring: the last declared defence is nearest to the endpoint."""
     rows: list[dict[str, Any]] = field(default_factory=list)
@@ -84,14 +84,14 @@ def make_defences(
     return made
 
 
-def plan_of(table: DefenceTable, made: Defence, schedule: Schedule, agents: Sequence[Agent] = ()) -> AttackPlan:
+def plan_of(table: DefenceTable, made: Defence, schedule: Schedule, agents: Sequence[Agent] = ()) -> Act:
     """A defence as a kernel runs it."""
-    return AttackPlan(
+    return Act(
         table.id,
         start_ns=from_seconds(table.start_s),
         stop_ns=NEVER if table.stop_s is None else from_seconds(table.stop_s),
         muted=table.muted,
-        defence=True,
+        role="defence",
         agents=agents,
         faults=made.checks,
         one_process=made.one_process,

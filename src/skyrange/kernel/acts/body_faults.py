@@ -16,14 +16,14 @@ from skyrange.contracts.components import BodyFault, Disturbances, World
 from skyrange.core.errors import InputError, Problem, attribute_error
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
-from skyrange.kernel.acts.attack_states import AttackState, takes_effect
+from skyrange.kernel.acts.act_states import ActState, takes_effect
 from skyrange.kernel.acts.fault_acts import ActCounter, check_faults
 
 
 class BodyFaultInjector:
     """The body faults of one kernel."""
 
-    def __init__(self, attacks: Sequence[AttackState], world: World | None, imposed: Container[str]) -> None:
+    def __init__(self, attacks: Sequence[ActState], world: World | None, imposed: Container[str]) -> None:
         """`imposed` are the vehicles whose poses an engine imposes.
 
         Raises `InputError` for a body fault of an attack, a name used twice, or a vehicle that the world does not have
@@ -53,7 +53,7 @@ class BodyFaultInjector:
         """Whether none acts at `now`, and the world is undisturbed."""
         return not self._told and not any(takes_effect(attack, now) for attack, _, _ in self._owned)
 
-    def apply(self, now: Time, world: World) -> list[tuple[AttackState, BodyFault, FrameId]]:
+    def apply(self, now: Time, world: World) -> list[tuple[ActState, BodyFault, FrameId]]:
         """Ask every body fault that acts, and disturb the world by what they write; returns each act with its own
         id.
         """
@@ -105,11 +105,11 @@ def _run_of(places: list[int]) -> slice | NDArray[np.int64]:
     return np.array(places, dtype=np.int64)
 
 
-def _check_bodies(owned: Sequence[tuple[AttackState, BodyFault]], imposed: Container[str]) -> None:
+def _check_bodies(owned: Sequence[tuple[ActState, BodyFault]], imposed: Container[str]) -> None:
     problems = [
         Problem(f"{attack.id}.body_faults", repr(fault.name), "none: only a benign fault acts on bodies")
         for attack, fault in owned
-        if not attack.plan.fault
+        if not attack.plan.is_fault
     ]
     problems += [
         Problem(f"{attack.id}.{fault.name}.vehicles", repr(vehicle), "an aircraft that the world moves")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from skyrange.contracts.components import BodyFault, SensorFault
 from skyrange.core.errors import ComponentError, InputError, Problem, nearest
 from skyrange.core.ids import FrameId
-from skyrange.kernel.acts.attack_states import AttackState
+from skyrange.kernel.acts.act_states import ActState
 
 
 class ActCounter:
@@ -28,9 +28,7 @@ class ActCounter:
         return FrameId(link, "fwd", fault.name, serial)
 
 
-def check_faults(
-    sort: str, owned: Sequence[tuple[AttackState, SensorFault | BodyFault]], vehicles: Sequence[str]
-) -> None:
+def check_faults(sort: str, owned: Sequence[tuple[ActState, SensorFault | BodyFault]], vehicles: Sequence[str]) -> None:
     """Raise `InputError` for a name used twice, a vehicle named twice, or one that is not in `vehicles`."""
     problems = []
     seen: set[str] = set()

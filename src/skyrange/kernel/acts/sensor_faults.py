@@ -22,7 +22,7 @@ from skyrange.core.arrays import as_read_only
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.kernel.acts.attack_states import AttackState, note_withheld, takes_effect
+from skyrange.kernel.acts.act_states import ActState, note_withheld, takes_effect
 from skyrange.kernel.acts.fault_acts import ActCounter, check_faults
 
 _ARRAYS = tuple(field.name for field in fields(Sensors))
@@ -39,7 +39,7 @@ Rows = slice | NDArray[np.int64]
 class SensorFaultInjector:
     """The sensor faults of all attacks of one kernel."""
 
-    def __init__(self, attacks: Sequence[AttackState], world: World | None) -> None:
+    def __init__(self, attacks: Sequence[ActState], world: World | None) -> None:
         """Raises `InputError` for a vehicle that the world does not have, or a name used twice."""
         owned = [(attack, fault) for attack in attacks for fault in attack.plan.faults]
         owned.sort(key=_order_of)
@@ -56,7 +56,7 @@ class SensorFaultInjector:
         self._place[self._rows] = np.arange(len(altered))
         if altered and altered[-1] - altered[0] + 1 == len(altered):
             self._rows = slice(altered[0], altered[-1] + 1)
-        self._owned: list[tuple[AttackState, SensorFault, NDArray[np.int64] | None]] = []
+        self._owned: list[tuple[ActState, SensorFault, NDArray[np.int64] | None]] = []
         """With the places of its vehicles among the altered ones; `None` if these are all of them, in order."""
         for attack, fault in owned:
             places = self._place[np.array([vehicles.index(v) for v in fault.vehicles], dtype=np.int64)]
@@ -67,7 +67,7 @@ class SensorFaultInjector:
         self._muted = _Readings()
         """What a sensor fault that does not act may write into."""
         self._hidden: Floats | None = None
-        checks = [place for place, (attack, _, _) in enumerate(self._owned) if attack.plan.defence]
+        checks = [place for place, (attack, _, _) in enumerate(self._owned) if attack.plan.is_defence]
         self._first_check = checks[0] if checks else len(self._owned)
         self._integrals: _Integrals | None = None
         """Of the readings that attacks and faults leave; `None` where none can alter them, or no check reads them."""
@@ -75,7 +75,7 @@ class SensorFaultInjector:
             self._integrals = _Integrals(len(altered))
         self._slots: list[_Slot] = []
 
-    def apply(self, now: Time, world: World) -> list[tuple[AttackState, SensorFault, FrameId | Alert]]:
+    def apply(self, now: Time, world: World) -> list[tuple[ActState, SensorFault, FrameId | Alert]]:
         """Apply every sensor fault to this tick's readings; returns each act that takes effect, by an id of its own.
 
         Alerts are among them. The order of the checks of defences is that of their plans.
@@ -85,7 +85,7 @@ class SensorFaultInjector:
             return []
         sensors = world.sensors(self._rows)
         table = self._readings.fill(sensors)
-        found: list[tuple[AttackState, SensorFault, FrameId | Alert]] = []
+        found: list[tuple[ActState, SensorFault, FrameId | Alert]] = []
         acted = False
         for place, (attack, fault, places) in enumerate(self._owned):
             if place == self._first_check and self._integrals is not None:
@@ -96,7 +96,7 @@ class SensorFaultInjector:
             else:
                 rows = table if acts else self._muted.copy(self._readings)
             attitude = rows.attitude
-            if attack.plan.defence:
+            if attack.plan.is_defence:
                 rows.attitude = self._hide(attitude)
             before = _arrays_of(rows)
             try:
@@ -106,7 +106,7 @@ class SensorFaultInjector:
             except Exception as error:
                 raise attribute_error(f"sensor fault {fault.name}", now, error) from error
             rows.attitude = attitude
-            if attack.muted and attack.plan.defence and not attack.withheld and (done or self._differ(rows, places)):
+            if attack.muted and attack.plan.is_defence and not attack.withheld and (done or self._differ(rows, places)):
                 note_withheld(attack, now)
             if acts:
                 acted = True
@@ -277,10 +277,10 @@ class _Slot(NamedTuple):
     """Whether the engine's vehicles are all that is altered, and nothing else is."""
 
 
-def _order_of(owned: tuple[AttackState, SensorFault]) -> tuple[bool, str, str]:
+def _order_of(owned: tuple[ActState, SensorFault]) -> tuple[bool, str, str]:
     """By attack and name; those of defences last, as they were given."""
     attack, fault = owned
-    return (True, "", "") if attack.plan.defence else (False, attack.id, fault.name)
+    return (True, "", "") if attack.plan.is_defence else (False, attack.id, fault.name)
 
 
 def _is_whole(places: NDArray[np.int64], count: int) -> bool:

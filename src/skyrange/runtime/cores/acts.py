@@ -11,7 +11,7 @@ from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from skyrange.assembly.build import Acts, stay_elsewhere
-from skyrange.contracts.links import AttackPlan, LinkSpec, TapPlacement
+from skyrange.contracts.links import Act, LinkSpec, TapPlacement
 from skyrange.contracts.monitors import find_ends
 from skyrange.core.ids import operator_of, owner_of
 from skyrange.kernel import Wiring
@@ -56,18 +56,18 @@ def keep_own_acts(wiring: Wiring, divisible: Container[str]) -> Wiring:
     """What another core than the first has of a wiring: the taps of the attacks `divisible`, and no detectors."""
     return replace(
         wiring,
-        attacks=[stay_elsewhere(plan) for plan in wiring.attacks if plan.id in divisible],
+        acts=[stay_elsewhere(plan) for plan in wiring.acts if plan.id in divisible],
         taps=[tap for tap in wiring.taps if tap.attack in divisible],
         monitors=[],
     )
 
 
-def _is_divisible(plan: AttackPlan, taps: Sequence[TapPlacement]) -> bool:
-    alone = plan.trigger is None and not plan.one_process and not plan.defence
+def _is_divisible(plan: Act, taps: Sequence[TapPlacement]) -> bool:
+    alone = plan.trigger is None and not plan.one_process and not plan.is_defence
     return alone and not plan.faults and not plan.body_faults and all(tap.side != ORACLE for tap in taps)
 
 
-def _list_vehicles(plan: AttackPlan) -> Iterator[str]:
+def _list_vehicles(plan: Act) -> Iterator[str]:
     """The vehicles that an attack has to do with beside its taps."""
     for fault in plan.faults:
         yield from fault.vehicles

@@ -165,7 +165,7 @@ def _find_obstacles(scenario: Scenario) -> Iterator[str]:
 
 def find_service_times(wiring: Wiring) -> dict[Port, Time]:
     """How often the owner of each agent's port is served."""
-    agents = [*wiring.agents, *(agent for plan in wiring.attacks for agent in plan.agents)]
+    agents = [*wiring.agents, *(agent for plan in wiring.acts for agent in plan.agents)]
     return {port: agent.service_ns for agent in agents for port in agent.ports}
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from skyrange.assembly.build import BuiltScenario, build
-from skyrange.contracts.links import AttackPlan, Channel
+from skyrange.contracts.links import Act, Channel
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NS_PER_S
@@ -203,19 +203,19 @@ def _check_processing(built: BuiltScenario, planned: Deployment) -> None:
 def _check_shared_state(built: BuiltScenario, planned: Deployment) -> None:
     """Raises `InputError` for an attack or a defence whose parts share state and are in several processes."""
     world = planned.nodes[0].name
-    for plan in built.wiring.attacks:
+    for plan in built.wiring.acts:
         if not plan.one_process:
             continue
         homes = {planned.home(end) or end for end in _tapped_ends(built, plan)}
-        if not plan.defence or plan.agents or plan.faults:
+        if not plan.is_defence or plan.agents or plan.faults:
             homes.add(world)
         if len(homes) > 1:
             away = ", ".join(sorted(homes - {world}))
             raise InputError.one(
                 "live",
-                f"{'defences' if plan.defence else 'attacks'}.{plan.id}",
+                f"{'defences' if plan.is_defence else 'attacks'}.{plan.id}",
                 f"parts in the processes {f'{world} and {away}' if world in homes else away}",
-                f"one process, because they share what the {'defence' if plan.defence else 'adversary'} observes",
+                f"one process, because they share what the {'defence' if plan.is_defence else 'adversary'} observes",
                 "Choose --group one.",
             )
 
@@ -229,8 +229,8 @@ def _check_defended_ends(built: BuiltScenario, planned: Deployment) -> None:
             "ends of links in processes of the range",
             "Mute or remove the defence: what is outside cannot be defended there.",
         )
-        for plan in built.wiring.attacks
-        if plan.defence and not plan.muted
+        for plan in built.wiring.acts
+        if plan.is_defence and not plan.muted
         for end in sorted(_tapped_ends(built, plan))
         if not planned.home(end)
     ]
@@ -238,7 +238,7 @@ def _check_defended_ends(built: BuiltScenario, planned: Deployment) -> None:
         raise InputError("live", problems)
 
 
-def _tapped_ends(built: BuiltScenario, plan: AttackPlan) -> set[str]:
+def _tapped_ends(built: BuiltScenario, plan: Act) -> set[str]:
     """The endpoints at which an attack or a defence has taps."""
     return {
         end

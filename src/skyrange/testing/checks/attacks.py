@@ -12,7 +12,7 @@ from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
 from skyrange.attack.contract import Attack, AttackPlugin
 from skyrange.attack.declaration import Acting
-from skyrange.contracts.links import AttackPlan, Schedule
+from skyrange.contracts.links import Act, Schedule
 from skyrange.contracts.plugins.declaration import plugin_of
 from skyrange.core.errors import SkyrangeError
 from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds
@@ -126,12 +126,12 @@ class AttackCase:
         """A run before its first instant."""
         wiring = build(self.scenario).wiring
         attack, schedule = self.made(sham)
-        plan = AttackPlan(
+        plan = Act(
             ID, self.start_ns, self.stop_ns, muted, sham, attack.agents, attack.faults, schedule=schedule,
-            fault=isinstance(self.kind, FaultPlugin), body_faults=attack.body_faults,
+            role="fault" if isinstance(self.kind, FaultPlugin) else "attack", body_faults=attack.body_faults,
         )  # fmt: skip
         taps = [replace(tap, attack=ID) for tap in attack.taps]
-        wiring = replace(wiring, links=[*wiring.links, *attack.links], taps=taps, attacks=[plan])
+        wiring = replace(wiring, links=[*wiring.links, *attack.links], taps=taps, acts=[plan])
         seen = MemoryObserver()
         return Kernel(wiring, [seen]), Flight(seen, frozenset(spec.name for spec in attack.links))
 

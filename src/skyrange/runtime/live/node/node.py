@@ -93,7 +93,7 @@ class Node:
         self._pushed = 0
         self._arrived: dict[str, int] = {}
         self._began_cpu_s = time.process_time()
-        self._awaits = {attack.id for attack in built.wiring.attacks if attack.trigger is not None}
+        self._awaits = {attack.id for attack in built.wiring.acts if attack.trigger is not None}
         self.triggered: asyncio.Queue[tuple[str, Time]] = asyncio.Queue()
         """Attacks whose trigger has held here, and since when they act."""
         self._stopped = ""

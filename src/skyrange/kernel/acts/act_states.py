@@ -1,4 +1,4 @@
-"""Attacks and faults at run time: when each acts, and the triggers that start some.
+"""Attacks, defences and faults at run time: when each acts, and the triggers that start some.
 
 Triggers are evaluated on truth at a tick, before its sensor faults and engines, so what an attack does at the tick that
 starts it takes effect. They are evaluated in muted runs too: only the output of an attack may differ between twins.
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from skyrange.contracts.components import Trigger, World
-from skyrange.contracts.links import AttackPlan
+from skyrange.contracts.links import Act
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import InputError, Problem, attribute_error, nearest
@@ -19,12 +19,12 @@ TRIGGER_PERIOD_NS = 10 * NS_PER_MS
 """How often triggers are evaluated: at 30 m/s an aircraft flies 0.3 m in between."""
 
 
-class AttackState:
-    """One attack at run time: when it acts, as far as that is known."""
+class ActState:
+    """An act at run time: when it acts, as far as that is known."""
 
     __slots__ = ("_phase", "muted", "plan", "start_ns", "stop_ns", "withheld")
 
-    def __init__(self, plan: AttackPlan) -> None:
+    def __init__(self, plan: Act) -> None:
         self.plan = plan
         self.muted = plan.muted
         self.withheld = False
@@ -72,9 +72,9 @@ class AttackState:
 
     @property
     def _events(self) -> tuple[str, str]:
-        if self.plan.fault:
+        if self.plan.is_fault:
             return "event.fault_start", "event.fault_stop"
-        if self.plan.defence:
+        if self.plan.is_defence:
             return "event.defence_start", "event.defence_stop"
         if self.plan.honest:
             return "event.honest_start", "event.honest_stop"
@@ -85,30 +85,30 @@ class AttackState:
         return Note(kind, self.id, data)
 
 
-def takes_effect(attack: AttackState | None, now: Time) -> bool:
+def takes_effect(attack: ActState | None, now: Time) -> bool:
     """Whether the output of a tap, agent or sensor fault of `attack` counts at `now`: always without an attack."""
     return attack is None or (not attack.muted and attack.start_ns <= now < attack.stop_ns)
 
 
-def note_withheld(attack: AttackState | None, now: Time) -> None:
+def note_withheld(attack: ActState | None, now: Time) -> None:
     """Note that the output of a part of a defence was discarded at `now`, if it was because the defence is muted."""
-    if attack is None or not attack.plan.defence:
+    if attack is None or not attack.plan.is_defence:
         return
     if attack.muted and attack.start_ns <= now < attack.stop_ns:
         attack.withheld = True
 
 
-def _order_of(plan: AttackPlan) -> tuple[bool, str]:
+def _order_of(plan: Act) -> tuple[bool, str]:
     """Attacks and faults by id, then defences as they were given."""
-    return (True, "") if plan.defence else (False, plan.id)
+    return (True, "") if plan.is_defence else (False, plan.id)
 
 
-class AttackStates:
-    """All attacks of one kernel."""
+class ActStates:
+    """All acts of one kernel."""
 
-    def __init__(self, plans: Sequence[AttackPlan], world: World | None) -> None:
+    def __init__(self, plans: Sequence[Act], world: World | None) -> None:
         """Raises `InputError` for a trigger without a world, or on a vehicle that the world does not have."""
-        self.each = [AttackState(plan) for plan in sorted(plans, key=_order_of)]
+        self.each = [ActState(plan) for plan in sorted(plans, key=_order_of)]
         vehicles = list(world.vehicles) if world is not None else []
         _check_triggers(plans, vehicles, world)
         self._rows = {
@@ -121,7 +121,7 @@ class AttackStates:
         self.next_change: Time = -NEVER if self.each else NEVER
         """When one begins or ends next, or a trigger is evaluated; a tick before that needs no `update`."""
 
-    def by_id(self) -> Mapping[str, AttackState]:
+    def by_id(self) -> Mapping[str, ActState]:
         """Each by its attack's id."""
         return {attack.id: attack for attack in self.each}
 
@@ -168,7 +168,7 @@ class AttackStates:
             raise attribute_error(f"trigger of attack {id_}", now, error) from error
 
 
-def _check_triggers(plans: Sequence[AttackPlan], vehicles: Sequence[str], world: World | None) -> None:
+def _check_triggers(plans: Sequence[Act], vehicles: Sequence[str], world: World | None) -> None:
     faults = []
     for plan in plans:
         if plan.trigger is None:
