@@ -17,8 +17,8 @@ from skyrange.contracts.verdicts import Drop, Inject
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.defence.placement import Alarm
+from skyrange.defence.receptions import OwnAircraft, Reader
 from skyrange.defence.remote_id.drip import SignatureCheck
-from skyrange.defence.remote_id.receptions import OwnAircraft, Reader
 from skyrange.remoteid.broadcast_profiles import Broadcast, sender_address
 from skyrange.remoteid.drip.broadcasts import AuthenticationPages
 from skyrange.remoteid.drip.credentials import Credentials

@@ -17,9 +17,9 @@ from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch
 from skyrange.defence.bases.fix_checks import FixCheck
+from skyrange.defence.fix_guard import FixGuard
 from skyrange.defence.gnss.barometer import BarometerCheck, HeightErrors, Heights
 from skyrange.defence.gnss.dead_reckoning import DeadReckoning
-from skyrange.defence.gnss.fix_guard import FixGuard
 from skyrange.defence.gnss.gates import chi_square_gate, cusum_gate, normal_gate
 from skyrange.defence.gnss.innovation import A, B, ErrorFilter, InnovationCheck
 from skyrange.defence.gnss.receiver import Receiver, ReceiverCheck

@@ -18,10 +18,10 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
 from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.placement import Alarm
+from skyrange.defence.receptions import Claim, OwnAircraft, OwnTap, Place, Reader, Sender
 from skyrange.defence.remote_id.appearance import AppearanceCheck
 from skyrange.defence.remote_id.ground import GroundCheck
 from skyrange.defence.remote_id.motion import JUMP, VELOCITY, MotionCheck, elapsed
-from skyrange.defence.remote_id.receptions import Claim, OwnAircraft, OwnTap, Place, Reader, Sender
 from skyrange.defence.remote_id.replay import AgeCheck
 from skyrange.defence.remote_id.signal import SignalCheck
 from skyrange.defence.remote_id.strength_test import FADING_DB, StrengthTest, free_space_loss_db, shadowing_db

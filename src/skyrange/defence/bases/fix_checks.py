@@ -12,7 +12,7 @@ from skyrange.contracts.plugins.fields import param
 from skyrange.core.time import Time, from_seconds
 from skyrange.defence.bases.protection import Protection
 from skyrange.defence.contract import Defence, DefenceContext
-from skyrange.defence.gnss.fix_guard import FixGuard, name_fixes
+from skyrange.defence.fix_guard import FixGuard, name_fixes
 
 if TYPE_CHECKING:
     from skyrange.contracts.components import SensorFault

@@ -19,7 +19,7 @@ from skyrange.core.time import Time
 from skyrange.defence.bases.protection import Protection
 from skyrange.defence.contract import Defence, DefenceContext
 from skyrange.defence.placement import Alarm, inspects_forward, inspects_none, place_taps
-from skyrange.defence.remote_id.receptions import Claim, Finding, OwnAircraft, OwnTap, Reader, Sender
+from skyrange.defence.receptions import Claim, Finding, OwnAircraft, OwnTap, Reader, Sender
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from skyrange.core.time import NS_PER_S, Time
 from skyrange.defence.bases.fix_checks import FixCheck
 from skyrange.defence.contract import DefenceContext
 from skyrange.defence.declaration import defence
-from skyrange.defence.gnss.fix_guard import NewFixes
+from skyrange.defence.fix_guard import NewFixes
 from skyrange.defence.gnss.gates import normal_gate
 from skyrange.world.sensing import sensor_errors as errors
 

@@ -24,8 +24,8 @@ from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.defence.bases.fix_checks import FIXES_PER_H, FixCheck
 from skyrange.defence.contract import DefenceContext
 from skyrange.defence.declaration import defence
+from skyrange.defence.fix_guard import NewFixes
 from skyrange.defence.gnss.dead_reckoning import ALIGN_STEPS, DeadReckoning
-from skyrange.defence.gnss.fix_guard import NewFixes
 from skyrange.defence.gnss.gates import chi_square_gate, cusum_gate
 from skyrange.world.sensing import sensor_errors as errors
 from skyrange.world.sensing.geomagnetism import magnetic_field_at

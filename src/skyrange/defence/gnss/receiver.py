@@ -17,7 +17,7 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S, Time, from_seconds
 from skyrange.defence.bases.fix_checks import FixCheck
 from skyrange.defence.contract import DefenceContext
 from skyrange.defence.declaration import defence
-from skyrange.defence.gnss.fix_guard import LEAST_INTERVAL_NS
+from skyrange.defence.fix_guard import LEAST_INTERVAL_NS
 from skyrange.defence.gnss.gates import normal_gate
 from skyrange.world.sensing import sensor_errors as errors
 

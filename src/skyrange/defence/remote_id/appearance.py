@@ -14,7 +14,7 @@ from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.contract import DefenceContext
 from skyrange.defence.declaration import defence
-from skyrange.defence.remote_id.receptions import Claim, Finding, Held, Sender
+from skyrange.defence.receptions import Claim, Finding, Held, Sender
 from skyrange.defence.remote_id.signal import ErrorRate, is_in_sight
 from skyrange.defence.remote_id.strength_test import FADING_DB, distance_m, free_space_loss_db, shadowing_db
 

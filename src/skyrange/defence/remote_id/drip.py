@@ -18,7 +18,7 @@ from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.defence.bases.receptions import ReceptionTap
 from skyrange.defence.contract import Defence, DefenceContext
 from skyrange.defence.declaration import defence
-from skyrange.defence.remote_id.receptions import Finding, Held, Sender
+from skyrange.defence.receptions import Finding, Held, Sender
 from skyrange.remoteid.broadcast_profiles import sender_address
 from skyrange.remoteid.drip.verification.policy import Verification
 from skyrange.remoteid.drip.verification.settings import Authorities, ClockError, VerificationRate

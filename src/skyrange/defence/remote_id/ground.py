@@ -26,7 +26,7 @@ from skyrange.defence.bases.receptions import TapOf
 from skyrange.defence.contract import Defence, DefenceContext
 from skyrange.defence.declaration import defence
 from skyrange.defence.placement import Alarm
-from skyrange.defence.remote_id.receptions import Held, Reader, Sender
+from skyrange.defence.receptions import Held, Reader, Sender
 from skyrange.defence.remote_id.signal import ErrorRate, PowerLimits, doubt_m, is_usable
 from skyrange.defence.remote_id.strength_test import StrengthTest
 from skyrange.radio.ground_receptions import Reception, ReceptionReport, decode, encode

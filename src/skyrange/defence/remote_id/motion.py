@@ -13,7 +13,7 @@ from skyrange.contracts.verdicts import Verdict
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.declaration import defence
-from skyrange.defence.remote_id.receptions import HOUR_S, UNKNOWN_M, Claim, Finding, Held, Sender
+from skyrange.defence.receptions import HOUR_S, UNKNOWN_M, Claim, Finding, Held, Sender
 
 SPEED: Final = "remote_id.speed"
 JUMP: Final = "remote_id.jump"

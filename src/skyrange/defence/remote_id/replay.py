@@ -12,7 +12,7 @@ from skyrange.contracts.verdicts import Verdict
 from skyrange.core.time import Time
 from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.declaration import defence
-from skyrange.defence.remote_id.receptions import HOUR_S, Claim, Finding, Held, Sender
+from skyrange.defence.receptions import HOUR_S, Claim, Finding, Held, Sender
 
 OLD: Final = "remote_id.old"
 BACKWARD: Final = "remote_id.backward"

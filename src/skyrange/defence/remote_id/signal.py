@@ -18,7 +18,7 @@ from skyrange.core.time import Time
 from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.contract import DefenceContext
 from skyrange.defence.declaration import defence
-from skyrange.defence.remote_id.receptions import UNKNOWN_M, Claim, Finding, Held, Place, Sender
+from skyrange.defence.receptions import UNKNOWN_M, Claim, Finding, Held, Place, Sender
 from skyrange.defence.remote_id.strength_test import FREQUENCY_MHZ, StrengthTest, distance_m
 from skyrange.radio.propagation.path_loss import wavelength_m
 

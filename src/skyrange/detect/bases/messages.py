@@ -12,7 +12,7 @@ from skyrange.contracts.plugins.fields import state
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.time import Time
 from skyrange.detect.bases.scores import ScoreDetector
-from skyrange.detect.mavlink.heads import MessageHeads, name_message, read_heads
+from skyrange.detect.message_heads import MessageHeads, name_message, read_heads
 from skyrange.detect.series import Floats
 from skyrange.detect.streams import StreamNumbers
 

@@ -16,7 +16,7 @@ from skyrange.contracts.scalars import Scalar
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.detect.bases.scores import ScoreDetector
-from skyrange.detect.remote_id.claims import Claims, SenderNames, find_receivers, read_claims
+from skyrange.detect.claims import Claims, SenderNames, find_receivers, read_claims
 from skyrange.detect.series import Floats
 from skyrange.detect.streams import StreamNumbers
 

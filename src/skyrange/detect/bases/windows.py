@@ -12,8 +12,8 @@ from skyrange.contracts.detectors import DetectorContext
 from skyrange.contracts.monitors import Monitor, ObservedFrames
 from skyrange.core.time import Time
 from skyrange.detect.declaration import Detector
-from skyrange.detect.learned.features import WindowFeatures
 from skyrange.detect.series import Floats
+from skyrange.detect.window_features import WindowFeatures
 
 
 class WindowDetector(Detector):
@@ -46,5 +46,5 @@ class WindowDetector(Detector):
         ]
 
     def score(self, features: Floats) -> Floats:
-        """(n,) scores of n windows; `features` are (n, features) in the order of `learned.features.FEATURES`."""
+        """(n,) scores of n windows; `features` are (n, features) in the order of `window_features.FEATURES`."""
         raise NotImplementedError

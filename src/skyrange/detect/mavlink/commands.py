@@ -36,7 +36,7 @@ from skyrange.contracts.plugins.fields import param
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.detect.bases.messages import MessageDetector
 from skyrange.detect.declaration import detector
-from skyrange.detect.mavlink.heads import Flags, MessageHeads, message_numbers
+from skyrange.detect.message_heads import Flags, MessageHeads, message_numbers
 from skyrange.detect.series import Floats
 from skyrange.detect.streams import table
 from skyrange.detect.telemetry import read_messages

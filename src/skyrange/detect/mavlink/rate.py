@@ -34,7 +34,7 @@ from skyrange.contracts.scalars import Scalar
 from skyrange.core.time import NS_PER_S, Time, from_seconds, to_seconds
 from skyrange.detect.bases.messages import MessageDetector
 from skyrange.detect.declaration import detector
-from skyrange.detect.mavlink.heads import MessageHeads, message_numbers, name_message, read_heads
+from skyrange.detect.message_heads import MessageHeads, message_numbers, name_message, read_heads
 from skyrange.detect.series import Floats
 from skyrange.detect.streams import table
 

@@ -38,7 +38,7 @@ from skyrange.core.compiled import compiled
 from skyrange.core.time import Time, from_seconds
 from skyrange.detect.bases.messages import MessageDetector
 from skyrange.detect.declaration import detector
-from skyrange.detect.mavlink.heads import MessageHeads
+from skyrange.detect.message_heads import MessageHeads
 from skyrange.detect.streams import EventCounts, table
 
 FINDINGS: Final = ("", "interleaved", "conflict", "old")

@@ -34,7 +34,7 @@ from skyrange.contracts.plugins.fields import param, state
 from skyrange.core.time import Time, from_seconds
 from skyrange.detect.bases.messages import MessageDetector
 from skyrange.detect.declaration import detector
-from skyrange.detect.mavlink.heads import MessageHeads, message_numbers
+from skyrange.detect.message_heads import MessageHeads, message_numbers
 from skyrange.detect.streams import EventCounts, StreamNumbers
 from skyrange.detect.telemetry import read_messages
 

@@ -38,7 +38,7 @@ from skyrange.core.time import Time, from_seconds
 from skyrange.detect.bases.messages import MessageDetector
 from skyrange.detect.declaration import detector
 from skyrange.detect.mavlink.cusum import find_interval
-from skyrange.detect.mavlink.heads import Flags, MessageHeads
+from skyrange.detect.message_heads import Flags, MessageHeads
 from skyrange.detect.series import Floats
 from skyrange.detect.streams import table
 from skyrange.detect.telemetry import read_messages

@@ -38,8 +38,8 @@ from skyrange.contracts.plugins.fields import param, state
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S
 from skyrange.detect.bases.receptions import ReceptionDetector
+from skyrange.detect.claims import Claims
 from skyrange.detect.declaration import detector
-from skyrange.detect.remote_id.claims import Claims
 from skyrange.detect.series import Floats
 from skyrange.detect.streams import StreamNumbers, table
 
