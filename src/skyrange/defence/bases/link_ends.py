@@ -49,7 +49,11 @@ class CopyForEnd:
 
 
 class EndTap(Protection):
-    """Has a tap at one end of the link of each aircraft, a copy of its own: what passes is shown to `on_frame`."""
+    """Has a tap at one end of the link of each aircraft, a copy of its own: what passes is shown to `on_frame`.
+
+    A kind may define a static method `inspects`, which says for which frames it needs its endpoint's processor; without
+    it that is for all.
+    """
 
     needs: ClassVar[tuple[str, ...]] = ("on_frame",)
     decides: ClassVar[str] = ""

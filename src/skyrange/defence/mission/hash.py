@@ -97,7 +97,7 @@ class MakeEnd:
         """The tap of a link."""
         key = derive_key(self.kind.passphrase, self.vehicle)
         if self.at_station:
-            return StationEnd(link, key, self.system, Packer(STATION, COMPONENT))
+            return StationEnd(link, key, self.system, Packer(STATION, COMPONENT))  # until the station has sent a frame
         alarm, patience_ns = Alarm(self.vehicle), from_seconds(self.kind.patience_s)
         return AircraftEnd(
             link, key, self.system, Packer(self.system, COMPONENT), alarm, self.kind.schedule, patience_ns

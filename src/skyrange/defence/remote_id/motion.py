@@ -52,7 +52,10 @@ class _Heard:
     realism={"errors of honest positions": "assumed: normal, with the accuracy that the broadcast says"},
 )
 class MotionCheck(BroadcastJudge):
-    """Drops Remote ID of senders whose positions jump, contradict their velocity, or are at two places at once."""
+    """Drops Remote ID of senders whose positions jump, contradict their velocity, or are at two places at once.
+
+    It compares each Location with the one before it, and with those that other addresses send with the same id.
+    """
 
     decides: ClassVar = "motion check"
 

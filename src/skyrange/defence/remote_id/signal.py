@@ -56,7 +56,10 @@ ErrorRate = Annotated[Number, Field(gt=0, lt=1)]
     },
 )
 class SignalCheck(BroadcastJudge):
-    """Drops Remote ID of senders whose signal strength does not fit the position that they claim."""
+    """Drops Remote ID of senders whose signal strength does not fit the position that they claim.
+
+    There is a strength test for every sender that an aircraft hears.
+    """
 
     decides: ClassVar = "signal strength test"
 

@@ -25,7 +25,10 @@ MOST_SCORE: Final = 10.0
 
 
 class TelemetryDetector(ScoreDetector):
-    """Compares the telemetry that arrives at link ends. Its residuals have names, and episodes at every link end."""
+    """Compares the telemetry that arrives at link ends. Its residuals have names, and episodes at every link end.
+
+    The score of an alert is a statistic over its threshold. `data` has the link and the name of the residual.
+    """
 
     needs: ClassVar[tuple[str, ...]] = ("compare",)
     residuals: ClassVar[tuple[str, ...]] = ()
