@@ -448,7 +448,7 @@ def benchmark_format() -> str:
 
 def learned_features() -> str:
     """The features of windows that learned detectors read."""
-    from skyrange.detect.learned.features import FEATURES
+    from skyrange.detect.window_features import FEATURES
 
     return table(("feature", "meaning"), [(f"`{one.name}`", one.about) for one in FEATURES])
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import tomllib
 from importlib import import_module
 from importlib.metadata import entry_points
-from pathlib import Path
 from typing import Any
 
 from markdown_tables import keys, table
@@ -137,22 +135,14 @@ def defences() -> str:
 
 def detectors() -> str:
     """Every kind of detector with the description of its module and its parameters."""
+    from skyrange.contracts.plugins.registry import DETECTORS
+
     parts = []
-    for name, place in sorted(_declared("skyrange.detectors").items()):
-        module, _, attribute = place.partition(":")
-        loaded = import_module(module)
-        kind = getattr(loaded, attribute)
-        about = (loaded.__doc__ or "").partition("\n")[2].strip()
+    for name, kind in _shipped(DETECTORS):
+        about = (import_module(kind.params.__module__).__doc__ or "").partition("\n")[2].strip()
         parts.append(f"### `{name}`\n\n{kind.about}\n\n{about}\n")
         parts.append(keys(kind.params.model_json_schema(), kind.params.model_fields))
     return "\n".join(parts)
-
-
-def _declared(group: str) -> dict[str, str]:
-    """The entry points of a group as pyproject.toml declares them, which may be more than the installed ones."""
-    project = Path(__file__).parent.parent / "pyproject.toml"
-    points: dict[str, str] = tomllib.loads(project.read_text(encoding="utf-8"))["project"]["entry-points"][group]
-    return points
 
 
 def approvals() -> str:

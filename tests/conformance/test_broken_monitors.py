@@ -12,7 +12,7 @@ import pytest
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.monitors import ObservedFrame, ObservedFrames
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.detect.heartbeat_gap import HeartbeatGap, HeartbeatGapParams
+from skyrange.detect.heartbeat.gap import HeartbeatGap
 from skyrange.testing import NonConformance, check_monitor
 from skyrange.testing.checks.monitors import MONITOR
 
@@ -47,7 +47,7 @@ def check(make: Any) -> None:
 def test_the_unbroken_ones_conform() -> None:
     check(Counter)
     check_monitor(Counter)
-    check_monitor(lambda: HeartbeatGap(HeartbeatGapParams()), until=20 * NS_PER_S)
+    check_monitor(HeartbeatGap, until=20 * NS_PER_S)
 
 
 def raising(alert: Any) -> type[Counter]:

@@ -9,16 +9,17 @@ from skyrange.codec.remote_id import link_payload
 from skyrange.contracts.detectors import DetectorPlugin
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S
-from skyrange.detect.heartbeat_gap import HEARTBEAT_GAP
-from skyrange.detect.mavlink.commands import MAVLINK_COMMANDS
-from skyrange.detect.mavlink.rate import MAVLINK_RATE
-from skyrange.detect.mavlink.sequence import MAVLINK_SEQUENCE
-from skyrange.detect.mavlink.source import MAVLINK_SOURCE
-from skyrange.detect.mavlink.timing import MAVLINK_TIMING
-from skyrange.detect.remote_id.plausibility import REMOTE_ID_PLAUSIBILITY
 from skyrange.radio.ground_receptions import Reception, ReceptionReport, encode
 from skyrange.testing import check_monitor
 from skyrange.testing.drivers.hostile_input import forged
+
+HEARTBEAT_GAP = DetectorPlugin.find("heartbeat.gap")
+MAVLINK_COMMANDS = DetectorPlugin.find("mavlink.commands")
+MAVLINK_RATE = DetectorPlugin.find("mavlink.rate")
+MAVLINK_SEQUENCE = DetectorPlugin.find("mavlink.sequence")
+MAVLINK_SOURCE = DetectorPlugin.find("mavlink.source")
+MAVLINK_TIMING = DetectorPlugin.find("mavlink.timing")
+REMOTE_ID_PLAUSIBILITY = DetectorPlugin.find("remote_id.plausibility")
 
 KINDS = {
     "heartbeat.gap": HEARTBEAT_GAP,

@@ -14,16 +14,17 @@ from skyrange.contracts.monitors import Monitor, MonitorPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NS_PER_S
-from skyrange.detect.mavlink.commands import MAVLINK_COMMANDS
-from skyrange.detect.mavlink.rate import MAVLINK_RATE
-from skyrange.detect.mavlink.sequence import MAVLINK_SEQUENCE
-from skyrange.detect.mavlink.source import MAVLINK_SOURCE
-from skyrange.detect.mavlink.timing import MAVLINK_TIMING
-from skyrange.detect.remote_id.plausibility import REMOTE_ID_PLAUSIBILITY
 from skyrange.record import RunRecord, replay_monitor
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.runs import fly as fly_scenario
+
+MAVLINK_COMMANDS = DetectorPlugin.find("mavlink.commands")
+MAVLINK_RATE = DetectorPlugin.find("mavlink.rate")
+MAVLINK_SEQUENCE = DetectorPlugin.find("mavlink.sequence")
+MAVLINK_SOURCE = DetectorPlugin.find("mavlink.source")
+MAVLINK_TIMING = DetectorPlugin.find("mavlink.timing")
+REMOTE_ID_PLAUSIBILITY = DetectorPlugin.find("remote_id.plausibility")
 
 ON_MAVLINK = {
     "commands": MAVLINK_COMMANDS,

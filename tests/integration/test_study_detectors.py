@@ -15,8 +15,8 @@ from skyrange.cli.app import app
 from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
-from skyrange.detect.learned.detector import LEARNED as LEARNED_PLUGIN
 from skyrange.detect.learned.model_file import read_model, write_model
+from skyrange.detect.learned.windows import LearnedWindows
 from skyrange.record import load, replay_monitor
 from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.scenario.toml_reader import load_file
@@ -146,7 +146,7 @@ def test_a_trained_model_alerts_in_a_run_and_over_a_record_as_in_the_scores(
     copied = load_file(again.path / "scenario.toml").detectors[0].params["file"]
     assert copied == str(again.path.absolute() / "given/1-model.json")  # the folder repeats the run
     assert Path(copied).read_bytes() == file.read_bytes()
-    make = partial(LEARNED_PLUGIN, table.settings, None)  # type: ignore[arg-type] # it reads nothing of the context
+    make = partial(LearnedWindows.plugin, table.settings, None)  # it reads nothing of the context
     placement = MonitorPlacement("later", make, ["gcs:*"], "gcs")
     replayed = [(one.alert.at, one.alert.subject, one.alert.score) for one in replay_monitor(flown, placement)]
     assert live == replayed

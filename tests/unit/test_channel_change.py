@@ -20,7 +20,7 @@ from skyrange.defence.control_link.channel_change import (
     FRAMES_PER_H,
     GIVEN_UP,
     AircraftPolicy,
-    ChannelChangeParams,
+    ChannelChange,
     HopSequence,
     StationPolicy,
     needed_in_a_row,
@@ -75,7 +75,7 @@ def report(
     return EndReport(LINK, channel, associated, snr_db, outcomes)
 
 
-def station(params: ChannelChangeParams, hops: HopSequence | None = None) -> StationPolicy:
+def station(params: ChannelChange, hops: HopSequence | None = None) -> StationPolicy:
     return StationPolicy(params, needed_in_a_row(params.false_alarms_per_h), {LINK: Alarm("a/1")}, hops)
 
 
@@ -126,7 +126,7 @@ def test_an_aircraft_that_hears_none_stays() -> None:
 
 
 def test_an_access_point_changes_at_the_fourth_frame_in_a_row_and_not_before() -> None:
-    policy = station(ChannelChangeParams())
+    policy = station(ChannelChange())
     lost = [FrameOutcome(k, True, False, 0) for k in range(4)]
     assert policy.step(0, [report(outcomes=tuple(lost[:3]))]) == []
     assert policy.step(STEP, [report(outcomes=(FrameOutcome(9, True, True, 0),))]) == []
@@ -134,7 +134,7 @@ def test_an_access_point_changes_at_the_fourth_frame_in_a_row_and_not_before() -
     assert alert.kind == "channel.jammed"  # type: ignore[union-attr]
     assert order == ChannelOrder(LINK, "station", 11, 3, 5 * NS_PER_MS)
     assert policy.step(3 * STEP, [report(outcomes=tuple(lost))]) == []  # it stays for long enough to be found
-    later = 2 * STEP + 3 * BEACON_NS + stay_ns(ChannelChangeParams())
+    later = 2 * STEP + 3 * BEACON_NS + stay_ns(ChannelChange())
     assert len(policy.step(later, [report(outcomes=tuple(lost))])) == 2
 
 
@@ -146,12 +146,12 @@ def test_losses_of_a_weak_signal_are_distance() -> None:
     link.to_station.carry(0, 100, (0.9999, 0.5, 0.5, 0.5))
     assert link.report("aircraft", -1, NS_PER_S).outcomes == []
     assert [one.failures for one in link.report("station", -1, NS_PER_S).outcomes] == [0]
-    assert station(ChannelChangeParams()).step(0, [report(snr_db=23.0, associated=False)]) == []
-    assert len(station(ChannelChangeParams()).step(0, [report(snr_db=25.0, associated=False)])) == 2
+    assert station(ChannelChange()).step(0, [report(snr_db=23.0, associated=False)]) == []
+    assert len(station(ChannelChange()).step(0, [report(snr_db=25.0, associated=False)])) == 2
 
 
 def test_an_aircraft_scans_while_it_has_no_association() -> None:
-    policy = AircraftPolicy(ChannelChangeParams(channels=(1, 6, 11)), Alarm("a/1"), None)
+    policy = AircraftPolicy(ChannelChange(channels=(1, 6, 11)), Alarm("a/1"), None)
     assert policy.step(0, [report()]) == []
     alert, order = policy.step(STEP, [report(associated=False)])
     assert alert.kind == "channel.lost"  # type: ignore[union-attr]
@@ -162,7 +162,7 @@ def test_an_aircraft_scans_while_it_has_no_association() -> None:
 
 
 def test_both_ends_hop_alike() -> None:
-    params = ChannelChangeParams(channels=(1, 6, 11), hop_s=0.5)
+    params = ChannelChange(channels=(1, 6, 11), hop_s=0.5)
     hops = [HopSequence(NS_PER_S // 2, params.channels, Chance(3), 7) for _ in range(2)]
     ends = station(params, hops[0]), AircraftPolicy(params, Alarm("a/1"), hops[1])
     seen = []
@@ -189,7 +189,7 @@ REPORTS = st.builds(
 def test_policies_take_any_report_and_order_channels_of_their_list(
     reports: list[EndReport], numbers: list[int]
 ) -> None:
-    params = ChannelChangeParams(channels=tuple(numbers))
+    params = ChannelChange(channels=tuple(numbers))
     for policy in (station(params), AircraftPolicy(params, Alarm("a/1"), None)):
         for k, one in enumerate(reports):
             for act in policy.step(k * NS_PER_S, [one]):

@@ -17,8 +17,8 @@ from skyrange.contracts.verdicts import Drop, Inject
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.defence.placement import Alarm
-from skyrange.defence.remote_id.drip import SignatureJudge, SignatureTap
-from skyrange.defence.remote_id.receptions import OwnAircraft, Reader
+from skyrange.defence.receptions import OwnAircraft, Reader
+from skyrange.defence.remote_id.drip import SignatureCheck
 from skyrange.remoteid.broadcast_profiles import Broadcast, sender_address
 from skyrange.remoteid.drip.broadcasts import AuthenticationPages
 from skyrange.remoteid.drip.credentials import Credentials
@@ -46,12 +46,11 @@ class Air:
 
     def __init__(self, policy: str = "ignore-unsigned", signs: bool = True) -> None:
         verification = Verification.of(REGISTRY.known, policy, 0.0, None)
-        judge = SignatureJudge(
-            "blue/b1", sender_address("blue/b1"), OWN_ID, verification, Verifier([verification]), Alarm("blue/b1")
-        )
-        own = OwnAircraft(ORIGIN, 1)
-        own._clock_ns = UTC_S * NS_PER_S
-        self.tap = SignatureTap("rid_down:blue/b1", own, Reader(ORIGIN), judge)
+        self.tap = tap = SignatureCheck(policy=policy)
+        tap.vehicle, tap.address, tap.uas_id = "blue/b1", sender_address("blue/b1"), OWN_ID
+        tap.verification, tap.verifier = verification, Verifier([verification])
+        tap.own, tap.reader, tap.alarm = OwnAircraft(ORIGIN, 1), Reader(ORIGIN), Alarm("blue/b1")
+        tap.own._clock_ns = UTC_S * NS_PER_S
         who = Broadcast(
             "green/g1", OTHER_ID, IdType.SPECIFIC_SESSION, credentials=Credentials(REGISTRY.register("green/g1"))
         )
@@ -63,7 +62,7 @@ class Air:
         """Whether a broadcast passes."""
         payload = pack(RidHeader(3, 6, counter, address, -6000, at), body)
         verdicts = self.tap.on_frame(
-            at, Frame(self.tap.link, "fwd", "oracle", 0, "oracle", "blue/b1.companion", at, payload)
+            at, Frame("rid_down:blue/b1", "fwd", "oracle", 0, "oracle", "blue/b1.companion", at, payload)
         )
         self.injected += [unpack(one.payload) for one in verdicts if isinstance(one, Inject)]
         self.alarms += [(one.at, one.kind) for one in verdicts if isinstance(one, Alert)]
@@ -153,7 +152,7 @@ def test_malformed_payloads_pass_and_copies_go_on_alike() -> None:
         air.second(step)
     twin: Any = copy.deepcopy(air)
     for raw in (b"", bytes(25), pack(RidHeader(3), b"\xf2" * 25)):
-        frame = Frame(air.tap.link, "fwd", "x", 0, "x", "y", 0, raw)
+        frame = Frame("rid_down:blue/b1", "fwd", "x", 0, "x", "y", 0, raw)
         assert not any(isinstance(one, Drop) for one in air.tap.on_frame(5 * NS_PER_S, frame))
     for each in (air, twin):
         for step in range(5, 30):

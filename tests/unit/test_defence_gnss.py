@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skyrange.attack.contract import Aircraft, AttackContext
 from skyrange.contracts.alerts import find_problem
-from skyrange.contracts.components import SensorFault, Sensors
-from skyrange.core.time import NS_PER_MS, NS_PER_S
-from skyrange.defence.gnss.barometer import BarometerCheck, BarometerParams, HeightErrors, Heights
+from skyrange.contracts.components import Sensors
+from skyrange.contracts.links import Schedule
+from skyrange.core.chance import Chance
+from skyrange.core.geodesy import Origin
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch
+from skyrange.defence.bases.fix_checks import FixCheck
+from skyrange.defence.fix_guard import FixGuard
+from skyrange.defence.gnss.barometer import BarometerCheck, HeightErrors, Heights
 from skyrange.defence.gnss.dead_reckoning import DeadReckoning
-from skyrange.defence.gnss.fix_guard import FixGuard, NewFixes, guard_of
 from skyrange.defence.gnss.gates import chi_square_gate, cusum_gate, normal_gate
-from skyrange.defence.gnss.innovation import A, B, ErrorFilter, InnovationCheck, InnovationParams, gates_of
-from skyrange.defence.gnss.receiver import Receiver, ReceiverCheck, ReceiverParams
+from skyrange.defence.gnss.innovation import A, B, ErrorFilter, InnovationCheck
+from skyrange.defence.gnss.receiver import Receiver, ReceiverCheck
 
+CheckT = TypeVar("CheckT", bound=FixCheck)
 FIELD = (-0.05, 0.2, -0.45)
 
 
@@ -58,13 +66,19 @@ def readings(count: int = 1) -> Sensors:
     )
 
 
+def made(kind: type[CheckT], action: str = "reject") -> CheckT:
+    """The check of one aircraft."""
+    aircraft, origin = Aircraft((0.0, 0.0, 0.0), "A"), Origin(40.0, -74.0)
+    context = AttackContext("d", {"a/1": aircraft}, (), origin, Epoch(0), Chance(1), NS_PER_S, Schedule())
+    check = kind(action=action)
+    check.assemble(context)
+    return check
+
+
 def innovation_check(action: str = "reject") -> InnovationCheck:
-    params = InnovationParams(action=action)  # type: ignore[arg-type]
-    guard = guard_of(params, ["a/1"])
-    return InnovationCheck(
-        "d.gnss", ("a/1",), gates_of(params), 10 * NS_PER_S, guard, DeadReckoning(1, FIELD), NewFixes(1),
-        [ErrorFilter(params)],
-    )  # fmt: skip
+    check = made(InnovationCheck, action)
+    check.reckoning = DeadReckoning(1, FIELD)
+    return check
 
 
 def test_dead_reckoning_integrates_a_turn_and_a_push() -> None:
@@ -143,7 +157,7 @@ def test_the_guard_takes_fixes_away_until_they_were_plausible_for_its_time() -> 
 
 
 def test_the_barometer_between_two_readings_is_interpolated() -> None:
-    heights = Heights(HeightErrors(BarometerParams()), 5.0)
+    heights = Heights(HeightErrors(BarometerCheck()), 5.0)
     heights.read_barometer(0, 10.0)
     heights.read_barometer(100 * NS_PER_MS, 11.0)
     assert heights.height_at(25 * NS_PER_MS) == pytest.approx(10.25)
@@ -152,7 +166,7 @@ def test_the_barometer_between_two_readings_is_interpolated() -> None:
 
 
 def test_a_clock_that_is_set_is_found_and_one_that_drifts_by_its_tolerance_is_not() -> None:
-    receiver = Receiver(ReceiverParams(), 5.0)
+    receiver = Receiver(ReceiverCheck(), 5.0)
     place = (0.0, 0.0, 0.0)
     for second in range(100):
         now = second * NS_PER_S
@@ -162,7 +176,7 @@ def test_a_clock_that_is_set_is_found_and_one_that_drifts_by_its_tolerance_is_no
 
 def test_a_place_after_a_gap_is_plausible_within_reach() -> None:
     for east_m, expected in ((60.0, ""), (200.0, "receiver.jump")):
-        receiver = Receiver(ReceiverParams(), 5.0)
+        receiver = Receiver(ReceiverCheck(), 5.0)
         receiver.take(0, 0, 0, (0.0, 0.0, 0.0), (5.0, 0.0, 0.0), 1.5)
         now = 5 * NS_PER_S
         assert receiver.take(now, now, 0, (east_m, 0.0, 0.0), (5.0, 0.0, 0.0), 1.5)[0] == expected
@@ -175,15 +189,7 @@ WHOLE = st.integers(-(2**62), 2**62)
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.lists(NUMBERS, min_size=19, max_size=19), WHOLE, WHOLE, st.integers(0, 8)), max_size=6))
 def test_no_reading_raises_an_error(rows: list[tuple[list[float], int, int, int]]) -> None:
-    barometer_params, receiver_params = BarometerParams(action="reject"), ReceiverParams(action="reject")
-    checks: list[SensorFault] = [
-        innovation_check(),
-        BarometerCheck(
-            "b.gnss", ("a/1",), guard_of(barometer_params, ["a/1"]), NewFixes(1),
-            [Heights(HeightErrors(barometer_params), 5.0)],
-        ),
-        ReceiverCheck("r.gnss", ("a/1",), guard_of(receiver_params, ["a/1"]), [Receiver(receiver_params, 5.0)]),
-    ]  # fmt: skip
+    checks = [innovation_check(), made(BarometerCheck), made(ReceiverCheck)]
     for count in range(150 + len(rows)):
         now, sensors = count * 10 * NS_PER_MS, readings()
         sensors.gnss_time_ns[:] = now - now % (200 * NS_PER_MS)
@@ -201,8 +207,8 @@ def test_no_reading_raises_an_error(rows: list[tuple[list[float], int, int, int]
 
 def drifting(rate_mps: float, acceleration_mps2: float, seconds: float) -> float | None:
     """How long a false level velocity, from 20 s on, passes the gates at hover with no noise; `None`: to the end."""
-    params = InnovationParams()
-    gates, one = gates_of(params), ErrorFilter(params)
+    check = InnovationCheck()
+    gates, one = check.find_gates(), ErrorFilter(check)
     one.start(0, np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.eye(3))
     for count in range(1, int((20.0 + seconds) / 0.2)):
         since_s = max(0.2 * count - 20.0, 0.0)
@@ -230,7 +236,7 @@ def test_what_dead_reckoning_sees_and_what_it_cannot_see() -> None:
 
 def test_the_tilt_of_the_alignment_hides_the_bias_until_the_aircraft_turns() -> None:
     """Error of a level acceleration, tilt × g − bias: none as aligned, sqrt(2) biases after a turn by 90 degrees."""
-    params, one = InnovationParams(), ErrorFilter(InnovationParams())
+    params, one = InnovationCheck(), ErrorFilter(InnovationCheck())
     for heading in (0.0, 0.9, 4.0):
         cosine, sine = np.cos(heading), np.sin(heading)
         aligned = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])

@@ -18,7 +18,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Epoch
-from skyrange.defence.gnss.multi_receiver import COMPONENT, MULTI_RECEIVER
+from skyrange.defence.gnss.multi_receiver import MultiReceiver
 
 ORIGIN = Origin(40.0, -74.0, 20.0)
 SYSTEMS = {"blue/b1": 1, "blue/b2": 2, "green/g1": 1}
@@ -28,7 +28,7 @@ def taps(*vehicles: str, **params: Any) -> dict[str, Tap]:
     known = {name: Aircraft((0.0, 0.0, 0.0), name, SYSTEMS[name]) for name in vehicles}
     links = [f"gcs:{name}" for name in vehicles]
     context = AttackContext("c", known, links, ORIGIN, Epoch(0), Chance(3), 90 * NS_PER_S, Schedule(start_ns=0))
-    made = MULTI_RECEIVER(MULTI_RECEIVER.params.model_validate(params), context)
+    made = MultiReceiver.plugin(MultiReceiver.plugin.params.model_validate(params), context)
     return {placed.match.partition(":")[2]: placed.make(placed.match) for placed in made.taps}
 
 
@@ -112,7 +112,7 @@ def test_it_asks_for_fixes_until_they_come() -> None:
         assert isinstance(asked, Inject)
         message = decode(asked.payload)
         assert (message.command, message.param1, message.param2) == (511, 24.0, 500_000.0)
-        assert message.get_srcComponent() == COMPONENT
+        assert message.get_srcComponent() == MultiReceiver.component
         due.append(at)
     assert due == [0, 5 * NS_PER_S, 10 * NS_PER_S]
     hear(tap, "blue/b1", 14.0, fix(0.0))
@@ -121,7 +121,7 @@ def test_it_asks_for_fixes_until_they_come() -> None:
 
 def test_answers_to_it_are_taken_off_the_link_and_others_are_not() -> None:
     tap = taps("blue/b1", "blue/b2")["blue/b1"]
-    for component, expected in ((COMPONENT, [Drop()]), (190, [])):
+    for component, expected in ((MultiReceiver.component, [Drop()]), (190, [])):
         ack = mav.MAVLink_command_ack_message(511, 0, 0, 0, 255, component)
         assert hear(tap, "blue/b1", 1.0, ack) == expected
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import log
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -15,13 +16,14 @@ from skyrange.codec.remote_id.link_payload import RidHeader, pack
 from skyrange.contracts.frames.frame import Frame
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
+from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.placement import Alarm
-from skyrange.defence.remote_id.appearance import AppearanceJudge, AppearanceRules
-from skyrange.defence.remote_id.ground import GroundRules, GroundTap
-from skyrange.defence.remote_id.motion import JUMP, VELOCITY, MotionJudge, MotionRules, elapsed
-from skyrange.defence.remote_id.receptions import Claim, Judge, OwnAircraft, OwnTap, Place, Reader, ReceptionTap, Sender
-from skyrange.defence.remote_id.replay import AgeJudge, AgeRules
-from skyrange.defence.remote_id.signal import SignalJudge, SignalRules
+from skyrange.defence.receptions import Claim, OwnAircraft, OwnTap, Place, Reader, Sender
+from skyrange.defence.remote_id.appearance import AppearanceCheck
+from skyrange.defence.remote_id.ground import GroundCheck
+from skyrange.defence.remote_id.motion import JUMP, VELOCITY, MotionCheck, elapsed
+from skyrange.defence.remote_id.replay import AgeCheck
+from skyrange.defence.remote_id.signal import SignalCheck
 from skyrange.defence.remote_id.strength_test import FADING_DB, StrengthTest, free_space_loss_db, shadowing_db
 from skyrange.radio.ground_receptions import Reception, ReceptionReport, encode
 
@@ -83,28 +85,41 @@ def _claim(second: float, north_m: float, speed: float, sender: Sender = WHO, sa
     return Claim(sender, at, -60.0, (0.0, north_m, 30.0), (0.0, speed, 0.0), 3.0, 3.0, 0.3, said, 0.1, 30.0, False)
 
 
-def _kinds(judge: Judge, own: OwnAircraft, *claims: Claim) -> list[set[str]]:
+JudgeT = TypeVar("JudgeT", bound=BroadcastJudge)
+
+
+def _tap(kind: type[JudgeT], **fields: object) -> JudgeT:
+    """A tap of an aircraft that has heard nothing."""
+    made = kind()
+    made.vehicle, made.alarm, made.reader = "b1", Alarm("b1"), Reader(ORIGIN)
+    for name, value in fields.items():
+        setattr(made, name, value)
+    return made
+
+
+def _kinds(judge: BroadcastJudge, own: OwnAircraft, *claims: Claim) -> list[set[str]]:
     """The kinds of alarms at each claim."""
+    judge.own = own
     return [
-        {getattr(verdict, "kind", "drop") for verdict in judge.judge(claim.at_ns, own, claim.sender, claim)}
+        {getattr(verdict, "kind", "drop") for verdict in judge.judge(claim.at_ns, claim.sender, claim)}
         for claim in claims
     ]
 
 
 def test_positions_follow_from_velocities() -> None:
     own = OwnAircraft(ORIGIN, 1)
-    steady = MotionJudge(MotionRules(), Alarm("b1"))
+    steady = _tap(MotionCheck)
     assert not any(_kinds(steady, own, *(_claim(t, 10.0 * t, 10.0) for t in range(10))))
     # from 0 to 9.8 m/s in a second, in the first moment or in the last: a·t²/4 from the mean of the velocities
-    assert not any(_kinds(MotionJudge(MotionRules(), Alarm("b1")), own, _claim(0, 0, 0.0), _claim(1, 4.9, 9.8)))
-    found = _kinds(MotionJudge(MotionRules(), Alarm("b1")), own, _claim(0, 0, 0.0), _claim(1, 35.0, 0.0))
+    assert not any(_kinds(_tap(MotionCheck), own, _claim(0, 0, 0.0), _claim(1, 4.9, 9.8)))
+    found = _kinds(_tap(MotionCheck), own, _claim(0, 0, 0.0), _claim(1, 35.0, 0.0))
     assert found == [set(), {"drop", VELOCITY}]
-    found = _kinds(MotionJudge(MotionRules(), Alarm("b1")), own, _claim(0, 0, 0.0), _claim(1, 500.0, 0.0))
+    found = _kinds(_tap(MotionCheck), own, _claim(0, 0, 0.0), _claim(1, 500.0, 0.0))
     assert found == [set(), {"drop", JUMP}]
 
 
 def test_one_identity_is_at_one_place() -> None:
-    own, judge = OwnAircraft(ORIGIN, 1), MotionJudge(MotionRules(), Alarm("b1"))
+    own, judge = OwnAircraft(ORIGIN, 1), _tap(MotionCheck)
     other = Sender(b"\xc2other", WHO.uas_id)
     late = _claim(60, 300, 0.0, other)  # when the owner has not been heard for long
     found = _kinds(judge, own, _claim(0, 0, 5.0), _claim(0.5, 300, 0.0, other), _claim(1, 5, 5.0), late)
@@ -126,11 +141,11 @@ def test_old_and_future_positions_are_dropped(age_s: float, is_dropped: bool) ->
     own._clock_ns = 3599 * NS_PER_S  # so that a full hour is near
     now = 2.0
     claim = _claim(now, 0, 0, said_s=(3599 + now - age_s) % 3600)
-    assert bool(_kinds(AgeJudge(AgeRules(), "SKYRFOWN", Alarm("b1")), own, claim)[0]) is is_dropped
+    assert bool(_kinds(_tap(AgeCheck, uas_id="SKYRFOWN"), own, claim)[0]) is is_dropped
 
 
 def test_an_old_position_of_a_sender_that_says_it_fails_is_dropped_without_an_alarm() -> None:
-    own, judge = OwnAircraft(ORIGIN, 1), AgeJudge(AgeRules(), "SKYRFOWN", Alarm("b1"))
+    own, judge = OwnAircraft(ORIGIN, 1), _tap(AgeCheck, uas_id="SKYRFOWN")
     own._clock_ns = 0
     old = _claim(10.0, 0, 0, said_s=5.0)
     assert _kinds(judge, own, old._replace(failing=True), old) == [{"drop"}, {"drop", "remote_id.old"}]
@@ -147,7 +162,7 @@ def test_a_sender_says_that_it_fails_by_its_status(status: Status) -> None:
 
 def test_without_a_clock_positions_may_not_go_back_in_time() -> None:
     found = _kinds(
-        AgeJudge(AgeRules(), "SKYRFOWN", Alarm("b1")),
+        _tap(AgeCheck, uas_id="SKYRFOWN"),
         OwnAircraft(ORIGIN, 1),
         _claim(0, 0, 0, said_s=20.0),
         _claim(1, 0, 0, said_s=5.0),
@@ -156,20 +171,20 @@ def test_without_a_clock_positions_may_not_go_back_in_time() -> None:
 
 
 def test_the_own_identity_is_never_received() -> None:
-    judge = AgeJudge(AgeRules(), WHO.uas_id, Alarm("b1"))
+    judge = _tap(AgeCheck, uas_id=WHO.uas_id)
     assert _kinds(judge, OwnAircraft(ORIGIN, 1), _claim(0, 0, 0)) == [{"drop", "remote_id.own"}]
 
 
 def test_the_number_of_missing_broadcasts_follows_from_the_error_rate() -> None:
-    assert AppearanceRules().broadcasts == 10  # 0.5^10 < 0.001 < 0.5^9
+    assert AppearanceCheck().broadcasts == 10  # 0.5^10 < 0.001 < 0.5^9
 
 
-def _judges() -> list[Judge]:
+def _judges() -> list[BroadcastJudge]:
     return [
-        SignalJudge("b1", SignalRules(), None, Alarm("b1")),
-        MotionJudge(MotionRules(), Alarm("b1")),
-        AgeJudge(AgeRules(), "SKYRFOWN", Alarm("b1")),
-        AppearanceJudge(AppearanceRules(), None, Alarm("b1")),
+        _tap(SignalCheck, city=None),
+        _tap(MotionCheck),
+        _tap(AgeCheck, uas_id="SKYRFOWN"),
+        _tap(AppearanceCheck, city=None),
     ]
 
 
@@ -186,14 +201,15 @@ def test_random_bytes_stop_no_tap(bodies: list[bytes], raw: bytes, rssi: int) ->
     own._at_ns, own.since_ns = NS_PER_S, 0
     own._clock_ns = 0
     OwnTap("rid_data:b1", own).on_frame(NS_PER_S, _frame("rid_data:b1", "fwd", raw))
-    for judge in _judges():
-        tap = ReceptionTap("rid_down:b1", own, Reader(ORIGIN), judge)
+    for tap in _judges():
+        tap.own = own
         for number, body in enumerate(bodies):
             payload = pack(RidHeader(3, 6, number, b"\xc2abcde", rssi, NS_PER_S), body)
             tap.on_frame(20 * NS_PER_S, _frame("rid_down:b1", "fwd", payload))
         tap.on_frame(20 * NS_PER_S, _frame("rid_down:b1", "fwd", raw))
     receivers = {"mast": GroundReceiver("blue", (0.0, 0.0, 4.0))}
-    ground = GroundTap("oracle:blue", receivers, GroundRules(), None, Reader(ORIGIN), Alarm("blue"))
+    ground = GroundCheck()
+    ground.own, ground.city, ground.reader, ground.alarm = receivers, None, Reader(ORIGIN), Alarm("blue")
     heard = [
         Reception(receiver="mast", time_ns=0, transport=3, channel=6, counter=0, rssi_dbm=-60.0,
                   address="c26162636465", body=body.hex())

@@ -23,12 +23,18 @@ from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
 from skyrange.defence.contract import DefencePlugin
-from skyrange.defence.mavlink.sequence import SEQUENCE, Follower
-from skyrange.defence.mavlink.signing import SIGNING, remove_signature
-from skyrange.defence.mission.hash import HASH, Step, Upload
+from skyrange.defence.mavlink.sequence import Follower
+from skyrange.defence.mavlink.signing import remove_signature
+from skyrange.defence.mission.hash_ends import Step, Upload
 from skyrange.defence.mission.hash_messages import ASKED, UNKNOWN, HashMessage, derive_key, read_message
-from skyrange.defence.mission.read_back import COMPONENT, READ_BACK
-from skyrange.defence.parameter.watch import WATCH
+from skyrange.defence.mission.read_back import MissionReadBack
+
+HASH = DefencePlugin.find("mission.hash")
+READ_BACK = DefencePlugin.find("mission.read_back")
+SEQUENCE = DefencePlugin.find("mavlink.sequence")
+SIGNING = DefencePlugin.find("mavlink.signing")
+WATCH = DefencePlugin.find("parameter.watch")
+COMPONENT = MissionReadBack.component
 
 VEHICLE, SYSTEM = "blue/b1", 7
 STATION, AUTOPILOT = Packer(255, 190), Packer(SYSTEM, 1)

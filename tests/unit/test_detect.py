@@ -18,7 +18,7 @@ from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, Time, from_seconds
-from skyrange.detect.heartbeat_gap import SERVICE_NS, HeartbeatGap, HeartbeatGapParams
+from skyrange.detect.heartbeat.gap import HeartbeatGap
 from skyrange.detect.receptions import read_receptions
 from skyrange.detect.telemetry import read_messages
 from skyrange.radio.ground_receptions import Reception, ReceptionReport, encode
@@ -28,7 +28,7 @@ from skyrange.study.runs import run
 from skyrange.testing.checks.monitors import collect_frames, serve
 
 PORTS = (Port("blue.gcs", "gcs:blue/b1"), Port("blue.gcs", "gcs:blue/b2"))
-GAP = MonitorPlacement("gap", lambda: HeartbeatGap(HeartbeatGapParams()), ["gcs:*"], "gcs")
+GAP = MonitorPlacement("gap", HeartbeatGap, ["gcs:*"], "gcs")
 
 
 def heartbeat(component: int = 1, version: int = 2) -> bytes:
@@ -45,7 +45,7 @@ def seen(at_s: float, payload: bytes, place: int = 0, received: bool = True) -> 
 
 
 def alerts(frames: Sequence[ObservedFrame], until_s: float, **params: float) -> list[tuple[float, Alert]]:
-    monitor = HeartbeatGap(HeartbeatGapParams(**params))  # type: ignore[arg-type]
+    monitor = HeartbeatGap(**params)
     ordered = sorted(frames, key=lambda frame: (frame.at, frame.port))
     found = serve(monitor, PORTS, ordered, from_seconds(until_s))
     return [(now / NS_PER_S, alert) for now, _, said in found for alert in said]
@@ -103,8 +103,8 @@ def test_limit_and_component_are_parameters() -> None:
     ground = [seen(at, heartbeat(190), place) for at in range(10) for place in (0, 1)]
     assert alerts(ground, 10.0, component=190) == []
     with pytest.raises(ValueError, match="limit_s"):
-        HeartbeatGapParams(limit_s=0.1)
-    assert from_seconds(1.0) >= SERVICE_NS  # so that a gap cannot begin and end within one batch
+        HeartbeatGap(limit_s=0.1)
+    assert from_seconds(1.0) >= HeartbeatGap().service_ns  # so that a gap cannot begin and end within one batch
 
 
 def test_messages_are_read_by_name_in_the_order_of_frames() -> None:

@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
+from skyrange.contracts.detectors import DetectorPlugin
 from skyrange.contracts.monitors import ObservedFrame
 from skyrange.core.time import NS_PER_S
-from skyrange.detect.navigation.cs_ema import CS_EMA
 from skyrange.detect.navigation.cs_ema_charts import Chart, CsEma
 from skyrange.detect.navigation.field_reference import FieldReference, turns_to_earth
 from skyrange.detect.navigation.fix_errors import fix_errors
@@ -31,6 +31,8 @@ from tests.unit.telemetry_sample import (
     seen,
     times,
 )
+
+CS_EMA = DetectorPlugin.find("navigation.cs_ema")
 
 PUBLISHED = {
     "position": Chart(weight=0.01, cap=0.85, ema_limit=0.45, shift=0.5, cusum_limit=3.0),

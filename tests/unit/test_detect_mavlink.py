@@ -15,15 +15,16 @@ from skyrange.contracts.detectors import DetectorPlugin
 from skyrange.contracts.monitors import ObservedFrame
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, from_seconds
-from skyrange.detect.mavlink.commands import MAVLINK_COMMANDS
 from skyrange.detect.mavlink.cusum import find_interval, run_length
-from skyrange.detect.mavlink.heads import read_heads
-from skyrange.detect.mavlink.rate import MAVLINK_RATE
-from skyrange.detect.mavlink.sequence import MAVLINK_SEQUENCE
-from skyrange.detect.mavlink.source import MAVLINK_SOURCE
-from skyrange.detect.mavlink.timing import MAVLINK_TIMING
+from skyrange.detect.message_heads import read_heads
 from skyrange.detect.streams import EventCounts, StreamNumbers
 from skyrange.testing.checks.monitors import collect_frames, serve
+
+MAVLINK_COMMANDS = DetectorPlugin.find("mavlink.commands")
+MAVLINK_RATE = DetectorPlugin.find("mavlink.rate")
+MAVLINK_SEQUENCE = DetectorPlugin.find("mavlink.sequence")
+MAVLINK_SOURCE = DetectorPlugin.find("mavlink.source")
+MAVLINK_TIMING = DetectorPlugin.find("mavlink.timing")
 
 LINK = "gcs:blue/b1"
 STATION = Port("blue.gcs", LINK)

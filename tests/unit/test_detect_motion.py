@@ -7,7 +7,7 @@ from copy import deepcopy
 from functools import partial
 from math import atan2, cos, degrees, radians, sin
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pytest
@@ -17,17 +17,9 @@ from skyrange.contracts.detectors import DetectorPlugin
 from skyrange.contracts.monitors import ObservedFrame
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.core.volumes import Volume4D
-from skyrange.detect.approval.conformance import CONFORMANCE
-from skyrange.detect.episodes import EpisodeParams
-from skyrange.detect.motion.consistency import CONSISTENCY
 from skyrange.detect.motion.drag_model import DragModels, lean_acceleration
-from skyrange.detect.motion.fleet import FLEET
 from skyrange.detect.moving_mean import MovingMean
-from skyrange.detect.navigation.cs_ema import CS_EMA
-from skyrange.detect.navigation.gnss_innovation import GNSS_INNOVATION
-from skyrange.detect.navigation.multi_sensor import MULTI_SENSOR
 from skyrange.detect.navigation.self_starting import SelfStarting
-from skyrange.detect.residuals import Residuals
 from skyrange.detect.series import Series, offset_m, rounds
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.runs import run
@@ -54,6 +46,16 @@ from tests.unit.telemetry_sample import (
     seen,
     times,
 )
+
+if TYPE_CHECKING:
+    from skyrange.detect.bases.telemetry import TelemetryDetector
+
+CONSISTENCY = DetectorPlugin.find("motion.consistency")
+FLEET = DetectorPlugin.find("motion.fleet")
+CS_EMA = DetectorPlugin.find("navigation.cs_ema")
+GNSS_INNOVATION = DetectorPlugin.find("navigation.gnss_innovation")
+MULTI_SENSOR = DetectorPlugin.find("navigation.multi_sensor")
+CONFORMANCE = DetectorPlugin.find("approval.conformance")
 
 APPROVAL = 0
 PLUGINS = (CONFORMANCE, CONSISTENCY, CS_EMA, FLEET, GNSS_INNOVATION, MULTI_SENSOR)
@@ -373,9 +375,9 @@ def test_sums_and_means_are_the_same_in_one_batch_and_in_many() -> None:
     places = np.array([0, 2, 0, 0, 2, 1])
     values = np.array([3.0, 1.0, -5.0, 4.0, np.nan, 2.0])
     assert [found.tolist() for found in rounds(places)] == [[0, 5, 1], [2, 4], [3]]
-    whole, single = (Residuals("a.b", ("x", "y"), EpisodeParams()) for _ in range(2))
-    expected = [single.add("y", places[[row]], values[[row]], 2.0)[0] for row in range(6)]
-    assert whole.add("y", places, values, 2.0).tolist() == expected == [1.5, 0.5, 0.0, 2.0, 0.5, 1.0]
+    whole, single = (cast("TelemetryDetector", make(CONSISTENCY)) for _ in range(2))
+    expected = [single.accumulate("climb", places[[row]], values[[row]], 2.0)[0] for row in range(6)]
+    assert whole.accumulate("climb", places, values, 2.0).tolist() == expected == [1.5, 0.5, 0.0, 2.0, 0.5, 1.0]
     means, one = MovingMean(2.0), MovingMean(2.0)
     seconds = np.full(6, 1.0)
     found = [one.add(places[[row]], seconds[[row]], values[[row]])[0] for row in range(6)]

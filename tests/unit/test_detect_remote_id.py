@@ -12,15 +12,16 @@ from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.remote_id import link_payload
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext
+from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
 from skyrange.contracts.monitors import ObservedFrame
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, Epoch, from_seconds
-from skyrange.detect.remote_id.plausibility import REMOTE_ID_PLAUSIBILITY
 from skyrange.radio.ground_receptions import Reception, ReceptionReport, encode
 from skyrange.testing.checks.monitors import serve
+
+REMOTE_ID_PLAUSIBILITY = DetectorPlugin.find("remote_id.plausibility")
 
 ORIGIN = Origin(40.778, -73.955, 20.0, -32.7)
 CONTEXT = DetectorContext("checked", ["blue/b1"], ORIGIN, Epoch(3_600_000_000_000 * 5), Chance(1))

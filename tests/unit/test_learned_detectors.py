@@ -11,19 +11,21 @@ import pyarrow as pa
 import pytest
 
 from skyrange.codec.mavlink import Packer, dialect
+from skyrange.contracts.detectors import DetectorPlugin
 from skyrange.contracts.monitors import ObservedFrame
 from skyrange.core.errors import InputError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, from_seconds
-from skyrange.detect.learned.detector import LEARNED
-from skyrange.detect.learned.features import FEATURES, NAMES, WindowFeatures
 from skyrange.detect.learned.model_file import Model, ModelFile, read_model, write_model
 from skyrange.detect.series import Floats
+from skyrange.detect.window_features import FEATURES, NAMES, WindowFeatures
 from skyrange.study.learning.labels import ATTACKED, BENIGN, UNKNOWN, label_windows
 from skyrange.study.learning.training import BOOSTING_SETTINGS, FOREST_SETTINGS, train
 from skyrange.study.learning.windows import SCHEMA, WindowCollector, find_distinct
 from skyrange.testing import check_monitor
 from skyrange.testing.checks.monitors import collect_frames
+
+LEARNED = DetectorPlugin.find("learned.windows")
 
 PORTS = (Port("blue.gcs", "gcs:blue/b1"), Port("blue.gcs", "gcs:blue/b2"))
 WINDOW_NS = 5 * NS_PER_S

@@ -7,7 +7,6 @@ import os
 import tempfile
 import time
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from skyrange.bench.sampling import PARTS, Sampler
 from skyrange.bench.yardstick import yardstick_us
 from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.time import to_seconds
-from skyrange.detect.heartbeat_gap import HeartbeatGap, HeartbeatGapParams
+from skyrange.detect.heartbeat.gap import HeartbeatGap
 from skyrange.record import load
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.run import Run
@@ -44,7 +43,7 @@ APART_M = 40.0
 PER_OPERATOR = 1000
 WALL_M = 10.0
 """Distance between a lap and the block that it goes round, with Remote ID."""
-_DETECTOR = MonitorPlacement("gap", partial(HeartbeatGap, HeartbeatGapParams()), ["gcs:*"], "gcs")
+_DETECTOR = MonitorPlacement("gap", HeartbeatGap, ["gcs:*"], "gcs")
 HORIZON_M = 400.0
 """Horizon of the radio medium, the best range that opendroneid.org gives for Wi-Fi; some thirty aircraft are nearer."""
 

@@ -1,18 +1,14 @@
-"""Places of defences: the aircraft that they protect, taps at the ends of their links, and limits of their alarms."""
+"""Places of defences: taps at the ends of links of aircraft, and limits of their alarms."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from pydantic import Field
-
-from skyrange.attack.on_path import TapMaker
-from skyrange.attack.victims import Vehicles, check_vehicles
 from skyrange.contracts.alerts import Alert
+from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
-from skyrange.contracts.params import Params
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.ids import link_name
@@ -20,24 +16,12 @@ from skyrange.core.time import NS_PER_S, Time
 from skyrange.defence.contract import DefenceContext
 
 
-class Protected(Params):
-    """The aircraft that a defence protects."""
-
-    vehicles: Vehicles = Field(default=(), description="Aircraft that it protects, such as ['blue/b1']; default: all.")
-
-
-def find_protected(params: Protected, context: DefenceContext) -> list[str]:
-    """The aircraft that a defence protects. Raises `InputError` for those that are not in the scenario."""
-    check_vehicles(context, params.vehicles)
-    return list(params.vehicles or context.vehicles)
-
-
 def place_taps(
     role: str,
     side: str,
     vehicles: Sequence[str],
     context: DefenceContext,
-    make: TapMaker,
+    make: Callable[[str], Tap],
     inspects: Callable[[Frame], bool] | None = None,
 ) -> list[TapPlacement]:
     """A tap at the `side` end of the link of this role of each aircraft; `make` is called with the link's name.
@@ -46,11 +30,17 @@ def place_taps(
 
     Raises `InputError` where none of the aircraft has such a link, as without a radio medium for `rid_data`.
     """
-    names = [name for name in (link_name(role, vehicle) for vehicle in vehicles) if name in context.links]
-    if not names:
+    return [TapPlacement(name, side, make, inspects=inspects) for name in find_links(role, vehicles, context)]
+
+
+def find_links(role: str, vehicles: Sequence[str], context: DefenceContext) -> dict[str, str]:
+    """The links of this role of aircraft, and whose each is. Raises `InputError` where none has such a link."""
+    every = {link_name(role, vehicle): vehicle for vehicle in vehicles}
+    found = {name: vehicle for name, vehicle in every.items() if name in context.links}
+    if not found:
         hint = "Add a table [radio]." if role.startswith("rid") else ""
         raise InputError.one(context.id, "vehicles", f"no link {role}:…", f"aircraft with a link of role {role}", hint)
-    return [TapPlacement(name, side, make, inspects=inspects) for name in names]
+    return found
 
 
 def inspects_forward(frame: Frame) -> bool:

@@ -12,10 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.params import Number, Params
 from skyrange.core.time import Time, from_seconds
 
 MAX_SCORE = 1e6
@@ -25,30 +23,12 @@ RAISED_AGAIN = 2.0
 _NEVER = -(2**62)
 
 
-class EpisodeParams(Params):
-    """Parameters that all detectors with episodes share."""
-
-    report_above: Number = Field(
-        default=1.0,
-        ge=1e-3,
-        le=1e3,
-        description="Lowest score that raises an alert; 1 is the default threshold of the detector. A lower value "
-        "records what lower thresholds would find.",
-    )
-    quiet_s: Number = Field(
-        default=5.0,
-        ge=0.0,
-        le=3600.0,
-        description="Time without such a score after which the next one is a new episode, in seconds.",
-    )
-
-
 class Episodes:
     """The episodes of all streams of one detector. Its state is arrays of one value per stream."""
 
-    def __init__(self, params: EpisodeParams) -> None:
-        self._least = params.report_above
-        self._quiet_ns = from_seconds(params.quiet_s)
+    def __init__(self, report_above: float = 1.0, quiet_s: float = 5.0) -> None:
+        self._least = report_above
+        self._quiet_ns = from_seconds(quiet_s)
         self._last_ns = np.full(0, _NEVER, dtype=np.int64)
         self._raised = np.zeros(0)
 

@@ -7,13 +7,15 @@ Only messages that claim to be an autopilot's count. Values that are not finite 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from functools import partial
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.frames.payloads import Ints
 from skyrange.contracts.monitors import ObservedFrames
+from skyrange.contracts.plugins.fields import state
 from skyrange.core.time import NS_PER_S
 from skyrange.detect.telemetry import read_messages
 
@@ -46,6 +48,10 @@ class Steps(NamedTuple):
     """(n,) its time by the sender's `time_boot_ms`, or when it arrived if it has none."""
     seconds: Floats
     """(n,) time since the message before; NaN in the first one."""
+
+    def take(self, rows: Ints) -> Steps:
+        """Some of the rows."""
+        return Steps._make(column[rows] for column in self)
 
 
 class Series:
@@ -86,6 +92,11 @@ class Series:
 
     def _grow(self, count: int) -> None:
         self.values, self.time_s = grown(self.values, count, np.nan), grown(self.time_s, count, np.nan)
+
+
+def series(message: str, *fields: str, timed: bool = True) -> Any:
+    """State of a detector that is a `Series`."""
+    return state(partial(Series, message, fields, timed))
 
 
 def grown(values: Floats, count: int, fill: float = 0.0) -> Floats:

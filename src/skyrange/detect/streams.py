@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Final, TypeVar
+from functools import partial
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.plugins.fields import state
 from skyrange.core.time import Time
 
 _NEVER: Final = -(2**62)
@@ -75,3 +77,8 @@ def extend(values: NDArray[Scalar], count: int, fill: float) -> NDArray[Scalar]:
     if missing <= 0:
         return values
     return np.concatenate([values, np.full((max(missing, len(values)), *values.shape[1:]), fill, dtype=values.dtype)])
+
+
+def table(*columns: int, dtype: type[Any] = np.int64) -> Any:
+    """State of a detector with one row for each stream or link end, of so many columns; `Detector.grow` adds rows."""
+    return state(partial(np.zeros, (0, *columns), dtype=dtype))

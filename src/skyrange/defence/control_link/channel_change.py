@@ -15,17 +15,19 @@ from typing import Annotated, Final
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from skyrange.attack.exclusive import Exclusive
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.channel_orders import ChannelOrder
-from skyrange.contracts.channel_plans import ChannelPlan, EndReport
+from skyrange.contracts.channel_plans import EndReport
 from skyrange.contracts.params import Number, Whole, items, refuse
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.chance import Chance
-from skyrange.core.errors import InputError, Problem
-from skyrange.core.ids import hash64, link_name
+from skyrange.core.errors import Problem
+from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_MS, Time, from_seconds
-from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.placement import Alarm, Protected, find_protected
+from skyrange.defence.bases.channels import ChannelDefence
+from skyrange.defence.contract import DefenceContext
+from skyrange.defence.declaration import defence
+from skyrange.defence.placement import Alarm
 from skyrange.radio.control_link.wifi_link import BEACON_LOSS_COUNT, BEACON_NS
 from skyrange.radio.control_link.wifi_rates import MAX_RETRIES, MIN_SNIR_DB
 
@@ -54,57 +56,83 @@ _Channels = Annotated[
 ]
 
 
-class ChannelChangeParams(Protected):
-    """When both ends change their channel, and to which."""
+@defence(
+    "control_link.channel_change",
+    surface=("gcs", "medium"),
+    place="the radios of access point and aircraft; each knows acknowledgements, failed check sequences, the power of "
+    "the other end and its association",
+    effect="both ends go on on another channel, where the jammer is not",
+    alerts=("channel.jammed", "channel.lost"),
+    against=("control_link.reactive_jam", "remote_id.jam"),
+    evasion="jams all channels of the list at once, or finds the new channel and follows",
+    cost="nothing on a good link; an aircraft out of reach scans, and is found later; with hop_s some milliseconds "
+    "without frames a hop",
+    nominal=("hop",),
+    realism={
+        "frames and beacons": "simulated: power of signal and noise over each frame",
+        "announcement": "cited: IEEE 802.11-2020, 11.8.8; three beacons are assumed",
+        "scan": "cited: passive scan of 111 ms a channel, Linux's mac80211; the new association takes the link's "
+        "reassociation_ms after the access point was found",
+        "jamming told from distance": "cited: Xu, Trappe, Zhang & Wood, 2005; an access point that tells its frames "
+        "apart by sender although the check failed is assumed",
+        "shared hop sequence": "assumed: no Wi-Fi product hops",
+    },
+)
+class ChannelChange(ChannelDefence):
+    """Leaves a jammed Wi-Fi channel by a Channel Switch Announcement, or by a scan once the association is lost."""
 
-    channels: _Channels = Field(
-        default=(1, 11),
-        min_length=2,
-        max_length=13,
-        description="Wi-Fi channels that both ends know, in the order in which they are tried; channel 6 is that of "
-        "Remote ID.",
-    )
-    false_alarms_per_h: Number = Field(
-        default=0.01,
-        gt=0,
-        le=3600,
-        description="False alarms an hour and link, at most, from which the number of frames in a row that are given "
-        "up follows: 4 by default.",
-    )
-    announcements: Whole = Field(
-        default=3,
-        ge=1,
-        le=50,
-        description="Beacons in which the access point announces a change, one every 102.4 ms (IEEE 802.11-2020, "
-        "11.8.8; the number is assumed).",
-    )
-    dwell_ms: Number = Field(
-        default=111.0,
-        ge=1,
-        le=10_000,
-        description="Time on each channel of a scan in milliseconds; 111: a passive scan of Linux's mac80211, HZ/9.",
-    )
-    retune_ms: Number = Field(
-        default=5.0,
-        ge=0,
-        le=1000,
-        description="Time in milliseconds in which a radio that changes its channel carries nothing; 5: as Linux's "
-        "iwlwifi plans (IWL_CHANNEL_TUNE_TIME).",
-    )
-    margin_db: Number = Field(
-        default=20.0,
-        ge=0,
-        le=60,
-        description="A lost association is jamming if the other end was last received with the SNIR of 6 Mb/s and "
-        "this many dB more; 20: in Rayleigh fading 1 % of the time is weaker than the mean by that much.",
-    )
-    hop_s: Number | None = Field(
-        default=None,
-        gt=0.1,
-        le=3600,
-        description="Both ends change by a pseudo-random sequence that they share, every so many seconds, attacked or "
-        "not; default: they change only when they must. Their clocks agree by the beacons' time stamps (assumed).",
-    )
+    channels: _Channels = param(
+        "Wi-Fi channels that both ends know, in the order in which they are tried; channel 6 is that of Remote ID.",
+        default=(1, 11), min_length=2, max_length=13,
+    )  # fmt: skip
+    false_alarms_per_h: Number = param(
+        "False alarms an hour and link, at most, from which the number of frames in a row that are given up follows: 4 "
+        "by default.",
+        default=0.01, gt=0, le=3600,
+    )  # fmt: skip
+    announcements: Whole = param(
+        "Beacons in which the access point announces a change, one every 102.4 ms (IEEE 802.11-2020, 11.8.8; the "
+        "number is assumed).",
+        default=3, ge=1, le=50,
+    )  # fmt: skip
+    dwell_ms: Number = param(
+        "Time on each channel of a scan in milliseconds; 111: a passive scan of Linux's mac80211, HZ/9.",
+        default=111.0, ge=1, le=10_000,
+    )  # fmt: skip
+    retune_ms: Number = param(
+        "Time in milliseconds in which a radio that changes its channel carries nothing; 5: as Linux's iwlwifi plans "
+        "(IWL_CHANNEL_TUNE_TIME).",
+        default=5.0, ge=0, le=1000,
+    )  # fmt: skip
+    margin_db: Number = param(
+        "A lost association is jamming if the other end was last received with the SNIR of 6 Mb/s and this many dB "
+        "more; 20: in Rayleigh fading 1 % of the time is weaker than the mean by that much.",
+        default=20.0, ge=0, le=60,
+    )  # fmt: skip
+    hop_s: Number | None = param(
+        "Both ends change by a pseudo-random sequence that they share, every so many seconds, attacked or not; "
+        "default: they change only when they must. Their clocks agree by the beacons' time stamps (assumed).",
+        default=None, gt=0.1, le=3600,
+    )  # fmt: skip
+    chance: Chance
+
+    def prepare(self, context: DefenceContext) -> None:
+        """Have what hops are drawn from."""
+        self.chance = context.chance
+
+    def make_station(self, address: bytes, links: Sequence[str]) -> StationPolicy:
+        """See `ChannelDefence`."""
+        alarms = {link: Alarm(link.partition(":")[2]) for link in links}
+        return StationPolicy(self, needed_in_a_row(self.false_alarms_per_h), alarms, self._hops(address))
+
+    def make_aircraft(self, address: bytes, link: str) -> AircraftPolicy:
+        """See `ChannelDefence`."""
+        return AircraftPolicy(self, Alarm(link.partition(":")[2]), self._hops(address))
+
+    def _hops(self, address: bytes) -> HopSequence | None:
+        if self.hop_s is None:
+            return None
+        return HopSequence(from_seconds(self.hop_s), self.channels, self.chance, hash64(address.hex()))
 
 
 @dataclass(slots=True)
@@ -152,7 +180,7 @@ class StationPolicy:
     an aircraft is away that was received well, it goes on along its list, because the last channel may be jammed.
     """
 
-    params: ChannelChangeParams
+    params: ChannelChange
     needed: int
     alarms: Mapping[str, Alarm]
     hops: HopSequence | None
@@ -194,7 +222,7 @@ class StationPolicy:
 class AircraftPolicy:
     """An aircraft's radio that scans for its access point while it has no association."""
 
-    params: ChannelChangeParams
+    params: ChannelChange
     alarm: Alarm
     hops: HopSequence | None
     _next_ns: Time | None = None
@@ -218,7 +246,7 @@ class AircraftPolicy:
         return acts
 
 
-def was_near(report: EndReport, params: ChannelChangeParams) -> bool:
+def was_near(report: EndReport, params: ChannelChange) -> bool:
     """Whether the other end was last received so well that distance and fading do not explain its absence."""
     return bool(report.snr_db >= MIN_SNIR_DB[0] + params.margin_db)
 
@@ -243,104 +271,15 @@ def next_channel(channel: int, channels: Sequence[int]) -> int:
     return after(channel, channels)
 
 
-def stay_ns(params: ChannelChangeParams) -> Time:
+def stay_ns(params: ChannelChange) -> Time:
     """Longest time in which an aircraft finds the access point on a new channel: lost beacons, a scan, association."""
     scan_ns = round((len(params.channels) + 1) * params.dwell_ms * NS_PER_MS)
     return (1 + BEACON_LOSS_COUNT) * BEACON_NS + scan_ns + REASSOCIATION_NS
 
 
-def _hop(
-    hops: HopSequence | None, now: Time, report: EndReport, end: str, params: ChannelChangeParams
-) -> list[ChannelOrder]:
+def _hop(hops: HopSequence | None, now: Time, report: EndReport, end: str, params: ChannelChange) -> list[ChannelOrder]:
     there = hops.next(now) if hops is not None else None
     if there is None or there == report.channel:
         return []
     retune_ns = round(params.retune_ms * NS_PER_MS)
     return [ChannelOrder(report.link, "station" if end == "station" else "aircraft", there, 0, retune_ns, "hop")]
-
-
-@dataclass(frozen=True, slots=True)
-class _Station:
-    """Makes the policy of an access point."""
-
-    params: ChannelChangeParams
-    hops: HopSequence | None
-
-    def __call__(self, links: Sequence[str]) -> StationPolicy:
-        alarms = {link: Alarm(link.partition(":")[2]) for link in links}
-        return StationPolicy(self.params, needed_in_a_row(self.params.false_alarms_per_h), alarms, _copy(self.hops))
-
-
-@dataclass(frozen=True, slots=True)
-class _Aircraft:
-    """Makes the policy of an aircraft."""
-
-    params: ChannelChangeParams
-    hops: HopSequence | None
-
-    def __call__(self, link: str) -> AircraftPolicy:
-        return AircraftPolicy(self.params, Alarm(link.partition(":")[2]), _copy(self.hops))
-
-
-def _copy(hops: HopSequence | None) -> HopSequence | None:
-    return None if hops is None else HopSequence(hops.period_ns, hops.channels, hops.chance, hops.key)
-
-
-def make(params: ChannelChangeParams, context: DefenceContext) -> Defence:
-    """The parts. Raises `InputError` for aircraft without a Wi-Fi control link, and for a part of an access point's."""
-    vehicles = find_protected(params, context)
-    names = {link_name("gcs", vehicle): vehicle for vehicle in vehicles}
-    wifi = {name: link for name, link in context.over_air.items() if link.kind == "wifi"}
-    cellular = [name for name in names if name in context.over_air and name not in wifi]
-    found = [name for name in names if name in wifi]
-    where = "vehicles"
-    if params.vehicles and cellular:
-        hint = "A cellular operator changes frequencies itself."
-        raise InputError.one(context.id, where, names[cellular[0]], "an aircraft with a control link over Wi-Fi", hint)
-    missing = [name for name in names if name not in wifi] if params.vehicles or not found else []
-    if missing:
-        hint = 'Give [[links]] match = "gcs:*" the key channel = "wifi", and add [radio].'
-        raise InputError.one(context.id, where, names[missing[0]], "an aircraft with a control link over Wi-Fi", hint)
-    stations: dict[bytes, list[str]] = {}
-    for name in found:
-        stations.setdefault(wifi[name].station_address, []).append(name)
-    plans = []
-    for address, links in sorted(stations.items()):
-        others = sorted(name for name, link in wifi.items() if link.station_address == address and name not in links)
-        if others:
-            expected = f"all aircraft of its access point, also {others[0].partition(':')[2]}"
-            raise InputError.one(context.id, where, names[links[0]], expected)
-        hops = None
-        if params.hop_s is not None:
-            hops = HopSequence(from_seconds(params.hop_s), params.channels, context.chance, hash64(address.hex()))
-        plans.append(ChannelPlan(tuple(sorted(links)), _Station(params, hops), _Aircraft(params, hops)))
-    return Defence(
-        channel_plans=plans, exclusive=[Exclusive(f"Wi-Fi channel of {name}") for name in found], one_process=True
-    )
-
-
-CHANNEL_CHANGE = DefencePlugin(
-    ChannelChangeParams,
-    make,
-    "Leaves a jammed Wi-Fi channel by a Channel Switch Announcement, or by a scan once the association is lost.",
-    surface=("gcs", "medium"),
-    place="the radios of access point and aircraft; each knows acknowledgements, failed check sequences, the power of "
-    "the other end and its association",
-    effect="both ends go on on another channel, where the jammer is not",
-    alerts=("channel.jammed", "channel.lost"),
-    against=("control_link.reactive_jam", "remote_id.jam"),
-    evasion="jams all channels of the list at once, or finds the new channel and follows",
-    cost="nothing on a good link; an aircraft out of reach scans, and is found later; with hop_s some milliseconds "
-    "without frames a hop",
-    nominal=("hop",),
-    realism={
-        "frames and beacons": "simulated: power of signal and noise over each frame",
-        "announcement": "cited: IEEE 802.11-2020, 11.8.8; three beacons are assumed",
-        "scan": "cited: passive scan of 111 ms a channel, Linux's mac80211; the new association takes the link's "
-        "reassociation_ms after the access point was found",
-        "jamming told from distance": "cited: Xu, Trappe, Zhang & Wood, 2005; an access point that tells its frames "
-        "apart by sender although the check failed is assumed",
-        "shared hop sequence": "assumed: no Wi-Fi product hops",
-    },
-)
-"""The defence `control_link.channel_change`."""

@@ -8,16 +8,16 @@ from dataclasses import dataclass, field
 from math import exp, isfinite, sqrt
 from typing import Final, NamedTuple
 
-from pydantic import Field
-
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.gnss.fix_guard import CheckParams, FixGuard, NewFixes, guard_of, name_taken
+from skyrange.defence.bases.fix_checks import FixCheck
+from skyrange.defence.contract import DefenceContext
+from skyrange.defence.declaration import defence
+from skyrange.defence.fix_guard import NewFixes
 from skyrange.defence.gnss.gates import normal_gate
-from skyrange.defence.placement import find_protected
 from skyrange.world.sensing import sensor_errors as errors
 
 WINDOWS: Final = (1, 25, 100)
@@ -30,37 +30,74 @@ _LEAST_STEP_S: Final = 0.15
 _GAP_S: Final = 5.0
 
 
-class BarometerParams(CheckParams):
-    """Errors of the two heights."""
+@defence(
+    "gnss.barometer",
+    surface=("gnss", "baro"),
+    place="between sensors and autopilot; knows the readings of receiver and barometer, and not which of them is false",
+    effect="raises an alarm, and with action = 'reject' takes the fix away, so that the autopilot fails safe",
+    alerts=("barometer.height", "barometer.jump", "barometer.climb"),
+    against=("gnss.jump", "gnss.drift", "gnss.capture", "gnss.meacon", "sensor.barometer"),
+    evasion="falsifies the level position only, or lets the false height grow slower than the weather may",
+    cost="some sums for each fix; a false alarm with action = 'reject' lands the aircraft",
+    realism={
+        "pressure error by airflow": "assumed: none in the range; pressure_error_m allows for one",
+        "barometer's weather drift": "assumed: 1 m in half an hour",
+    },
+)
+class BarometerCheck(FixCheck):
+    """Compares height and climb rate of GNSS fixes with the barometer, at once and over 5 and 20 s."""
 
-    pressure_error_m: Number = Field(
-        default=0.5,
-        ge=0,
-        le=100,
-        description="Change of the barometer's error by the flow of air around the airframe, one sigma, in metres; 0.5 "
-        "is 6 Pa, 40 % of the dynamic pressure at 5 m/s (ArduPilot corrects it by BARO1_WCF_FWD and others).",
+    pressure_error_m: Number = param(
+        "Change of the barometer's error by the flow of air around the airframe, one sigma, in metres; 0.5 is 6 Pa, "
+        "40 % of the dynamic pressure at 5 m/s (ArduPilot corrects it by BARO1_WCF_FWD and others).",
+        default=0.5, ge=0, le=100,
+    )  # fmt: skip
+    baro_noise_m: Number = param(
+        "Noise of a reading of the barometer, one sigma, in metres.", default=errors.BARO_NOISE_M, gt=0, le=10
     )
-    baro_noise_m: Number = Field(
-        default=errors.BARO_NOISE_M,
-        gt=0,
-        le=10,
-        description="Noise of a reading of the barometer, one sigma, in metres.",
+    weather_m: Number = param(
+        "Drift of the barometer by weather, one sigma, in metres.", default=errors.BARO_DRIFT_M, ge=0, le=100
     )
-    weather_m: Number = Field(
-        default=errors.BARO_DRIFT_M,
-        ge=0,
-        le=100,
-        description="Drift of the barometer by weather, one sigma, in metres.",
+    wander_up_m: Number = param(
+        "Slow error of the height of a fix under an open sky, one sigma, in metres.",
+        default=errors.GNSS_WANDER_UP_M, gt=0, le=100,
+    )  # fmt: skip
+    speed_mps: Number = param(
+        "Error of the receiver's climb rate, one sigma, in m/s.", default=errors.GNSS_SPEED_MPS, gt=0, le=10
     )
-    wander_up_m: Number = Field(
-        default=errors.GNSS_WANDER_UP_M,
-        gt=0,
-        le=100,
-        description="Slow error of the height of a fix under an open sky, one sigma, in metres.",
-    )
-    speed_mps: Number = Field(
-        default=errors.GNSS_SPEED_MPS, gt=0, le=10, description="Error of the receiver's climb rate, one sigma, in m/s."
-    )
+    slow: bool = True
+    fixes: NewFixes
+    heights: list[Heights]
+
+    def prepare(self, context: DefenceContext) -> None:
+        """Have the heights of each aircraft."""
+        gate = normal_gate(self.chance(_TESTS))
+        self.fixes = NewFixes(len(self.vehicles))
+        self.heights = [Heights(HeightErrors(self), gate) for _ in self.vehicles]
+
+    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
+        """Test the new fixes; take away those of aircraft about which an alarm lasts."""
+        for one, up_m in zip(self.heights, sensors.baro_up_m.tolist(), strict=True):
+            one.read_barometer(now, up_m)
+        found: list[SensorAct | Alert] = []
+        for row in self.fixes.rows(sensors):
+            accuracy = claimed_over_usual(sensors, row)
+            kind, score, off_m = self.heights[row].compare(
+                int(sensors.gnss_time_ns[row]), float(sensors.gnss_enu_m[row, 2]),
+                float(sensors.gnss_vel_enu_mps[row, 2]), accuracy,
+            )  # fmt: skip
+            if score > 1.0:
+                found += self.guard.find(row, now, kind, score, off_m=off_m)
+            else:
+                self.guard.clear(row, now)
+        return [*found, *self.guard.apply(sensors)]
+
+
+def claimed_over_usual(sensors: Sensors, row: int) -> float:
+    """By how much the receiver claims to be worse than under an open sky, in height or speed; at least 1."""
+    _, height_m, speed_mps = sensors.gnss_accuracy[row].tolist()
+    ratios = (height_m / errors.GNSS_ACCURACY[1], speed_mps / errors.GNSS_ACCURACY[2])
+    return max([1.0, *(float(ratio) for ratio in ratios if isfinite(ratio))])
 
 
 class Sample(NamedTuple):
@@ -80,7 +117,7 @@ class Sample(NamedTuple):
 class HeightErrors:
     """Standard deviations of the differences between the two heights."""
 
-    params: BarometerParams
+    params: BarometerCheck
 
     def of_barometer(self, seconds: float) -> float:
         """Variance of the change of the barometer's error in so many seconds, m²."""
@@ -172,67 +209,3 @@ class Heights:
 
 def _score(found: tuple[str, float, float]) -> float:
     return found[1]
-
-
-@dataclass(slots=True)
-class BarometerCheck:
-    """A sensor check that compares heights and climb rates at every fix."""
-
-    name: str
-    vehicles: Sequence[str]
-    guard: FixGuard
-    fixes: NewFixes
-    heights: list[Heights]
-    slow: bool = True
-
-    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
-        """Test the new fixes; take away those of aircraft about which an alarm lasts."""
-        for one, up_m in zip(self.heights, sensors.baro_up_m.tolist(), strict=True):
-            one.read_barometer(now, up_m)
-        found: list[SensorAct | Alert] = []
-        for row in self.fixes.rows(sensors):
-            accuracy = claimed_over_usual(sensors, row)
-            kind, score, off_m = self.heights[row].compare(
-                int(sensors.gnss_time_ns[row]), float(sensors.gnss_enu_m[row, 2]),
-                float(sensors.gnss_vel_enu_mps[row, 2]), accuracy,
-            )  # fmt: skip
-            if score > 1.0:
-                found += self.guard.find(row, now, kind, score, off_m=off_m)
-            else:
-                self.guard.clear(row, now)
-        return [*found, *self.guard.apply(sensors)]
-
-
-def claimed_over_usual(sensors: Sensors, row: int) -> float:
-    """By how much the receiver claims to be worse than under an open sky, in height or speed; at least 1."""
-    _, height_m, speed_mps = sensors.gnss_accuracy[row].tolist()
-    ratios = (height_m / errors.GNSS_ACCURACY[1], speed_mps / errors.GNSS_ACCURACY[2])
-    return max([1.0, *(float(ratio) for ratio in ratios if isfinite(ratio))])
-
-
-def make(params: BarometerParams, context: DefenceContext) -> Defence:
-    """The parts. Raises `InputError` for aircraft that the scenario does not have."""
-    vehicles = find_protected(params, context)
-    gate = normal_gate(params.chance(_TESTS))
-    heights = [Heights(HeightErrors(params), gate) for _ in vehicles]
-    guard = guard_of(params, vehicles)
-    check = BarometerCheck(f"{context.id}.gnss", tuple(vehicles), guard, NewFixes(len(vehicles)), heights)
-    return Defence(checks=[check], takes=name_taken(params, vehicles))
-
-
-BAROMETER = DefencePlugin(
-    BarometerParams,
-    make,
-    "Compares height and climb rate of GNSS fixes with the barometer, at once and over 5 and 20 s.",
-    surface=("gnss", "baro"),
-    place="between sensors and autopilot; knows the readings of receiver and barometer, and not which of them is false",
-    effect="raises an alarm, and with action = 'reject' takes the fix away, so that the autopilot fails safe",
-    alerts=("barometer.height", "barometer.jump", "barometer.climb"),
-    against=("gnss.jump", "gnss.drift", "gnss.capture", "gnss.meacon", "sensor.barometer"),
-    evasion="falsifies the level position only, or lets the false height grow slower than the weather may",
-    cost="some sums for each fix; a false alarm with action = 'reject' lands the aircraft",
-    realism={
-        "pressure error by airflow": "assumed: none in the range; pressure_error_m allows for one",
-        "barometer's weather drift": "assumed: 1 m in half an hour",
-    },
-)

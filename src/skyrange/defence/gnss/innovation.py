@@ -15,17 +15,18 @@ from math import exp
 from typing import Final
 
 import numpy as np
-from pydantic import Field
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Floats, SensorAct, Sensors
 from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.time import NS_PER_S, Time, from_seconds
-from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
+from skyrange.defence.bases.fix_checks import FIXES_PER_H, FixCheck
+from skyrange.defence.contract import DefenceContext
+from skyrange.defence.declaration import defence
+from skyrange.defence.fix_guard import NewFixes
 from skyrange.defence.gnss.dead_reckoning import ALIGN_STEPS, DeadReckoning
-from skyrange.defence.gnss.fix_guard import FIXES_PER_H, CheckParams, FixGuard, NewFixes, guard_of, name_taken
 from skyrange.defence.gnss.gates import chi_square_gate, cusum_gate
-from skyrange.defence.placement import find_protected
 from skyrange.world.sensing import sensor_errors as errors
 from skyrange.world.sensing.geomagnetism import magnetic_field_at
 
@@ -46,46 +47,12 @@ _YAW_RAD: Final = 0.05
 """One sigma of the heading at rest: 5 mgauss over a level field of 0.2 gauss, and a degree of declination."""
 P, V, A, B, W = (slice(first, first + 3) for first in (0, 3, 6, 9, 12))
 """States: position m, velocity m/s, attitude rad, accelerometer bias m/s², slow error of the receiver m."""
-
-
-class InnovationParams(CheckParams):
-    """Noises of the sensors, and how long dead reckoning is trusted."""
-
-    coast_s: Number = Field(
-        default=10.0,
-        gt=0,
-        le=600,
-        description="Time in seconds for which dead reckoning without fixes can clear a receiver after an alarm; "
-        "later fixes stay rejected until the aircraft stands still. A bias of 0.05 m/s² makes 2.5 m in 10 s.",
-    )
-    wander_m: Number = Field(
-        default=errors.GNSS_WANDER_M,
-        gt=0,
-        le=100,
-        description="Slow error of a fix under an open sky along a level axis, one sigma, in metres; 1.27 is 1.5 m "
-        "circular error probable (data sheet of the u-blox SAM-M10Q). 1.5 times that in height.",
-    )
-    wander_s: Number = Field(
-        default=errors.GNSS_WANDER_S, gt=0, le=3_600, description="Correlation time of that error in seconds."
-    )
-    speed_mps: Number = Field(
-        default=errors.GNSS_SPEED_MPS,
-        gt=0,
-        le=10,
-        description="Error of the receiver's velocity along an axis, one sigma, in m/s (same data sheet).",
-    )
-    accel_bias_mps2: Number = Field(
-        default=errors.ACCEL_BIAS_MPS2,
-        gt=0,
-        le=5,
-        description="Bias of an accelerometer after calibration, one sigma, in m/s²; 0.05 is 5 mg.",
-    )
-    accel_noise_mps2: Number = Field(
-        default=errors.ACCEL_FLOOR_MPS2 + errors.ACCEL_MOTORS_MPS2,
-        gt=0,
-        le=50,
-        description="Noise of an accelerometer at 100 Hz and full throttle, one sigma, in m/s².",
-    )
+_WORST: Final = 50.0
+"""Most by which a claimed accuracy widens the gates: about 100 m, as EKF3 limits it."""
+_CLIP: Final = 5.0
+"""Most that one fix adds to a cumulative sum: an outlier alone is for the other tests."""
+_OBSERVED: Final = np.zeros((_AXES, 15))
+_OBSERVED[:3, V] = _OBSERVED[3:, P] = _OBSERVED[3:, W] = np.eye(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,23 +64,141 @@ class Gates:
     drift: float
 
 
-def gates_of(params: InnovationParams) -> Gates:
-    """Gates that noise alone passes once in `false_alarm_h`, shared by the tests."""
-    chance = params.chance(_TESTS)
-    sums = 2 * _AXES
-    samples = params.false_alarm_h * FIXES_PER_H * _TESTS * sums
-    return Gates(
-        chi_square_gate(_AXES, chance),
-        chi_square_gate(_AXES * _WINDOW, chance),
-        cusum_gate(_SHIFT / 2.0, samples),
-    )
+@defence(
+    "gnss.innovation",
+    surface=("gnss",),
+    place="between sensors and autopilot; knows the readings of gyroscopes, accelerometers, compass and receiver",
+    effect="raises an alarm, and with action = 'reject' takes the fix away, so that the autopilot fails safe",
+    alerts=("innovation.fix", "innovation.window", "innovation.drift"),
+    against=("gnss.jump", "gnss.drift", "gnss.pull_off", "gnss.capture", "gnss.meacon"),
+    evasion="drifts at 0.25 m/s from the first false fix on, or lets the false velocity grow by 0.1 m/s in a second",
+    cost="a filter of 15 states for each fix; a false alarm with action = 'reject' lands the aircraft",
+    realism={
+        "inertial sensors": "simulated: noise and a bias that is constant during a run",
+        "bias by temperature and vibration": "assumed: none; with it the gates have to be wider",
+    },
+)
+class InnovationCheck(FixCheck):
+    """Tests every GNSS fix against inertial dead reckoning, for jumps by chi-square and for drifts by a cumulative
+    sum.
+    """
+
+    coast_s: Number = param(
+        "Time in seconds for which dead reckoning without fixes can clear a receiver after an alarm; later fixes stay "
+        "rejected until the aircraft stands still. A bias of 0.05 m/s² makes 2.5 m in 10 s.",
+        default=10.0, gt=0, le=600,
+    )  # fmt: skip
+    wander_m: Number = param(
+        "Slow error of a fix under an open sky along a level axis, one sigma, in metres; 1.27 is 1.5 m circular error "
+        "probable (data sheet of the u-blox SAM-M10Q). 1.5 times that in height.",
+        default=errors.GNSS_WANDER_M, gt=0, le=100,
+    )  # fmt: skip
+    wander_s: Number = param("Correlation time of that error in seconds.", default=errors.GNSS_WANDER_S, gt=0, le=3_600)
+    speed_mps: Number = param(
+        "Error of the receiver's velocity along an axis, one sigma, in m/s (same data sheet).",
+        default=errors.GNSS_SPEED_MPS, gt=0, le=10,
+    )  # fmt: skip
+    accel_bias_mps2: Number = param(
+        "Bias of an accelerometer after calibration, one sigma, in m/s²; 0.05 is 5 mg.",
+        default=errors.ACCEL_BIAS_MPS2, gt=0, le=5,
+    )  # fmt: skip
+    accel_noise_mps2: Number = param(
+        "Noise of an accelerometer at 100 Hz and full throttle, one sigma, in m/s².",
+        default=errors.ACCEL_FLOOR_MPS2 + errors.ACCEL_MOTORS_MPS2, gt=0, le=50,
+    )  # fmt: skip
+    slow: bool = True
+    gates: Gates
+    reckoning: DeadReckoning
+    fixes: NewFixes
+    filters: list[ErrorFilter]
+    fused_ns: list[Time]
+
+    def prepare(self, context: DefenceContext) -> None:
+        """Begin dead reckoning of each aircraft."""
+        count = len(self.vehicles)
+        self.gates, self.fixes = self.find_gates(), NewFixes(count)
+        self.reckoning = DeadReckoning(count, magnetic_field_at(context.origin))
+        self.filters, self.fused_ns = [ErrorFilter(self) for _ in self.vehicles], [0] * count
+
+    def find_gates(self) -> Gates:
+        """Gates that noise alone passes once in `false_alarm_h`, shared by the tests."""
+        chance, samples = self.chance(_TESTS), self.false_alarm_h * FIXES_PER_H * _TESTS * 2 * _AXES
+        return Gates(
+            chi_square_gate(_AXES, chance),
+            chi_square_gate(_AXES * _WINDOW, chance),
+            cusum_gate(_SHIFT / 2.0, samples),
+        )
+
+    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
+        """Test the new fixes; take away those of aircraft about which an alarm lasts."""
+        self.reckoning.update(now, sensors)
+        found: list[SensorAct | Alert] = []
+        for row in self.fixes.rows(sensors):
+            found += self._test(row, now, sensors)
+        return [*found, *self.guard.apply(sensors)]
+
+    def _test(self, row: int, now: Time, sensors: Sensors) -> list[Alert]:
+        time = int(sensors.gnss_time_ns[row])
+        one, reckoning = self.filters[row], self.reckoning
+        reckoned = reckoning.at(row, time)
+        if reckoned is None or time < reckoning.since_ns[row] or not reckoning.aligned[row]:
+            return []
+        position, velocity, force, rotation = reckoned
+        resting = bool(reckoning.resting[row])
+        fix_m, fix_mps = sensors.gnss_enu_m[row].copy(), sensors.gnss_vel_enu_mps[row].copy()
+        if one.time_ns < reckoning.since_ns[row]:  # it has just come to rest
+            one.start(time, fix_m, force, rotation, reckoning.attitude(row))
+            self.guard.release(row)
+            self.fused_ns[row] = now
+            return []
+        one.predict(time, force, rotation, resting)
+        innovation, spread, white = one.innovate(fix_m - position, fix_mps - velocity, sensors.gnss_accuracy[row])
+        closed = self.guard.closed(row)
+        if closed:
+            return self._coast(row, now, white, innovation, spread, (fix_m, fix_mps, position, velocity))
+        square, window, drift = one.judge(white)
+        off_m, off_mps = float(np.linalg.norm(innovation[3:])), float(np.linalg.norm(innovation[:3]))
+        if square > self.gates.fix:
+            return self.guard.find(row, now, "innovation.fix", square / self.gates.fix, off_m=off_m, off_mps=off_mps)
+        if window > self.gates.window or drift > self.gates.drift:
+            score = max(window / self.gates.window, drift / self.gates.drift)
+            kind = "innovation.window" if window > self.gates.window else "innovation.drift"
+            return self.guard.find(row, now, kind, score, latch=True, off_m=off_m, off_mps=off_mps)
+        one.fuse(innovation, spread)
+        self.fused_ns[row] = now
+        return []
+
+    def _coast(
+        self, row: int, now: Time, white: Floats, innovation: Floats, spread: Floats, fix: tuple[Floats, ...]
+    ) -> list[Alert]:
+        """While an alarm lasts, no fix is fused: dead reckoning alone may clear the receiver, for as long as it can."""
+        square, coast_ns = float(white @ white), from_seconds(self.coast_s)
+        one = self.filters[row]
+        if now > self.fused_ns[row] + coast_ns + self.guard.recover_ns:
+            if self.guard.rejects:
+                return []
+            one.restart(*fix)
+            self.guard.release(row)
+            self.fused_ns[row] = now
+            return []
+        if square > self.gates.fix:
+            latch = now > self.fused_ns[row] + coast_ns
+            off_m, off_mps = float(np.linalg.norm(innovation[3:])), float(np.linalg.norm(innovation[:3]))
+            score = square / self.gates.fix
+            return self.guard.find(row, now, "innovation.fix", score, latch=latch, off_m=off_m, off_mps=off_mps)
+        self.guard.clear(row, now)
+        if not self.guard.closed(row):
+            one.forget()
+            one.fuse(innovation, spread)
+            self.fused_ns[row] = now
+        return []
 
 
 @dataclass(slots=True, eq=False)
 class ErrorFilter:
     """The error of one aircraft's dead reckoning, and the statistics of the innovations of its fixes."""
 
-    params: InnovationParams
+    params: InnovationCheck
     state: Floats = field(init=False)
     covariance: Floats = field(init=False)
     time_ns: Time = -1
@@ -221,130 +306,3 @@ class ErrorFilter:
         both = np.concatenate([white, -white])
         self._sums = np.maximum(self._sums + np.clip(both, -_CLIP, _CLIP) - _SHIFT / 2.0, 0.0)
         return square, sum(self._squares), float(self._sums.max())
-
-
-_WORST: Final = 50.0
-"""Most by which a claimed accuracy widens the gates: about 100 m, as EKF3 limits it."""
-_CLIP: Final = 5.0
-"""Most that one fix adds to a cumulative sum: an outlier alone is for the other tests."""
-_OBSERVED: Final = np.zeros((_AXES, 15))
-_OBSERVED[:3, V] = _OBSERVED[3:, P] = _OBSERVED[3:, W] = np.eye(3)
-
-
-@dataclass(slots=True, eq=False)
-class InnovationCheck:
-    """A sensor check that tests every fix against dead reckoning."""
-
-    name: str
-    vehicles: Sequence[str]
-    gates: Gates
-    coast_ns: Time
-    guard: FixGuard
-    reckoning: DeadReckoning
-    fixes: NewFixes
-    filters: list[ErrorFilter]
-    slow: bool = True
-    _fused_ns: list[Time] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._fused_ns = [0] * len(self.vehicles)
-
-    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
-        """Test the new fixes; take away those of aircraft about which an alarm lasts."""
-        self.reckoning.update(now, sensors)
-        found: list[SensorAct | Alert] = []
-        for row in self.fixes.rows(sensors):
-            found += self._test(row, now, sensors)
-        return [*found, *self.guard.apply(sensors)]
-
-    def _test(self, row: int, now: Time, sensors: Sensors) -> list[Alert]:
-        time = int(sensors.gnss_time_ns[row])
-        one, reckoning = self.filters[row], self.reckoning
-        reckoned = reckoning.at(row, time)
-        if reckoned is None or time < reckoning.since_ns[row] or not reckoning.aligned[row]:
-            return []
-        position, velocity, force, rotation = reckoned
-        resting = bool(reckoning.resting[row])
-        fix_m, fix_mps = sensors.gnss_enu_m[row].copy(), sensors.gnss_vel_enu_mps[row].copy()
-        if one.time_ns < reckoning.since_ns[row]:  # it has just come to rest
-            one.start(time, fix_m, force, rotation, reckoning.attitude(row))
-            self.guard.release(row)
-            self._fused_ns[row] = now
-            return []
-        one.predict(time, force, rotation, resting)
-        innovation, spread, white = one.innovate(fix_m - position, fix_mps - velocity, sensors.gnss_accuracy[row])
-        closed = self.guard.closed(row)
-        if closed:
-            return self._coast(row, now, white, innovation, spread, (fix_m, fix_mps, position, velocity))
-        square, window, drift = one.judge(white)
-        off_m, off_mps = float(np.linalg.norm(innovation[3:])), float(np.linalg.norm(innovation[:3]))
-        if square > self.gates.fix:
-            return self.guard.find(row, now, "innovation.fix", square / self.gates.fix, off_m=off_m, off_mps=off_mps)
-        if window > self.gates.window or drift > self.gates.drift:
-            score = max(window / self.gates.window, drift / self.gates.drift)
-            kind = "innovation.window" if window > self.gates.window else "innovation.drift"
-            return self.guard.find(row, now, kind, score, latch=True, off_m=off_m, off_mps=off_mps)
-        one.fuse(innovation, spread)
-        self._fused_ns[row] = now
-        return []
-
-    def _coast(
-        self, row: int, now: Time, white: Floats, innovation: Floats, spread: Floats, fix: tuple[Floats, ...]
-    ) -> list[Alert]:
-        """While an alarm lasts, no fix is fused: dead reckoning alone may clear the receiver, for as long as it can."""
-        square = float(white @ white)
-        one = self.filters[row]
-        if now > self._fused_ns[row] + self.coast_ns + self.guard.recover_ns:
-            if self.guard.rejects:
-                return []
-            one.restart(*fix)
-            self.guard.release(row)
-            self._fused_ns[row] = now
-            return []
-        if square > self.gates.fix:
-            latch = now > self._fused_ns[row] + self.coast_ns
-            off_m, off_mps = float(np.linalg.norm(innovation[3:])), float(np.linalg.norm(innovation[:3]))
-            score = square / self.gates.fix
-            return self.guard.find(row, now, "innovation.fix", score, latch=latch, off_m=off_m, off_mps=off_mps)
-        self.guard.clear(row, now)
-        if not self.guard.closed(row):
-            one.forget()
-            one.fuse(innovation, spread)
-            self._fused_ns[row] = now
-        return []
-
-
-def make(params: InnovationParams, context: DefenceContext) -> Defence:
-    """The parts. Raises `InputError` for aircraft that the scenario does not have."""
-    vehicles = find_protected(params, context)
-    count = len(vehicles)
-    field_gauss = magnetic_field_at(context.origin)
-    check = InnovationCheck(
-        f"{context.id}.gnss",
-        tuple(vehicles),
-        gates_of(params),
-        from_seconds(params.coast_s),
-        guard_of(params, vehicles),
-        DeadReckoning(count, field_gauss),
-        NewFixes(count),
-        [ErrorFilter(params) for _ in vehicles],
-    )
-    return Defence(checks=[check], takes=name_taken(params, vehicles))
-
-
-INNOVATION = DefencePlugin(
-    InnovationParams,
-    make,
-    "Tests every GNSS fix against inertial dead reckoning, for jumps by chi-square and for drifts by a cumulative sum.",
-    surface=("gnss",),
-    place="between sensors and autopilot; knows the readings of gyroscopes, accelerometers, compass and receiver",
-    effect="raises an alarm, and with action = 'reject' takes the fix away, so that the autopilot fails safe",
-    alerts=("innovation.fix", "innovation.window", "innovation.drift"),
-    against=("gnss.jump", "gnss.drift", "gnss.pull_off", "gnss.capture", "gnss.meacon"),
-    evasion="drifts at 0.25 m/s from the first false fix on, or lets the false velocity grow by 0.1 m/s in a second",
-    cost="a filter of 15 states for each fix; a false alarm with action = 'reject' lands the aircraft",
-    realism={
-        "inertial sensors": "simulated: noise and a bias that is constant during a run",
-        "bias by temperature and vibration": "assumed: none; with it the gates have to be wider",
-    },
-)

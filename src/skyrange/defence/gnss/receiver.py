@@ -7,18 +7,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import dist, inf, isfinite, sqrt
 from statistics import median
-from typing import Final
-
-from pydantic import Field
+from typing import ClassVar, Final
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time, from_seconds
-from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.gnss.fix_guard import LEAST_INTERVAL_NS, CheckParams, FixGuard, guard_of, name_fixes, name_taken
+from skyrange.defence.bases.fix_checks import FixCheck
+from skyrange.defence.contract import DefenceContext
+from skyrange.defence.declaration import defence
+from skyrange.defence.fix_guard import LEAST_INTERVAL_NS
 from skyrange.defence.gnss.gates import normal_gate
-from skyrange.defence.placement import find_protected
 from skyrange.world.sensing import sensor_errors as errors
 
 _FIX_3D: Final = errors.FIX_3D
@@ -29,52 +29,95 @@ _LEAST_USUAL: Final = 25
 _TESTS: Final = 1
 
 
-class ReceiverParams(CheckParams):
-    """What a receiver may report of itself."""
+@defence(
+    "gnss.receiver",
+    surface=("gnss",),
+    place="between sensors and autopilot; knows what the receiver reports, and the autopilot's own clock",
+    effect="raises an alarm, and with action = 'reject' takes fixes of a wrong time or an impossible place away",
+    alerts=("receiver.utc", "receiver.time", "receiver.jump", "receiver.lost", "receiver.worse"),
+    against=("gnss.time", "gnss.jam", "gnss.capture", "gnss.meacon", "gnss.jump"),
+    evasion="is there before the first fix, or takes over without a loss of lock and moves time and place slowly",
+    cost="some comparisons for each fix; a false alarm with action = 'reject' lands the aircraft",
+    realism={
+        "own clock": "assumed: set at the first fix, then within clock_ppm; a run has no error of it",
+        "satellites, claimed accuracy": "assumed: what attacks write of them",
+    },
+)
+class ReceiverCheck(FixCheck):
+    """Checks a GNSS receiver's time, claimed accuracy and satellites, and the place of its fixes after a loss."""
 
-    clock_error_s: Number = Field(
-        default=0.5,
-        gt=0,
-        le=86_400,
-        description="Largest change in seconds of the receiver's UTC against the autopilot's own clock at once; 0.5 is "
-        "from where on AP_RTC and NTP step a clock.",
+    needs_fixes: ClassVar = True
+
+    clock_error_s: Number = param(
+        "Largest change in seconds of the receiver's UTC against the autopilot's own clock at once; 0.5 is from where "
+        "on AP_RTC and NTP step a clock.",
+        default=0.5, gt=0, le=86_400,
+    )  # fmt: skip
+    clock_ppm: Number = param(
+        "Largest error of the rate of the autopilot's clock, in parts per million; a crystal has 20 to 50.",
+        default=100.0, ge=0, le=1e6,
+    )  # fmt: skip
+    lost_s: Number = param(
+        "Time in seconds without a new fix that raises an alarm; receivers lose it for up to 3 s at times.",
+        default=errors.OUTAGE_MAX_S + 1.0, gt=0, le=3_600,
+    )  # fmt: skip
+    worse: Number = param(
+        "Factor by which claimed accuracy gets worse, or satellites get fewer, against the last 30 s that raises an "
+        "alarm; it never rejects fixes, because the receiver says itself what they are worth.",
+        default=2.0, ge=1.1, le=100,
+    )  # fmt: skip
+    accel_mps2: Number = param(
+        "Largest mean acceleration of the aircraft in m/s², by which the place after a gap is judged; 5 is that of a "
+        "lean of 30 degrees, ATC_ANGLE_MAX.",
+        default=5.0, gt=0, le=100,
+    )  # fmt: skip
+    speed_max_mps: Number = param(
+        "Largest ground speed of the aircraft in m/s, wind included.", default=25.0, gt=0, le=500
     )
-    clock_ppm: Number = Field(
-        default=100.0,
-        ge=0,
-        le=1e6,
-        description="Largest error of the rate of the autopilot's clock, in parts per million; a crystal has 20 to 50.",
-    )
-    lost_s: Number = Field(
-        default=errors.OUTAGE_MAX_S + 1.0,
-        gt=0,
-        le=3_600,
-        description="Time in seconds without a new fix that raises an alarm; receivers lose it for up to 3 s at times.",
-    )
-    worse: Number = Field(
-        default=2.0,
-        ge=1.1,
-        le=100,
-        description="Factor by which claimed accuracy gets worse, or satellites get fewer, against the last 30 s that "
-        "raises an alarm; it never rejects fixes, because the receiver says itself what they are worth.",
-    )
-    accel_mps2: Number = Field(
-        default=5.0,
-        gt=0,
-        le=100,
-        description="Largest mean acceleration of the aircraft in m/s², by which the place after a gap is judged; 5 "
-        "is that of a lean of 30 degrees, ATC_ANGLE_MAX.",
-    )
-    speed_max_mps: Number = Field(
-        default=25.0, gt=0, le=500, description="Largest ground speed of the aircraft in m/s, wind included."
-    )
+    receivers: list[Receiver]
+
+    def prepare(self, context: DefenceContext) -> None:
+        """Follow the receiver of each aircraft."""
+        gate = normal_gate(self.chance(_TESTS))
+        self.receivers = [Receiver(self, gate) for _ in self.vehicles]
+
+    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
+        """Test the new fixes and the silence of receivers; take away fixes while an alarm about time or place lasts."""
+        found: list[SensorAct | Alert] = []
+        times, fixes = sensors.gnss_time_ns.tolist(), sensors.gnss_fix.tolist()
+        for row, receiver in enumerate(self.receivers):
+            if receiver.is_new(times[row], fixes[row]):
+                found += self._take(row, now, times[row], sensors)
+            else:
+                kind, score = receiver.find_loss(now)
+                if kind:
+                    found += self.guard.tell(row, now, kind, score)
+        return [*found, *self.guard.apply(sensors)]
+
+    def _take(self, row: int, now: Time, time: Time, sensors: Sensors) -> list[Alert]:
+        receiver = self.receivers[row]
+        place, velocity = sensors.gnss_enu_m[row].tolist(), sensors.gnss_vel_enu_mps[row].tolist()
+        accuracy_m = float(sensors.gnss_accuracy[row, 0])
+        if not all(abs(number) < 1e9 for number in (*place, *velocity)):
+            return []
+        alarms = []
+        kind, score = receiver.find_worse(accuracy_m, int(sensors.gnss_satellites[row]))
+        if kind:
+            alarms += self.guard.tell(row, now, kind, score)
+        claimed_m = accuracy_m if isfinite(accuracy_m) else 0.0
+        utc_error_ns = int(sensors.gnss_utc_error_ns[row])
+        kind, score = receiver.take(now, time, utc_error_ns, place, velocity, claimed_m)
+        if kind:
+            return [*alarms, *self.guard.find(row, now, kind, score)]
+        self.guard.clear(row, now)
+        return alarms
 
 
 @dataclass(slots=True)
 class Receiver:
     """What one receiver has reported."""
 
-    params: ReceiverParams
+    params: ReceiverCheck
     gate: float
     _changed_ns: Time | None = None
     """When a new fix last arrived."""
@@ -160,71 +203,3 @@ class Receiver:
             self._accuracy.append(accuracy_m)
             self._satellites.append(float(satellites))
         return ("receiver.worse", factor / self.params.worse) if factor > self.params.worse else ("", 0.0)
-
-
-@dataclass(slots=True)
-class ReceiverCheck:
-    """A sensor check of what receivers report of themselves."""
-
-    name: str
-    vehicles: Sequence[str]
-    guard: FixGuard
-    receivers: list[Receiver]
-
-    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
-        """Test the new fixes and the silence of receivers; take away fixes while an alarm about time or place lasts."""
-        found: list[SensorAct | Alert] = []
-        times, fixes = sensors.gnss_time_ns.tolist(), sensors.gnss_fix.tolist()
-        for row, receiver in enumerate(self.receivers):
-            if receiver.is_new(times[row], fixes[row]):
-                found += self._take(row, now, times[row], sensors)
-            else:
-                kind, score = receiver.find_loss(now)
-                if kind:
-                    found += self.guard.tell(row, now, kind, score)
-        return [*found, *self.guard.apply(sensors)]
-
-    def _take(self, row: int, now: Time, time: Time, sensors: Sensors) -> list[Alert]:
-        receiver = self.receivers[row]
-        place, velocity = sensors.gnss_enu_m[row].tolist(), sensors.gnss_vel_enu_mps[row].tolist()
-        accuracy_m = float(sensors.gnss_accuracy[row, 0])
-        if not all(abs(number) < 1e9 for number in (*place, *velocity)):
-            return []
-        alarms = []
-        kind, score = receiver.find_worse(accuracy_m, int(sensors.gnss_satellites[row]))
-        if kind:
-            alarms += self.guard.tell(row, now, kind, score)
-        claimed_m = accuracy_m if isfinite(accuracy_m) else 0.0
-        utc_error_ns = int(sensors.gnss_utc_error_ns[row])
-        kind, score = receiver.take(now, time, utc_error_ns, place, velocity, claimed_m)
-        if kind:
-            return [*alarms, *self.guard.find(row, now, kind, score)]
-        self.guard.clear(row, now)
-        return alarms
-
-
-def make(params: ReceiverParams, context: DefenceContext) -> Defence:
-    """The parts. Raises `InputError` for aircraft that the scenario does not have."""
-    vehicles = find_protected(params, context)
-    gate = normal_gate(params.chance(_TESTS))
-    receivers = [Receiver(params, gate) for _ in vehicles]
-    check = ReceiverCheck(f"{context.id}.gnss", tuple(vehicles), guard_of(params, vehicles), receivers)
-    return Defence(checks=[check], takes=name_taken(params, vehicles), needs=name_fixes(vehicles))
-
-
-RECEIVER = DefencePlugin(
-    ReceiverParams,
-    make,
-    "Checks a GNSS receiver's time, claimed accuracy and satellites, and the place of its fixes after a loss.",
-    surface=("gnss",),
-    place="between sensors and autopilot; knows what the receiver reports, and the autopilot's own clock",
-    effect="raises an alarm, and with action = 'reject' takes fixes of a wrong time or an impossible place away",
-    alerts=("receiver.utc", "receiver.time", "receiver.jump", "receiver.lost", "receiver.worse"),
-    against=("gnss.time", "gnss.jam", "gnss.capture", "gnss.meacon", "gnss.jump"),
-    evasion="is there before the first fix, or takes over without a loss of lock and moves time and place slowly",
-    cost="some comparisons for each fix; a false alarm with action = 'reject' lands the aircraft",
-    realism={
-        "own clock": "assumed: set at the first fix, then within clock_ppm; a run has no error of it",
-        "satellites, claimed accuracy": "assumed: what attacks write of them",
-    },
-)

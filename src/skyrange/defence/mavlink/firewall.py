@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from math import hypot
 from typing import Annotated, Final, Literal
 
@@ -11,21 +10,24 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from skyrange.attack.bases.mavlink_orders import read
 from skyrange.attack.bases.mavlink_params import COMMANDS
+from skyrange.attack.contract import Aircraft
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import Messages, TapMaker
+from skyrange.attack.on_path import MESSAGE_NUMBERS, Messages
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number, Whole, items, refuse
+from skyrange.contracts.plugins.fields import param
 from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.errors import Problem, nearest
 from skyrange.core.geodesy import Origin
-from skyrange.core.ids import link_name
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.path_rules import Passes, ends_at
-from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, inspects_forward, place_taps
+from skyrange.defence.bases.link_ends import EndTap, role_of
+from skyrange.defence.contract import DefenceContext
+from skyrange.defence.declaration import defence
+from skyrange.defence.path_rules import Passes, PathEnd, PathRule
+from skyrange.defence.placement import inspects_forward
 
 _SCALE: Final = 1e7
 """Degrees of latitude and longitude are sent as whole numbers of 1e-7 degrees."""
@@ -53,70 +55,107 @@ def _modes(names: tuple[str, ...]) -> tuple[str, ...]:
 _Texts = Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str])]
 
 
-class FirewallRules(Protected):
-    """What passes towards the aircraft; the defaults are what a ground station needs to fly a plan and to end it."""
+@defence(
+    "mavlink.firewall",
+    surface=("gcs", "autopilot"),
+    place="the companion's end of the gcs link, or the proxy's end of the autopilot link; knows the frames that pass",
+    effect="drops what is not allowed, so that the autopilot never sees it",
+    alerts=(
+        "firewall.message",
+        "firewall.command",
+        "firewall.mode",
+        "firewall.mission",
+        "firewall.place",
+        "firewall.rate",
+    ),
+    against=("mavlink.*", "link.flood", "identity.*", "companion.takeover", "signing.*"),
+    evasion="commands what is allowed: AUTO, RTL, or a place within reach",
+    cost="reads each frame once; no frame and no delay is added",
+)
+class Firewall(EndTap):
+    """Drops frames towards the aircraft whose message, command, mode, place or rate is not allowed.
 
-    at: Literal["companion", "proxy"] = Field(
+    The defaults are what a ground station needs to fly a plan and to end it.
+    """
+
+    inspects = staticmethod(inspects_forward)
+
+    at: Literal["companion", "proxy"] = param(
+        "Where it is: companion, at its end of the gcs link, or proxy, at its end of the autopilot link, where "
+        "commands of the companion pass too.",
         default="companion",
-        description="Where it is: companion, at its end of the gcs link, or proxy, at its end of the autopilot link, "
-        "where commands of the companion pass too.",
     )
-    messages: Annotated[Messages, Field(min_length=1)] = Field(
+    messages: Annotated[Messages, Field(min_length=1)] = param(
+        "Messages that pass; at the proxy also OPEN_DRONE_ID_ARM_STATUS, which the companion sends. mission.hash sends "
+        "its hashes as TUNNEL.",
         default=(
             "HEARTBEAT", "COMMAND_LONG", "MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_REQUEST_LIST",
             "MISSION_REQUEST_INT", "MISSION_ACK", "SET_POSITION_TARGET_GLOBAL_INT", "TIMESYNC", "TUNNEL",
         ),
-        description="Messages that pass; at the proxy also OPEN_DRONE_ID_ARM_STATUS, which the companion sends. "
-        "mission.hash sends its hashes as TUNNEL.",
     )  # fmt: skip
-    commands: Annotated[_Texts, AfterValidator(_commands)] = Field(
+    commands: Annotated[_Texts, AfterValidator(_commands)] = param(
+        "Commands that pass in COMMAND_LONG and COMMAND_INT, by the names of MAV_CMD without MAV_CMD_.",
         default=(
             "SET_MESSAGE_INTERVAL", "REQUEST_MESSAGE", "DO_SET_MODE", "COMPONENT_ARM_DISARM", "MISSION_START",
             "NAV_RETURN_TO_LAUNCH", "NAV_LAND", "NAV_TAKEOFF", "DO_CHANGE_SPEED",
         ),
-        description="Commands that pass in COMMAND_LONG and COMMAND_INT, by the names of MAV_CMD without MAV_CMD_.",
     )  # fmt: skip
-    modes: Annotated[_Texts, AfterValidator(_modes)] = Field(
-        default=("GUIDED", "AUTO", "RTL", "SMART_RTL", "LAND", "BRAKE"), description="Flight modes that may be set."
+    modes: Annotated[_Texts, AfterValidator(_modes)] = param(
+        "Flight modes that may be set.", default=("GUIDED", "AUTO", "RTL", "SMART_RTL", "LAND", "BRAKE")
     )
-    disarm_in_flight: bool = Field(
-        default=False, strict=True, description="Whether a command to disarm passes while the aircraft is armed."
+    disarm_in_flight: bool = param(
+        "Whether a command to disarm passes while the aircraft is armed.", default=False, strict=True
     )
-    mission_in_flight: bool = Field(
-        default=False, strict=True, description="Whether mission items pass while the aircraft is armed."
+    mission_in_flight: bool = param(
+        "Whether mission items pass while the aircraft is armed.", default=False, strict=True
     )
-    reach_m: Number = Field(
-        default=2_000.0,
-        gt=0,
-        le=1_000_000,
-        description="Largest horizontal distance in metres from the aircraft's start of a place that is commanded.",
+    reach_m: Number = param(
+        "Largest horizontal distance in metres from the aircraft's start of a place that is commanded.",
+        default=2_000.0, gt=0, le=1_000_000,
+    )  # fmt: skip
+    frames_per_s: Whole = param(
+        "Largest number of frames a second; a burst of one second passes.", default=50, ge=1, le=1_000_000
     )
-    frames_per_s: Whole = Field(
-        default=50, ge=1, le=1_000_000, description="Largest number of frames a second; a burst of one second passes."
-    )
-
-
-@dataclass(slots=True)
-class Firewall(DefenceTap):
-    """Drops what the rules do not allow."""
-
-    rules: FirewallRules
-    messages: frozenset[int]
-    commands: frozenset[int]
-    modes: frozenset[int]
+    numbers: frozenset[int]
+    """Of the messages that pass."""
+    allowed: frozenset[int]
+    """Numbers of the commands that pass."""
+    mode_numbers: frozenset[int]
     origin: Origin
     start_m: tuple[float, float]
-    alarm: Alarm
-    _armed: bool = field(default=False, init=False)
-    _allowance: float = field(default=0.0, init=False)
-    _filled_ns: Time = field(default=-NS_PER_S, init=False)
+    allowance: float = 0.0
+    filled_ns: Time = -NS_PER_S
+
+    def prepare(self, context: DefenceContext) -> None:
+        """Look up what is allowed."""
+        names = (*self.messages, *(_OF_COMPANION if self.at == "proxy" else ()))
+        self.numbers = frozenset(MESSAGE_NUMBERS[name] for name in names)
+        self.allowed = frozenset(COMMANDS[name] for name in self.commands)
+        self.mode_numbers = frozenset(COPTER_MODE_NUMBERS[name] for name in self.modes)
+        self.origin = context.origin
+
+    def find_end(self) -> tuple[str, str]:
+        """See `EndTap`."""
+        return role_of(self.at), self.at
+
+    def find_exclusive(self, vehicle: str) -> list[Exclusive]:
+        """The list of this place."""
+        return [Exclusive(f"allow list of {self.at} of {vehicle}")]
+
+    def find_rules(self, end: PathEnd) -> Sequence[PathRule]:
+        """What passes."""
+        return [Passes(end, "fwd", self.numbers, self.allowed)]
+
+    def begin(self, aircraft: Aircraft) -> None:
+        """Know where the aircraft starts."""
+        self.start_m = aircraft.start_enu_m[0], aircraft.start_enu_m[1]
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """Let it pass or drop it; of frames from the aircraft, learn from heartbeats whether it is armed."""
         number = message_id(frame.payload)
         if frame.direction == "rev":
             if number == mav.MAVLINK_MSG_ID_HEARTBEAT:
-                self._learn(frame.payload)
+                self.learn_armed(frame.payload)
             return ()
         problem = self._find_excess(now) or self._find_problem(number, frame.payload)
         if not problem:
@@ -124,25 +163,20 @@ class Firewall(DefenceTap):
         kind, what = problem
         return [Drop(), *self.alarm.raise_at(now, kind, 1.0, what=what)]
 
-    def _learn(self, payload: bytes) -> None:
-        message = read(payload)
-        if message is not None and message.autopilot != mav.MAV_AUTOPILOT_INVALID:
-            self._armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
-
     def _find_excess(self, now: Time) -> tuple[str, str] | None:
         """A token bucket of one second of the allowed rate."""
-        rate = float(self.rules.frames_per_s)
-        self._allowance = min(rate * _BURST_S, self._allowance + rate * (now - self._filled_ns) / NS_PER_S)
-        self._filled_ns = now
-        if self._allowance < 1.0:
-            return "firewall.rate", f"more than {self.rules.frames_per_s} frames a second"
-        self._allowance -= 1.0
+        rate = float(self.frames_per_s)
+        self.allowance = min(rate * _BURST_S, self.allowance + rate * (now - self.filled_ns) / NS_PER_S)
+        self.filled_ns = now
+        if self.allowance < 1.0:
+            return "firewall.rate", f"more than {self.frames_per_s} frames a second"
+        self.allowance -= 1.0
         return None
 
     def _find_problem(self, number: int | None, payload: bytes) -> tuple[str, str] | None:
         if number is None:
             return "firewall.message", "no MAVLink frame"
-        if number not in self.messages:
+        if number not in self.numbers:
             return "firewall.message", f"message {number}"
         message = read(payload)
         if message is None:
@@ -150,7 +184,7 @@ class Firewall(DefenceTap):
         if number in (mav.MAVLINK_MSG_ID_COMMAND_LONG, mav.MAVLINK_MSG_ID_COMMAND_INT):
             return self._find_command_problem(message)
         uploads = number in (mav.MAVLINK_MSG_ID_MISSION_ITEM_INT, mav.MAVLINK_MSG_ID_MISSION_COUNT)
-        if uploads and self._armed and not self.rules.mission_in_flight:
+        if uploads and self.armed and not self.mission_in_flight:
             return "firewall.mission", "a mission while armed"
         if number == mav.MAVLINK_MSG_ID_MISSION_ITEM_INT and message.frame != mav.MAV_FRAME_MISSION:
             return self._find_reach_problem(message.x, message.y)
@@ -160,16 +194,12 @@ class Firewall(DefenceTap):
 
     def _find_command_problem(self, message: Message) -> tuple[str, str] | None:
         command = message.command
-        if command not in self.commands:
+        if command not in self.allowed:
             return "firewall.command", f"command {command}"
-        if command == mav.MAV_CMD_DO_SET_MODE and message.param2 not in self.modes:
+        if command == mav.MAV_CMD_DO_SET_MODE and message.param2 not in self.mode_numbers:
             return "firewall.mode", f"mode {message.param2:g}"
-        if (
-            command == mav.MAV_CMD_COMPONENT_ARM_DISARM
-            and not message.param1
-            and self._armed
-            and not self.rules.disarm_in_flight
-        ):
+        disarms = command == mav.MAV_CMD_COMPONENT_ARM_DISARM and not message.param1
+        if disarms and self.armed and not self.disarm_in_flight:
             return "firewall.command", "disarm while armed"
         if message.get_msgId() == mav.MAVLINK_MSG_ID_COMMAND_INT:
             return self._find_reach_problem(message.x, message.y)
@@ -180,64 +210,6 @@ class Firewall(DefenceTap):
             return None
         east_m, north_m = self.origin.enu_of(latitude_e7 / _SCALE, longitude_e7 / _SCALE)
         away_m = hypot(east_m - self.start_m[0], north_m - self.start_m[1])
-        if away_m <= self.rules.reach_m:
+        if away_m <= self.reach_m:
             return None
         return "firewall.place", f"a place {away_m:.0f} m away"
-
-
-def _find_messages(rules: FirewallRules) -> frozenset[int]:
-    """Numbers of the messages that pass."""
-    numbers = {message.msgname: number for number, message in mav.mavlink_map.items()}
-    own = _OF_COMPANION if rules.at == "proxy" else ()
-    return frozenset(numbers[name] for name in (*rules.messages, *own))
-
-
-@dataclass(frozen=True, slots=True)
-class _Maker:
-    """Makes the firewall of a link."""
-
-    rules: FirewallRules
-    origin: Origin
-    starts: tuple[tuple[str, tuple[str, float, float]], ...]
-
-    def __call__(self, link: str) -> Firewall:
-        vehicle, east_m, north_m = dict(self.starts)[link]
-        return Firewall(
-            link,
-            self.rules,
-            _find_messages(self.rules),
-            frozenset(COMMANDS[name] for name in self.rules.commands),
-            frozenset(COPTER_MODE_NUMBERS[name] for name in self.rules.modes),
-            self.origin,
-            (east_m, north_m),
-            Alarm(vehicle),
-        )
-
-
-def make(params: FirewallRules, context: DefenceContext) -> Defence:
-    """The parts. Raises `InputError` for aircraft that the scenario does not have."""
-    role = "gcs" if params.at == "companion" else "autopilot"
-    vehicles = find_protected(params, context)
-    starts = tuple((link_name(role, one), (one, *context.vehicles[one].start_enu_m[:2])) for one in vehicles)
-    maker = TapMaker(_Maker(params, context.origin, starts))
-    messages, commands = _find_messages(params), frozenset(COMMANDS[name] for name in params.commands)
-    return Defence(
-        taps=place_taps(role, params.at, vehicles, context, maker, inspects_forward),
-        exclusive=[Exclusive(f"allow list of {params.at} of {vehicle}") for vehicle in vehicles],
-        path_rules=[Passes(end, "fwd", messages, commands) for end in ends_at(role, params.at, vehicles)],
-    )
-
-
-FIREWALL = DefencePlugin(
-    FirewallRules,
-    make,
-    "Drops frames towards the aircraft whose message, command, mode, place or rate is not allowed.",
-    surface=("gcs", "autopilot"),
-    place="the companion's end of the gcs link, or the proxy's end of the autopilot link; knows the frames that pass",
-    effect="drops what is not allowed, so that the autopilot never sees it",
-    alerts=("firewall.message", "firewall.command", "firewall.mode", "firewall.mission", "firewall.place",
-            "firewall.rate"),
-    against=("mavlink.*", "link.flood", "identity.*", "companion.takeover", "signing.*"),
-    evasion="commands what is allowed: AUTO, RTL, or a place within reach",
-    cost="reads each frame once; no frame and no delay is added",
-)  # fmt: skip

@@ -10,21 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal, NamedTuple
-
-from pydantic import Field
+from typing import ClassVar, Final, Literal, NamedTuple
 
 from skyrange.attack.bases.mavlink_orders import read
-from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import TapMaker
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param, state
 from skyrange.contracts.verdicts import Drop, Verdict
-from skyrange.core.ids import hash64, link_name
+from skyrange.core.ids import hash64
 from skyrange.core.time import Time, from_seconds
-from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.path_rules import ExpectsOrder, ends_at
-from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, inspects_forward, place_taps
+from skyrange.defence.bases.link_ends import EndTap
+from skyrange.defence.declaration import defence
+from skyrange.defence.path_rules import ExpectsOrder, PathEnd, PathRule
+from skyrange.defence.placement import inspects_forward
 
 NUMBERS: Final = 256
 BEHIND: Final = NUMBERS // 2
@@ -32,32 +30,6 @@ BEHIND: Final = NUMBERS // 2
 _MOST_SENDERS: Final = 64
 """Senders that are followed; a flood of invented ones fills no memory."""
 Finding = Literal["", "conflict", "old"]
-
-
-class SequenceRules(Protected):
-    """What counts as late, and what becomes of the frames."""
-
-    late_s: Number = Field(
-        default=1.0,
-        gt=0,
-        le=60,
-        description="How late a network may deliver a frame or a copy of it, in seconds; a frame that is later is old. "
-        "The default is several times the round trip of a cellular link.",
-    )
-    silence_s: Number = Field(
-        default=5.0,
-        gt=0,
-        le=120,
-        description="Silence of a sender, in seconds, after which any number is taken, because it may have restarted; "
-        "the default is four or five missed heartbeats, as in the heartbeat protocol's timeout. Not longer than the "
-        "sender needs for 128 frames.",
-    )
-    drop: bool = Field(
-        default=False,
-        strict=True,
-        description="Whether to drop what is found. The first of two frames with one number has passed then, and it "
-        "may be the attacker's.",
-    )
 
 
 class Seen(NamedTuple):
@@ -103,13 +75,44 @@ class Follower:
         return ""
 
 
-@dataclass(slots=True)
-class SequenceTap(DefenceTap):
-    """Follows every sender towards one aircraft."""
+@defence(
+    "mavlink.sequence",
+    surface=("gcs",),
+    place="the companion's end of the gcs link; knows the frames that arrive",
+    effect="raises an alarm; with `drop`, drops each frame whose number another frame has had, or that is old",
+    alerts=("sequence.conflict", "sequence.old"),
+    against=("mavlink.*", "link.replay", "identity.keep_alive"),
+    evasion="renumbers the frames of the true sender on the path, alters frames in place, or waits for silence",
+    cost="reads each frame once; no frame and no delay is added",
+    realism={"sequence numbers": "cited: https://mavlink.io/en/guide/serialization.html"},
+)
+class SequenceCheck(EndTap):
+    """Notices a second sender under one MAVLink id, and recordings, by sequence numbers."""
 
-    params: SequenceRules
-    alarm: Alarm
-    senders: dict[tuple[int, int], Follower] = field(default_factory=dict)
+    decides: ClassVar = "sequence check"
+    inspects = staticmethod(inspects_forward)
+
+    late_s: Number = param(
+        "How late a network may deliver a frame or a copy of it, in seconds; a frame that is later is old. The default "
+        "is several times the round trip of a cellular link.",
+        default=1.0, gt=0, le=60,
+    )  # fmt: skip
+    silence_s: Number = param(
+        "Silence of a sender, in seconds, after which any number is taken, because it may have restarted; the default "
+        "is four or five missed heartbeats, as in the heartbeat protocol's timeout. Not longer than the sender needs "
+        "for 128 frames.",
+        default=5.0, gt=0, le=120,
+    )  # fmt: skip
+    drop: bool = param(
+        "Whether to drop what is found. The first of two frames with one number has passed then, and it may be the "
+        "attacker's.",
+        default=False, strict=True,
+    )  # fmt: skip
+    senders: dict[tuple[int, int], Follower] = state(dict)
+
+    def find_rules(self, end: PathEnd) -> Sequence[PathRule]:
+        """A frame that was overtaken is old."""
+        return [ExpectsOrder(end, "fwd")]
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """Follow a frame towards the aircraft."""
@@ -123,8 +126,7 @@ class SequenceTap(DefenceTap):
         if follower is None:
             if len(self.senders) >= _MOST_SENDERS:
                 return ()
-            follower = Follower(from_seconds(self.params.late_s), from_seconds(self.params.silence_s))
-            self.senders[sender] = follower
+            follower = self.senders[sender] = Follower(from_seconds(self.late_s), from_seconds(self.silence_s))
         finding = follower.take(now, message.get_seq(), hash64(frame.payload.hex()))
         if not finding:
             return ()
@@ -132,42 +134,4 @@ class SequenceTap(DefenceTap):
         alarm = self.alarm.raise_at(
             now, f"sequence.{finding}", 1.0, sender=name, number=message.get_seq(), message=str(message.get_type())
         )
-        return [Drop(), *alarm] if self.params.drop else alarm
-
-
-@dataclass(frozen=True, slots=True)
-class _Maker:
-    """Makes the tap of a link."""
-
-    params: SequenceRules
-    vehicles: tuple[tuple[str, str], ...]
-
-    def __call__(self, link: str) -> SequenceTap:
-        return SequenceTap(link, self.params, Alarm(dict(self.vehicles)[link]))
-
-
-def make(params: SequenceRules, context: DefenceContext) -> Defence:
-    """The parts. Raises `InputError` for aircraft that the scenario does not have."""
-    vehicles = find_protected(params, context)
-    known = tuple((link_name("gcs", one), one) for one in vehicles)
-    taps = place_taps("gcs", "companion", vehicles, context, TapMaker(_Maker(params, known)), inspects_forward)
-    return Defence(
-        taps=taps,
-        exclusive=[Exclusive(f"sequence check of {vehicle}") for vehicle in vehicles],
-        path_rules=[ExpectsOrder(end, "fwd") for end in ends_at("gcs", "companion", vehicles)],
-    )
-
-
-SEQUENCE = DefencePlugin(
-    SequenceRules,
-    make,
-    "Notices a second sender under one MAVLink id, and recordings, by sequence numbers.",
-    surface=("gcs",),
-    place="the companion's end of the gcs link; knows the frames that arrive",
-    effect="raises an alarm; with `drop`, drops each frame whose number another frame has had, or that is old",
-    alerts=("sequence.conflict", "sequence.old"),
-    against=("mavlink.*", "link.replay", "identity.keep_alive"),
-    evasion="renumbers the frames of the true sender on the path, alters frames in place, or waits for silence",
-    cost="reads each frame once; no frame and no delay is added",
-    realism={"sequence numbers": "cited: https://mavlink.io/en/guide/serialization.html"},
-)
+        return [Drop(), *alarm] if self.drop else alarm

@@ -10,379 +10,29 @@ and a frame that the station's end has not sent is forged or altered.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from hmac import compare_digest
-from typing import Final, Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Literal
 
-from pydantic import Field
-
-from skyrange.attack.bases.mavlink_orders import read
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import TapMaker, ends_of
-from skyrange.codec.mavlink import Message, Packer, encode_payload, message_id, sender_system
+from skyrange.codec.mavlink import Packer, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import Schedule, TapPlacement
+from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.params import Number
-from skyrange.contracts.verdicts import Drop, Inject, Verdict
-from skyrange.core.ids import FrameId, link_name
-from skyrange.core.time import NS_PER_MS, NS_PER_S, Time, from_seconds
-from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.mission.hash_messages import (
-    ASKED,
-    COMPONENT,
-    SENT,
-    UNKNOWN,
-    HashMessage,
-    derive_key,
-    make_tag,
-    name_frame,
-    pack_message,
-    read_message,
-)
+from skyrange.contracts.plugins.fields import param
+from skyrange.core.time import from_seconds
+from skyrange.defence.bases.link_ends import STATION, role_of
+from skyrange.defence.bases.protection import Protection
+from skyrange.defence.contract import Defence, DefenceContext
+from skyrange.defence.declaration import defence
+from skyrange.defence.mission.hash_ends import WRITES, AircraftEnd, StationEnd
+from skyrange.defence.mission.hash_messages import COMPONENT, derive_key
 from skyrange.defence.path_rules import Compares, Holds, PathRule, Sends, ends_at
-from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, place_taps
-
-WRITES: Final = frozenset((
-    mav.MAVLINK_MSG_ID_MISSION_COUNT, mav.MAVLINK_MSG_ID_MISSION_ITEM_INT, mav.MAVLINK_MSG_ID_MISSION_ITEM,
-    mav.MAVLINK_MSG_ID_MISSION_CLEAR_ALL, mav.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST,
-))  # fmt: skip
-"""Messages towards an aircraft that write what it stores."""
-_STATION: Final = 255
-"""System id of ground stations by convention; used until the station has sent a frame."""
-_ITEMS: Final = frozenset((mav.MAVLINK_MSG_ID_MISSION_ITEM_INT, mav.MAVLINK_MSG_ID_MISSION_ITEM))
-_MOST_ITEMS: Final = 65_535
-_MOST_HELD: Final = 64
-"""Frames held at a time: a flood of forged ones fills no memory, and pushes out the oldest."""
-_ASK_NS: Final = 100 * NS_PER_MS
-"""How long a frame waits before its hash is asked for: several times the jitter of a cellular link."""
-_KEPT_NS: Final = 10 * NS_PER_S
-"""How long the station's end answers for a frame that it has sent: longer than an upload waits for an item (8 s,
-MissionItemProtocol.h `upload_timeout_ms`)."""
+from skyrange.defence.placement import Alarm, DefenceTap, find_links
 
 
-class MissionHash(Protected):
-    """The key, and where the aircraft's end is."""
-
-    at: Literal["companion", "proxy"] = Field(
-        default="companion",
-        description="Where hashes are verified: companion, at its end of the gcs link, or proxy, at its end of the "
-        "autopilot link, where what is altered on board is noticed too.",
-    )
-    passphrase: str = Field(
-        default="skyrange",
-        min_length=1,
-        max_length=256,
-        strict=True,
-        description="What the key of each aircraft is derived from; both ends have it before the flight.",
-    )
-    patience_s: Number = Field(
-        default=8.0,
-        ge=1,
-        le=60,
-        description="Time in seconds after which a frame without an answer about it raises an alarm; the default is "
-        "how long ArduPilot waits for an item of an upload.",
-    )
-
-
-class Step(NamedTuple):
-    """What a frame that writes adds to an upload: its type of mission, its place, and what of it is hashed."""
-
-    mission_type: int
-    seq: int
-    """Number of an item; -1 for a frame that begins an upload or clears."""
-    content: bytes
-
-
-def step_of(payload: bytes) -> Step | None:
-    """What a frame writes; `None` for a malformed frame and for all that writes nothing."""
-    message: Message | None = read(payload)
-    if message is None or message.get_msgId() not in WRITES:
-        return None
-    number = message.get_msgId()
-    content = number.to_bytes(3, "little") + encode_payload(message)
-    return Step(message.mission_type, message.seq if number in _ITEMS else -1, content)
-
-
-@dataclass(slots=True)
-class Upload:
-    """One upload as far as it has passed: its number, how it began, and its items in order."""
-
-    number: int = 0
-    first: bytes = b""
-    items: list[bytes] = field(default_factory=list)
-
-    def parts(self, step: Step) -> tuple[bytes, ...] | None:
-        """What the hash of a further frame covers; `None` where an item does not follow those that it has."""
-        kind = bytes((step.mission_type,))
-        if step.seq < 0:
-            return kind, step.content
-        if step.seq > min(len(self.items), _MOST_ITEMS) or not self.first:
-            return None
-        return kind, self.first, *self.items[: step.seq], step.content
-
-    def add(self, step: Step) -> None:
-        """Count a frame in; an item that differs from the one at its place removes those behind it."""
-        if step.seq < 0:
-            self.first, self.items = step.content, []
-        elif self.items[step.seq : step.seq + 1] != [step.content]:
-            self.items[step.seq :] = [step.content]
-
-    @property
-    def complete(self) -> bool:
-        """Whether all items that were announced are there; so is what announces none."""
-        number, content = int.from_bytes(self.first[:3], "little"), self.first[3:]
-        return number != mav.MAVLINK_MSG_ID_MISSION_COUNT or len(self.items) >= int.from_bytes(content[:2], "little")
-
-
-@dataclass(slots=True)
-class StationEnd(DefenceTap):
-    """The station's end: sends the hash of each frame that writes, and answers for the frames of the last seconds."""
-
-    key: bytes
-    system: int
-    packer: Packer
-    uploads: dict[int, Upload] = field(default_factory=dict)
-    """By type of mission."""
-    number: int = 0
-    """Number of the last upload of any type."""
-    sent: dict[bytes, tuple[Time, HashMessage]] = field(default_factory=dict)
-    """By the frame's name: when it left, and the message about it."""
-
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """Send a hash ahead of a frame that writes; answer a question."""
-        number = message_id(frame.payload)
-        if frame.direction == "rev":
-            return self._answer(now, frame.payload) if number == mav.MAVLINK_MSG_ID_TUNNEL else ()
-        if number not in WRITES:
-            return ()
-        step = step_of(frame.payload)
-        if step is None:
-            return ()
-        self.packer.system = sender_system(frame.payload) or _STATION
-        upload = self.uploads.setdefault(step.mission_type, Upload())
-        if step.seq < 0 and (upload.items or upload.first != step.content):
-            self.number += 1
-            upload.number = self.number
-        parts = upload.parts(step)
-        if parts is None:
-            return ()
-        upload.add(step)
-        name = name_frame(frame.payload)
-        running = make_tag(self.key, SENT, upload.number, *parts)
-        message = HashMessage(SENT, upload.number, name, running).sealed(self.key)
-        self.sent = {one: (at, said) for one, (at, said) in self.sent.items() if now - at < _KEPT_NS}
-        self.sent[name] = (now, message)
-        return [self._say(message)]
-
-    def _answer(self, now: Time, payload: bytes) -> Sequence[Verdict]:
-        asked = read_message(payload)
-        if asked is None:
-            return ()
-        if asked.kind != ASKED or not asked.is_genuine(self.key):
-            return [Drop()]
-        at, message = self.sent.get(asked.frame, (-_KEPT_NS, asked))
-        if now - at >= _KEPT_NS:
-            message = HashMessage(UNKNOWN, asked.number, asked.frame).sealed(self.key)
-        return [Drop(), self._say(message)]
-
-    def _say(self, message: HashMessage) -> Inject:
-        return Inject(pack_message(self.packer, self.system, message), "fwd", *ends_of(self.link, "fwd"))
-
-
-@dataclass(slots=True)
-class _Held:
-    """A frame that waits for its hash."""
-
-    payload: bytes
-    parent: FrameId
-    came_ns: Time
-    due_ns: Time
-    question: int
-
-
-@dataclass(slots=True)
-class AircraftEnd(DefenceTap):
-    """The aircraft's end: holds frames that write until their hash is right."""
-
-    key: bytes
-    system: int
-    packer: Packer
-    alarm: Alarm
-    schedule: Schedule
-    patience_ns: Time
-    uploads: dict[int, Upload] = field(default_factory=dict)
-    tags: dict[bytes, HashMessage] = field(default_factory=dict)
-    """Messages of the station's end by the name of the frame that they are about."""
-    held: dict[bytes, _Held] = field(default_factory=dict)
-    questions: int = 0
-
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """Hold a frame that writes, or let it pass; take messages of the station's end off the link."""
-        if frame.direction == "rev" or not self.schedule.start_ns <= now < self.schedule.stop_ns:
-            return ()
-        number = message_id(frame.payload)
-        if number == mav.MAVLINK_MSG_ID_TUNNEL:
-            message = read_message(frame.payload)
-            return () if message is None else [Drop(), *self._hear(now, message)]
-        if number in WRITES:
-            return self._verify(now, frame)
-        if number in (mav.MAVLINK_MSG_ID_COMMAND_LONG, mav.MAVLINK_MSG_ID_COMMAND_INT, mav.MAVLINK_MSG_ID_SET_MODE):
-            return self._guard(now, frame.payload)
-        return ()
-
-    def next_wakeup(self) -> Time | None:
-        """When the next question is due."""
-        return min((one.due_ns for one in self.held.values()), default=None)
-
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Ask for the hashes that have not come; give up those that were asked for too long."""
-        answer: list[Verdict] = []
-        for name, one in list(self.held.items()):
-            if one.due_ns > now:
-                continue
-            if now - one.came_ns >= self.patience_ns:
-                del self.held[name]
-                answer += self.alarm.raise_at(now, "mission.unanswered", 1.0, what=_describe(one.payload))
-                continue
-            one.due_ns = now + NS_PER_S
-            asked = HashMessage(ASKED, one.question, name).sealed(self.key)
-            payload = pack_message(self.packer, self.packer.system, asked)
-            answer.append(Inject(payload, "rev", *ends_of(self.link, "rev")))
-        return answer
-
-    def _verify(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        name = name_frame(frame.payload)
-        step = step_of(frame.payload)
-        if step is None:
-            return [Drop(), *self.alarm.raise_at(now, "mission.malformed", 1.0)]
-        message = self.tags.get(name)
-        if message is not None:
-            return () if self._accept(step, message) else [Drop(), *self._report(now, frame.payload, step, message)]
-        self.questions += 1
-        while len(self.held) >= _MOST_HELD:
-            del self.held[next(iter(self.held))]
-        self.held[name] = _Held(frame.payload, frame.id, now, now + _ASK_NS, self.questions)
-        return [Drop()]
-
-    def _hear(self, now: Time, message: HashMessage) -> Sequence[Verdict]:
-        if not message.is_genuine(self.key):
-            return self.alarm.raise_at(now, "mission.forged", 1.0, what="TUNNEL with a wrong hash")
-        held = self.held.get(message.frame)
-        if message.kind == SENT:
-            self.tags.pop(message.frame, None)
-            self.tags[message.frame] = message
-            while len(self.tags) > _MOST_HELD:
-                del self.tags[next(iter(self.tags))]
-            step = None if held is None else step_of(held.payload)
-            if held is None or step is None:
-                return ()
-            del self.held[message.frame]
-            if not self._accept(step, message):
-                return self._report(now, held.payload, step, message)
-            return [Inject(held.payload, "fwd", *ends_of(self.link, "fwd"), held.parent)]
-        if held is None or message.kind != UNKNOWN or message.number != held.question:
-            return ()
-        del self.held[message.frame]
-        return self.alarm.raise_at(now, "mission.forged", 1.0, what=_describe(held.payload))
-
-    def _accept(self, step: Step, message: HashMessage) -> bool:
-        """Whether the hash is right for a frame at this place; counts the frame in."""
-        upload = self.uploads.setdefault(step.mission_type, Upload())
-        if step.seq < 0:
-            newest = max(one.number for one in self.uploads.values())
-            again = message.number == upload.number and not upload.items and upload.first == step.content
-            fits = message.number > newest or again
-        else:
-            fits = message.number == upload.number
-        parts = upload.parts(step) if fits else None
-        if parts is None or not compare_digest(make_tag(self.key, SENT, message.number, *parts), message.upload):
-            return False
-        upload.number = message.number
-        upload.add(step)
-        return True
-
-    def _report(self, now: Time, payload: bytes, step: Step, message: HashMessage) -> Sequence[Verdict]:
-        """An alarm for a frame of the station at a wrong place; none for one that merely comes late."""
-        if step.seq < 0 or message.number < self.uploads[step.mission_type].number:
-            return ()
-        return self.alarm.raise_at(now, "mission.hash", 1.0, what=_describe(payload))
-
-    def _guard(self, now: Time, payload: bytes) -> Sequence[Verdict]:
-        """Drop what starts a mission of which a part has not come."""
-        upload = self.uploads.get(mav.MAV_MISSION_TYPE_MISSION)
-        if upload is None or upload.complete or not _starts_mission(payload):
-            return ()
-        return [Drop(), *self.alarm.raise_at(now, "mission.incomplete", 1.0, what="start of an incomplete mission")]
-
-
-def _starts_mission(payload: bytes) -> bool:
-    message = read(payload)
-    if message is None:
-        return False
-    if message.get_msgId() == mav.MAVLINK_MSG_ID_SET_MODE:
-        return bool(message.custom_mode == mav.COPTER_MODE_AUTO)
-    if message.command == mav.MAV_CMD_DO_SET_MODE:
-        return bool(message.param2 == mav.COPTER_MODE_AUTO)
-    return bool(message.command == mav.MAV_CMD_MISSION_START)
-
-
-def _describe(payload: bytes) -> str:
-    message = read(payload)
-    if message is None:
-        return "no MAVLink message"
-    seq = getattr(message, "seq", None)
-    return str(message.get_type()) + ("" if seq is None else f" {seq}")
-
-
-@dataclass(frozen=True, slots=True)
-class _Maker:
-    """Makes the two ends of a link."""
-
-    vehicles: tuple[tuple[str, str, int], ...]
-    """Link, vehicle id and system id."""
-    passphrase: str
-    schedule: Schedule | None = None
-    patience_ns: Time = 0
-
-    def __call__(self, link: str) -> DefenceTap:
-        vehicle, system = next((one, number) for name, one, number in self.vehicles if name == link)
-        key = derive_key(self.passphrase, vehicle)
-        if self.schedule is None:
-            return StationEnd(link, key, system, Packer(_STATION, COMPONENT))
-        packer = Packer(system, COMPONENT)
-        return AircraftEnd(link, key, system, packer, Alarm(vehicle), self.schedule, self.patience_ns)
-
-
-def _is_hashed(frame: Frame) -> bool:
-    """Whether a hash is computed of a frame: of an upload, or one that carries a hash."""
-    number = message_id(frame.payload)
-    return number == mav.MAVLINK_MSG_ID_TUNNEL or (frame.direction == "fwd" and number in WRITES)
-
-
-def make(params: MissionHash, context: DefenceContext) -> Defence:
-    """The parts. Raises `InputError` for aircraft that the scenario does not have."""
-    vehicles = find_protected(params, context)
-    role = "gcs" if params.at == "companion" else "autopilot"
-    taps: list[TapPlacement] = []
-    for where, side, schedule in (("gcs", "gcs", None), (role, params.at, context.schedule)):
-        known = tuple((link_name(where, one), one, context.vehicles[one].system_id) for one in vehicles)
-        maker = _Maker(known, params.passphrase, schedule, from_seconds(params.patience_s))
-        taps += place_taps(where, side, vehicles, context, TapMaker(maker), _is_hashed)
-    rules: list[PathRule] = []
-    tunnel = frozenset((mav.MAVLINK_MSG_ID_TUNNEL,))
-    for station, aircraft in zip(ends_at("gcs", "gcs", vehicles), ends_at(role, params.at, vehicles), strict=True):
-        rules += [Sends(station, "fwd", tunnel, until=aircraft), Sends(aircraft, "rev", tunnel, until=station)]
-        rules += [Compares(station, aircraft, "fwd"), Holds(aircraft, "fwd")]
-    exclusive = [Exclusive(f"mission hash of {vehicle}") for vehicle in vehicles]
-    return Defence(taps=taps, exclusive=exclusive, path_rules=rules)
-
-
-HASH = DefencePlugin(
-    MissionHash,
-    make,
-    "Verifies uploads of missions, fences and rally points by a keyed hash that their station sends.",
+@defence(
+    "mission.hash",
     surface=("gcs", "log", "autopilot"),
     place="both ends of the gcs link, or the station's end and the proxy's end of the autopilot link; share a key, and "
     "know the frames that pass",
@@ -399,3 +49,62 @@ HASH = DefencePlugin(
         "keys": "assumed: shared before the flight, and not known to an attacker",
     },
 )
+class MissionHash(Protection):
+    """Verifies uploads of missions, fences and rally points by a keyed hash that their station sends."""
+
+    at: Literal["companion", "proxy"] = param(
+        "Where hashes are verified: companion, at its end of the gcs link, or proxy, at its end of the autopilot link, "
+        "where what is altered on board is noticed too.",
+        default="companion",
+    )
+    passphrase: str = param(
+        "What the key of each aircraft is derived from; both ends have it before the flight.",
+        default="skyrange", min_length=1, max_length=256, strict=True,
+    )  # fmt: skip
+    patience_s: Number = param(
+        "Time in seconds after which a frame without an answer about it raises an alarm; the default is how long "
+        "ArduPilot waits for an item of an upload.",
+        default=8.0, ge=1, le=60,
+    )  # fmt: skip
+
+    def build(self, context: DefenceContext) -> Defence:
+        """Taps at both ends. Raises `InputError` for aircraft that the scenario does not have."""
+        vehicles = self.find_protected(context)
+        role, tunnel = role_of(self.at), frozenset((mav.MAVLINK_MSG_ID_TUNNEL,))
+        taps, rules = [], list[PathRule]()
+        for where, side in (("gcs", "gcs"), (role, self.at)):
+            for link, vehicle in find_links(where, vehicles, context).items():
+                make = MakeEnd(self, side == "gcs", vehicle, context.vehicles[vehicle].system_id)
+                taps.append(TapPlacement(link, side, make, inspects=_is_hashed))
+        for station, aircraft in zip(ends_at("gcs", "gcs", vehicles), ends_at(role, self.at, vehicles), strict=True):
+            rules += [Sends(station, "fwd", tunnel, until=aircraft), Sends(aircraft, "rev", tunnel, until=station)]
+            rules += [Compares(station, aircraft, "fwd"), Holds(aircraft, "fwd")]
+        return Defence(
+            taps=taps, exclusive=[Exclusive(f"mission hash of {vehicle}") for vehicle in vehicles], path_rules=rules
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MakeEnd:
+    """Makes one of the two ends of a link."""
+
+    kind: MissionHash
+    at_station: bool
+    vehicle: str
+    system: int
+
+    def __call__(self, link: str) -> DefenceTap:
+        """The tap of a link."""
+        key = derive_key(self.kind.passphrase, self.vehicle)
+        if self.at_station:
+            return StationEnd(link, key, self.system, Packer(STATION, COMPONENT))  # until the station has sent a frame
+        alarm, patience_ns = Alarm(self.vehicle), from_seconds(self.kind.patience_s)
+        return AircraftEnd(
+            link, key, self.system, Packer(self.system, COMPONENT), alarm, self.kind.schedule, patience_ns
+        )
+
+
+def _is_hashed(frame: Frame) -> bool:
+    """Whether a hash is computed of a frame: of an upload, or one that carries a hash."""
+    number = message_id(frame.payload)
+    return number == mav.MAVLINK_MSG_ID_TUNNEL or (frame.direction == "fwd" and number in WRITES)

@@ -8,30 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal
-
-from pydantic import Field
+from typing import ClassVar, Final, Literal
 
 from skyrange.attack.bases.mavlink_orders import read
-from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import TapMaker, ends_of
-from skyrange.codec.mavlink import Message, Packer, message_id
+from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mission.differences import describe_difference
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Number
-from skyrange.contracts.verdicts import Drop, Inject, Verdict
-from skyrange.core.ids import link_name
+from skyrange.contracts.plugins.fields import param, state
+from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.time import NS_PER_MS, Time, from_seconds
-from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.path_rules import Sends, ends_at
-from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, place_taps
+from skyrange.defence.bases.link_ends import AUTOPILOT, SpeakingTap
+from skyrange.defence.declaration import defence
+from skyrange.defence.path_rules import PathEnd, PathRule, Sends
 
-COMPONENT: Final = int(mav.MAV_COMP_ID_USER1)
-"""Component id that it reads as: answers to it are distinct from those to the station."""
-_STATION: Final = 255
-_AUTOPILOT: Final = int(mav.MAV_COMP_ID_AUTOPILOT1)
 _TIMEOUT_NS: Final = 1_500 * NS_PER_MS
 """https://mavlink.io/en/services/mission.html, "Timeouts and retries": default, and number of retries."""
 _RETRIES: Final = 5
@@ -46,23 +37,6 @@ _REQUESTS: Final = frozenset((
     mav.MAVLINK_MSG_ID_MISSION_REQUEST_LIST, mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT, mav.MAVLINK_MSG_ID_MISSION_ACK,
 ))  # fmt: skip
 _COMMANDS: Final = {"rtl": mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, "land": mav.MAV_CMD_NAV_LAND}
-
-
-class MissionReadBack(Protected):
-    """How often a mission is read back, and what follows from a difference."""
-
-    every_s: Number = Field(
-        default=10.0,
-        ge=1,
-        le=3600,
-        description="Time in seconds from the end of one read-back to the begin of the next; at a cruise of 5 m/s the "
-        "default is 50 m of flight.",
-    )
-    action: Literal["rtl", "land", "alarm"] = Field(
-        default="rtl",
-        description="What an armed aircraft is commanded when its mission differs: rtl (NAV_RETURN_TO_LAUNCH), land "
-        "(NAV_LAND), or nothing but an alarm.",
-    )
 
 
 @dataclass(slots=True)
@@ -80,18 +54,39 @@ class Sent:
         return self.count >= 0 and all(seq in self.items for seq in range(self.count))
 
 
-@dataclass(slots=True)
-class ReadBackTap(DefenceTap):
-    """Reads the mission back, and compares."""
+@defence(
+    "mission.read_back",
+    surface=("gcs",),
+    place="the station's end of the gcs link; knows the uploads that leave, and the answers that arrive",
+    effect="commands an aircraft whose mission differs to return or to land",
+    alerts=("mission.differs", "mission.unanswered"),
+    against=("mavlink.mission_replace", "mavlink.mission_clear"),
+    evasion="alters the items that are read back too, as mavlink.mission_alter does, or starts and ends between two "
+    "read-backs",
+    cost="a request and an answer for each item of the mission, every `every_s`",
+    nominal=("inject", "drop"),
+    realism={
+        "the reading component": "assumed: a program beside the ground station, on its computer",
+        "the protocol and what an autopilot stores": "cited: mavlink.io, mission protocol; AP_Mission.cpp",
+    },
+)
+class MissionReadBack(SpeakingTap):
+    """Reads missions back in flight at intervals and compares them with what the station has sent."""
 
-    system: int
-    packer: Packer
-    alarm: Alarm
-    schedule: Schedule
-    every_ns: Time
-    command: int | None
-    sent: Sent = field(default_factory=Sent)
-    armed: bool = False
+    component: ClassVar = int(mav.MAV_COMP_ID_USER1)
+    decides: ClassVar = "mission read-back"
+
+    every_s: Number = param(
+        "Time in seconds from the end of one read-back to the begin of the next; at a cruise of 5 m/s the default is "
+        "50 m of flight.",
+        default=10.0, ge=1, le=3600,
+    )  # fmt: skip
+    action: Literal["rtl", "land", "alarm"] = param(
+        "What an armed aircraft is commanded when its mission differs: rtl (NAV_RETURN_TO_LAUNCH), land (NAV_LAND), or "
+        "nothing but an alarm.",
+        default="rtl",
+    )
+    sent: Sent = state(Sent)
     due: Time | None = None
     """When the next read-back begins, or the last request is sent again."""
     asked: int = -2
@@ -100,12 +95,28 @@ class ReadBackTap(DefenceTap):
     unanswered: int = 0
     """Read-backs in a row of which a request had no answer, and none came since."""
 
+    @staticmethod
+    def inspects(frame: Frame) -> bool:
+        """Whether a frame is of a transfer of a mission towards the station."""
+        return frame.direction == "rev" and message_id(frame.payload) in _ANSWERS
+
+    def find_end(self) -> tuple[str, str]:
+        """See `EndTap`."""
+        return "gcs", "gcs"
+
+    def find_rules(self, end: PathEnd) -> Sequence[PathRule]:
+        """What it sends."""
+        command = _COMMANDS.get(self.action)
+        if command is None:
+            return [Sends(end, "fwd", _REQUESTS)]
+        return [Sends(end, "fwd", _REQUESTS | {mav.MAVLINK_MSG_ID_COMMAND_LONG}, frozenset((int(command),)))]
+
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """Learn what the station uploads and whether the aircraft is armed; take the own answers off the link."""
         number = message_id(frame.payload)
         if frame.direction == "rev":
             if number == mav.MAVLINK_MSG_ID_HEARTBEAT:
-                self._learn_armed(frame.payload)
+                self.learn_armed(frame.payload)
                 return ()
             return self._hear(now, frame.payload) if number in _ANSWERS else ()
         if number in (mav.MAVLINK_MSG_ID_MISSION_COUNT, mav.MAVLINK_MSG_ID_MISSION_ITEM_INT):
@@ -121,7 +132,7 @@ class ReadBackTap(DefenceTap):
         if self.due is None or now < self.due:
             return ()
         if now < self.schedule.start_ns:
-            self.due = now + self.every_ns
+            self.due = now + from_seconds(self.every_s)
             return ()
         if self.asked == -2:
             self.retries = 0
@@ -134,11 +145,6 @@ class ReadBackTap(DefenceTap):
                 return ()
             return self.alarm.raise_at(now, "mission.unanswered", 0.5)
         return self._ask(now, self.asked)
-
-    def _learn_armed(self, payload: bytes) -> None:
-        message = read(payload)
-        if message is not None and message.autopilot != mav.MAV_AUTOPILOT_INVALID:
-            self.armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
 
     def _learn_mission(self, payload: bytes) -> None:
         message = read(payload)
@@ -155,11 +161,11 @@ class ReadBackTap(DefenceTap):
         if message is None or message.target_system != self.packer.system or message.mission_type != _KIND:
             return ()
         number = message.get_msgId()
-        if message.target_component != COMPONENT:
+        if message.target_component != self.component:
             done = number == mav.MAVLINK_MSG_ID_MISSION_ACK and message.type == mav.MAV_MISSION_ACCEPTED
             if done and not self.sent.accepted and self.sent.complete:
                 self.sent.accepted = True
-                self.asked, self.due = -2, now + self.every_ns
+                self.asked, self.due = -2, now + from_seconds(self.every_s)
             return ()
         return [Drop(), *self._compare(now, message, number)]
 
@@ -186,80 +192,20 @@ class ReadBackTap(DefenceTap):
         if seq < self.sent.count:
             return self._ask(now, seq)
         self._end(now)
-        ack = mav.MAVLink_mission_ack_message(self.system, _AUTOPILOT, mav.MAV_MISSION_ACCEPTED, _KIND)
-        return [self._say(ack)]
+        ack = mav.MAVLink_mission_ack_message(self.system, AUTOPILOT, mav.MAV_MISSION_ACCEPTED, _KIND)
+        return [self.say(ack)]
 
     def _differ(self, now: Time, problem: str) -> Sequence[Verdict]:
         self._end(now)
-        answer: list[Verdict] = []
-        acts = self.armed and self.command is not None
-        if acts:
-            command = mav.MAVLink_command_long_message(self.system, _AUTOPILOT, self.command, 0, *([0.0] * 7))
-            answer.append(self._say(command))
+        command = _COMMANDS.get(self.action)
+        answer = [self.command(command)] if self.armed and command is not None else []
         return [*answer, *self.alarm.raise_at(now, "mission.differs", 1.0, what=problem)]
 
     def _end(self, now: Time) -> None:
-        self.asked, self.due = -2, now + self.every_ns
+        self.asked, self.due = -2, now + from_seconds(self.every_s)
 
     def _ask(self, now: Time, seq: int) -> list[Verdict]:
         self.asked, self.due = seq, now + _TIMEOUT_NS
         if seq < 0:
-            return [self._say(mav.MAVLink_mission_request_list_message(self.system, _AUTOPILOT, _KIND))]
-        return [self._say(mav.MAVLink_mission_request_int_message(self.system, _AUTOPILOT, seq, _KIND))]
-
-    def _say(self, message: Message) -> Inject:
-        return Inject(self.packer.pack(message), "fwd", *ends_of(self.link, "fwd"))
-
-
-@dataclass(frozen=True, slots=True)
-class _Maker:
-    """Makes the tap of a link."""
-
-    params: MissionReadBack
-    vehicles: tuple[tuple[str, str, int], ...]
-    schedule: Schedule
-
-    def __call__(self, link: str) -> ReadBackTap:
-        vehicle, system = next((one, number) for name, one, number in self.vehicles if name == link)
-        every_ns, command = from_seconds(self.params.every_s), _COMMANDS.get(self.params.action)
-        return ReadBackTap(link, system, Packer(_STATION, COMPONENT), Alarm(vehicle), self.schedule, every_ns, command)
-
-
-def _is_answer(frame: Frame) -> bool:
-    """Whether a frame is of a transfer of a mission towards the station."""
-    return frame.direction == "rev" and message_id(frame.payload) in _ANSWERS
-
-
-def make(params: MissionReadBack, context: DefenceContext) -> Defence:
-    """The parts. Raises `InputError` for aircraft that the scenario does not have."""
-    vehicles = find_protected(params, context)
-    known = tuple((link_name("gcs", one), one, context.vehicles[one].system_id) for one in vehicles)
-    taps = place_taps("gcs", "gcs", vehicles, context, TapMaker(_Maker(params, known, context.schedule)), _is_answer)
-    command = _COMMANDS.get(params.action)
-    commands = frozenset(() if command is None else (int(command),))
-    messages = _REQUESTS | {mav.MAVLINK_MSG_ID_COMMAND_LONG} if commands else _REQUESTS
-    return Defence(
-        taps=taps,
-        exclusive=[Exclusive(f"mission read-back of {vehicle}") for vehicle in vehicles],
-        path_rules=[Sends(end, "fwd", messages, commands) for end in ends_at("gcs", "gcs", vehicles)],
-    )
-
-
-READ_BACK = DefencePlugin(
-    MissionReadBack,
-    make,
-    "Reads missions back in flight at intervals and compares them with what the station has sent.",
-    surface=("gcs",),
-    place="the station's end of the gcs link; knows the uploads that leave, and the answers that arrive",
-    effect="commands an aircraft whose mission differs to return or to land",
-    alerts=("mission.differs", "mission.unanswered"),
-    against=("mavlink.mission_replace", "mavlink.mission_clear"),
-    evasion="alters the items that are read back too, as mavlink.mission_alter does, or starts and ends between two "
-    "read-backs",
-    cost="a request and an answer for each item of the mission, every `every_s`",
-    nominal=("inject", "drop"),
-    realism={
-        "the reading component": "assumed: a program beside the ground station, on its computer",
-        "the protocol and what an autopilot stores": "cited: mavlink.io, mission protocol; AP_Mission.cpp",
-    },
-)
+            return [self.say(mav.MAVLink_mission_request_list_message(self.system, AUTOPILOT, _KIND))]
+        return [self.say(mav.MAVLink_mission_request_int_message(self.system, AUTOPILOT, seq, _KIND))]

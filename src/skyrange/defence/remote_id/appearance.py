@@ -3,28 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from math import ceil, log
-from typing import Final
-
-from pydantic import Field
+from typing import ClassVar, Final
 
 from skyrange.city.city import City
 from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param, state
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.time import NS_PER_S, Time, from_seconds
-from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.placement import Alarm, Protected, find_protected
-from skyrange.defence.remote_id.receptions import (
-    Claim,
-    Finding,
-    Held,
-    Judge,
-    OwnAircraft,
-    Sender,
-    defend,
-    refuse,
-)
+from skyrange.defence.bases.receptions import BroadcastJudge
+from skyrange.defence.contract import DefenceContext
+from skyrange.defence.declaration import defence
+from skyrange.defence.receptions import Claim, Finding, Held, Sender
 from skyrange.defence.remote_id.signal import ErrorRate, is_in_sight
 from skyrange.defence.remote_id.strength_test import FADING_DB, distance_m, free_space_loss_db, shadowing_db
 
@@ -38,97 +28,8 @@ TAKE_OFF_M: Final = 15.0
 several metres a second it is not heard sooner, and one radio that starts late has as many seconds (assumed)."""
 
 
-class AppearanceRules(Protected):
-    """Which senders should have been heard before."""
-
-    power_dbm: Number = Field(
-        default=10.0,
-        ge=-30,
-        le=50,
-        description="Power (EIRP) in dBm that every honest aircraft has at least; with it the reach follows from the "
-        "model of signals (assumed: modules have 10 to 20 dBm).",
-    )
-    miss: ErrorRate = Field(
-        default=0.5,
-        description="Largest share of an aircraft's broadcasts within reach that is lost, to collisions and traffic.",
-    )
-    false_alarm: ErrorRate = Field(
-        default=0.001, description="Probability that all broadcasts that should have been heard were lost."
-    )
-    hold_s: Number = Field(
-        default=60.0,
-        ge=0,
-        le=86_400,
-        description="Time in seconds for which a sender that appears so is not believed. A transmitter that was "
-        "switched on in flight is believed after it.",
-    )
-
-    @property
-    def broadcasts(self) -> int:
-        """How many broadcasts must be missing: miss to this power is the false-alarm probability."""
-        return ceil(log(self.false_alarm) / log(self.miss))
-
-
-@dataclass(slots=True)
-class AppearanceJudge(Judge):
-    """Decides once about each UAS ID, when its first Location is received."""
-
-    rules: AppearanceRules
-    city: City | None
-    alarm: Alarm
-    known: Held = field(default_factory=Held)
-    """By `Sender` without an address if it has an id: the finding and when it ends, or True."""
-
-    def judge(self, now: Time, own: OwnAircraft, sender: Sender, claim: Claim | None) -> Sequence[Verdict]:
-        """Drop the broadcasts of a sender that appeared where it should have been heard before."""
-        who = Sender(b"", sender.uas_id) if sender.uas_id else sender
-        state = self.known.touch(who)
-        if state is None:
-            if claim is None:
-                return ()
-            found = self._find(now, own, claim)
-            state = True if found is None else (found, now + from_seconds(self.rules.hold_s))
-            self.known.put(who, state)
-        if not isinstance(state, tuple):
-            return ()
-        finding, until = state
-        return refuse(now, self.alarm, sender, finding) if now < until else ()
-
-    def _find(self, now: Time, own: OwnAircraft, claim: Claim) -> Finding | None:
-        missing = self.rules.broadcasts
-        if own.since_ns < 0 or now - own.since_ns < missing * NS_PER_S:  # it has not listened for long enough
-            return None
-        if claim.place is None or claim.velocity is None or claim.grounded:
-            return None
-        if claim.height_m is not None and claim.height_m < TAKE_OFF_M:
-            return None
-        for second in range(1, missing + 1):  # each element is broadcast at least once a second (14 CFR 89.310)
-            here = own.place_at(now - second * NS_PER_S)
-            x, y, z = (p - v * second for p, v in zip(claim.place, claim.velocity, strict=True))
-            if here is None or not self._in_reach(here, (x, y, z)):
-                return None
-        away_m = distance_m(claim.place, own.place_at(now) or claim.place)
-        return Finding(KIND, 1.0, (("away_m", away_m), ("missing", float(missing))))
-
-    def _in_reach(self, here: tuple[float, float, float], there: tuple[float, float, float]) -> bool:
-        if there[2] < TAKE_OFF_M:
-            return False
-        spread = (shadowing_db(min(here[2], there[2])) ** 2 + FADING_DB**2) ** 0.5
-        strength = self.rules.power_dbm - free_space_loss_db(distance_m(here, there))
-        return strength >= SENSITIVITY_DBM + MARGIN * spread and is_in_sight(self.city, here, there)
-
-
-def make(params: AppearanceRules, context: DefenceContext) -> Defence:
-    """The parts. Raises `InputError` for aircraft that the scenario does not have, and without a radio medium."""
-    vehicles = find_protected(params, context)
-    judges = [AppearanceJudge(params, context.city, Alarm(vehicle)) for vehicle in vehicles]
-    return defend(vehicles, context, judges, "appearance check")
-
-
-APPEARANCE = DefencePlugin(
-    AppearanceRules,
-    make,
-    "Drops Remote ID of senders that appear near, in sight and in the air, without having been heard on their way.",
+@defence(
+    "remote_id.appearance",
     surface=("rid_down",),
     place="the companion's ends of rid_down and rid_data; knows the broadcasts received, its own aircraft's position, "
     "and a map of the buildings",
@@ -143,3 +44,77 @@ APPEARANCE = DefencePlugin(
         "building map": "assumed: the receiver has the range's own",
     },
 )
+class AppearanceCheck(BroadcastJudge):
+    """Drops Remote ID of senders that appear near, in sight and in the air, without having been heard on their way.
+
+    It decides once about each UAS ID, when its first Location is received.
+    """
+
+    decides: ClassVar = "appearance check"
+
+    power_dbm: Number = param(
+        "Power (EIRP) in dBm that every honest aircraft has at least; with it the reach follows from the model of "
+        "signals (assumed: modules have 10 to 20 dBm).",
+        default=10.0, ge=-30, le=50,
+    )  # fmt: skip
+    miss: ErrorRate = param(
+        "Largest share of an aircraft's broadcasts within reach that is lost, to collisions and traffic.", default=0.5
+    )
+    false_alarm: ErrorRate = param(
+        "Probability that all broadcasts that should have been heard were lost.", default=0.001
+    )
+    hold_s: Number = param(
+        "Time in seconds for which a sender that appears so is not believed. A transmitter that was switched on in "
+        "flight is believed after it.",
+        default=60.0, ge=0, le=86_400,
+    )  # fmt: skip
+    city: City | None
+    known: Held = state(Held)
+    """By `Sender` without an address if it has an id: the finding and when it ends, or True."""
+
+    def prepare(self, context: DefenceContext) -> None:
+        """Have the map."""
+        self.city = context.city
+
+    @property
+    def broadcasts(self) -> int:
+        """How many broadcasts must be missing: miss to this power is the false-alarm probability."""
+        return ceil(log(self.false_alarm) / log(self.miss))
+
+    def judge(self, now: Time, sender: Sender, claim: Claim | None) -> Sequence[Verdict]:
+        """Drop the broadcasts of a sender that appeared where it should have been heard before."""
+        who = Sender(b"", sender.uas_id) if sender.uas_id else sender
+        state = self.known.touch(who)
+        if state is None:
+            if claim is None:
+                return ()
+            found = self._find(now, claim)
+            state = True if found is None else (found, now + from_seconds(self.hold_s))
+            self.known.put(who, state)
+        if not isinstance(state, tuple):
+            return ()
+        finding, until = state
+        return self.refuse(now, sender, finding) if now < until else ()
+
+    def _find(self, now: Time, claim: Claim) -> Finding | None:
+        missing = self.broadcasts
+        if self.own.since_ns < 0 or now - self.own.since_ns < missing * NS_PER_S:  # it has not listened for long enough
+            return None
+        if claim.place is None or claim.velocity is None or claim.grounded:
+            return None
+        if claim.height_m is not None and claim.height_m < TAKE_OFF_M:
+            return None
+        for second in range(1, missing + 1):  # each element is broadcast at least once a second (14 CFR 89.310)
+            here = self.own.place_at(now - second * NS_PER_S)
+            x, y, z = (p - v * second for p, v in zip(claim.place, claim.velocity, strict=True))
+            if here is None or not self._in_reach(here, (x, y, z)):
+                return None
+        away_m = distance_m(claim.place, self.own.place_at(now) or claim.place)
+        return Finding(KIND, 1.0, (("away_m", away_m), ("missing", float(missing))))
+
+    def _in_reach(self, here: tuple[float, float, float], there: tuple[float, float, float]) -> bool:
+        if there[2] < TAKE_OFF_M:
+            return False
+        spread = (shadowing_db(min(here[2], there[2])) ** 2 + FADING_DB**2) ** 0.5
+        strength = self.power_dbm - free_space_loss_db(distance_m(here, there))
+        return strength >= SENSITIVITY_DBM + MARGIN * spread and is_in_sight(self.city, here, there)

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Any, ClassVar, Final, Literal
 
-from pydantic import Field
-
+from skyrange.attack.contract import Aircraft
 from skyrange.codec.drip import parse_session_id
 from skyrange.codec.f3411 import BasicId, Location, MessagePack, decode, printable_id
 from skyrange.codec.remote_id.link_payload import NO_RSSI, RidHeader, pack, unpack
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.plugins.fields import param, state
 from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.time import NS_PER_S, Time, from_seconds
-from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected
-from skyrange.defence.remote_id.receptions import Finding, Held, OwnAircraft, Reader, Sender, defend, refuse
+from skyrange.defence.bases.receptions import ReceptionTap
+from skyrange.defence.contract import Defence, DefenceContext
+from skyrange.defence.declaration import defence
+from skyrange.defence.receptions import Finding, Held, Sender
 from skyrange.remoteid.broadcast_profiles import sender_address
 from skyrange.remoteid.drip.verification.policy import Verification
 from skyrange.remoteid.drip.verification.settings import Authorities, ClockError, VerificationRate
@@ -46,48 +46,87 @@ GAP_NS: Final[Time] = from_seconds(STALE_S)
 """A sender that was not heard for so long counts as a new one, because its track is forgotten."""
 
 
-class DripRules(Protected):
-    """Whom the receivers believe, and what they verify with."""
+def _setting(kind: Any, default: Any) -> Any:
+    """A parameter whose type has its description."""
+    return param(kind.__metadata__[-1].description, default=default)
 
-    policy: Literal["ignore-forged", "ignore-unsigned", "ignore-unverified"] = Field(
+
+@defence(
+    "remote_id.drip",
+    surface=("rid_down",),
+    place="the companion's ends of rid_down and rid_data; knows the broadcasts received, the keys of authorities, and "
+    "UTC from its autopilot",
+    effect="drops broadcasts that its policy disbelieves, so that avoidance sees no track of them; of an address that "
+    "several use, it hands on the newest verified Location alone",
+    alerts=(REFUSED, REPLAYED, CONTRADICTED, UNSIGNED, OWN),
+    against=("remote_id.spoof", "remote_id.replay", "remote_id.signed_ghost"),
+    evasion="relays in real time, or signs lies with a key that the registry has endorsed",
+    cost="a signature verification every few seconds for each sender; no frame and no delay is added, but aircraft "
+    "have to sign, and the default policy ignores those that do not",
+    nominal=("drop",),
+    realism={"keys": "simulated: of a registry of the range's own", "clocks": "simulated: those of autopilots"},
+)
+class SignatureCheck(ReceptionTap):
+    """Drops Remote ID of senders whose DRIP signatures are wrong, replayed or missing."""
+
+    decides: ClassVar = "verification of Remote ID"
+    shares: ClassVar = ("verification",)
+
+    policy: Literal["ignore-forged", "ignore-unsigned", "ignore-unverified"] = param(
+        "Senders whose broadcasts are dropped. ignore-forged: those that were refused, replayed or contradicted; "
+        "ignore-unsigned: these and those that sign nothing; ignore-unverified: all but those with a signed Location "
+        "or System message that was verified in the last 15 s.",
         default="ignore-unsigned",
-        description="Senders whose broadcasts are dropped. ignore-forged: those that were refused, replayed or "
-        "contradicted; ignore-unsigned: these and those that sign nothing; ignore-unverified: all but those with a "
-        "signed Location or System message that was verified in the last 15 s.",
     )
-    authorities: Authorities = "apex"
-    clock_error_s: ClockError = 0.0
-    verifications_per_s: VerificationRate = None
-
-
-@dataclass(slots=True)
-class SignatureJudge:
-    """Verifies what one aircraft hears, and finds what it is not to act on."""
-
-    vehicle: str
+    authorities: Authorities = _setting(Authorities, "apex")
+    clock_error_s: ClockError = _setting(ClockError, 0.0)
+    verifications_per_s: VerificationRate = _setting(VerificationRate, None)
+    verification: Verification
+    verifier: Verifier
     address: bytes
     """Of its own broadcasts."""
     uas_id: str
     """Of its own broadcasts. A radio does not receive itself, so what has this address or id is a copy or a lie."""
-    verification: Verification
-    verifier: Verifier
-    alarm: Alarm
-    heard: Held = field(default_factory=Held)
+    heard: Held = state(Held)
     """Of each address, by a `Sender` without an id: when it was first and last heard."""
 
-    def judge(self, now: Time, own: OwnAircraft, reader: Reader, frame: Frame) -> Sequence[Verdict]:
+    def prepare(self, context: DefenceContext) -> None:
+        """Have the keys of authorities."""
+        self.find_protected(context)
+        self.verification = Verification.of(
+            context.anchors(self.authorities), self.policy, self.clock_error_s, self.verifications_per_s
+        )
+
+    def build(self, context: DefenceContext) -> Defence:
+        """Taps. Raises `InputError` also where all aircraft would be ignored."""
+        made = super().build(context)
+        signs = any(parse_session_id(one.uas_id) is not None for one in context.vehicles.values())
+        if not signs and self.policy != "ignore-forged":
+            expected = "an aircraft that signs its Remote ID: this policy ignores all others"
+            hint = 'Give an operator or aircraft remote_id = { auth = "drip" }, or set policy = "ignore-forged".'
+            raise InputError.one(context.id, "policy", self.policy, expected, hint)
+        return made
+
+    def begin(self, aircraft: Aircraft) -> None:
+        """Verify for one aircraft."""
+        self.verifier, self.address = Verifier([self.verification]), sender_address(self.vehicle)
+        self.uas_id = aircraft.uas_id
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """Verify a broadcast; drop it if it has a Location or a Basic ID, and is not to be acted on.
 
         What has neither makes no track: authentication pages pass. Of an address that several use, the newest Location
-        that is verified by a broadcast is handed on in its place.
+        that is verified by a broadcast is handed on in its place. Malformed payloads pass: the companion refuses them.
         """
+        if frame.direction != "fwd":
+            return ()
         try:
             header, body = unpack(frame.payload)
             message = decode(body)
         except DecodeError:
             return ()
-        sender, _ = reader.take(header.address, header.time_ns, None, message)
-        self.verifier.set_clock(0, now, own.clock_us(now))
+        sender, _ = self.reader.take(header.address, header.time_ns, None, message)
+        self.verifier.set_clock(0, now, self.own.clock_us(now))
         judged = self.verifier.receive(0, now, header.address, header.counter, body, frame.id)
         verdicts: list[Verdict] = [
             Note("event.remote_id_trust", self.vehicle, change.data, () if change.cause is None else (change.cause,))
@@ -99,7 +138,7 @@ class SignatureJudge:
             finding = self._find(now, header.address, identities, judged, heard_s)
             if finding is not None:
                 shown = sender._replace(uas_id=printable_id(sender.uas_id))
-                verdicts += refuse(now, self.alarm, shown, finding)
+                verdicts += self.refuse(now, shown, finding)
         for one, heard_ns in self.verifier.release(0, now, judged):
             address = one.address.to_bytes(6, "big")
             if address != self.address and self.uas_id not in (_identities(decode(one.body)) or ()):
@@ -135,71 +174,9 @@ class SignatureJudge:
         return Finding(kind, 1.0, data)
 
 
-@dataclass(slots=True)
-class SignatureTap(DefenceTap):
-    """Hands what arrives on `rid_down` to a judge. Malformed payloads pass: the companion refuses them."""
-
-    own: OwnAircraft
-    reader: Reader
-    by: SignatureJudge
-
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """Decide on a broadcast."""
-        return self.by.judge(now, self.own, self.reader, frame) if frame.direction == "fwd" else ()
-
-
 def _identities(message: object) -> list[str] | None:
     """The UAS IDs in a broadcast; `None` if it has neither these nor a Location, so that no track is made of it."""
     parts = message.messages if isinstance(message, MessagePack) else (message,)
     if not any(isinstance(part, (BasicId, Location)) for part in parts):
         return None
     return [part.uas_id for part in parts if isinstance(part, BasicId)]
-
-
-def make(params: DripRules, context: DefenceContext) -> Defence:
-    """The parts.
-
-    Raises `InputError` for aircraft that the scenario does not have, without a radio medium, and where all aircraft
-    would be ignored.
-    """
-    vehicles = find_protected(params, context)
-    verification = Verification.of(
-        context.anchors(params.authorities), params.policy, params.clock_error_s, params.verifications_per_s
-    )
-    judges = [
-        SignatureJudge(
-            vehicle,
-            sender_address(vehicle),
-            context.vehicles[vehicle].uas_id,
-            verification,
-            Verifier([verification]),
-            Alarm(vehicle),
-        )
-        for vehicle in vehicles
-    ]
-    made = defend(vehicles, context, judges, "verification of Remote ID", SignatureTap)
-    signs = any(parse_session_id(one.uas_id) is not None for one in context.vehicles.values())
-    if not signs and params.policy != "ignore-forged":
-        expected = "an aircraft that signs its Remote ID: this policy ignores all others"
-        hint = 'Give an operator or aircraft remote_id = { auth = "drip" }, or set policy = "ignore-forged".'
-        raise InputError.one(context.id, "policy", params.policy, expected, hint)
-    return made
-
-
-DRIP = DefencePlugin(
-    DripRules,
-    make,
-    "Drops Remote ID of senders whose DRIP signatures are wrong, replayed or missing.",
-    surface=("rid_down",),
-    place="the companion's ends of rid_down and rid_data; knows the broadcasts received, the keys of authorities, and "
-    "UTC from its autopilot",
-    effect="drops broadcasts that its policy disbelieves, so that avoidance sees no track of them; of an address that "
-    "several use, it hands on the newest verified Location alone",
-    alerts=(REFUSED, REPLAYED, CONTRADICTED, UNSIGNED, OWN),
-    against=("remote_id.spoof", "remote_id.replay", "remote_id.signed_ghost"),
-    evasion="relays in real time, or signs lies with a key that the registry has endorsed",
-    cost="a signature verification every few seconds for each sender; no frame and no delay is added, but aircraft "
-    "have to sign, and the default policy ignores those that do not",
-    nominal=("drop",),
-    realism={"keys": "simulated: of a registry of the range's own", "clocks": "simulated: those of autopilots"},
-)

@@ -3,29 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import hypot, log, sqrt
-from typing import Final
-
-from pydantic import Field
+from typing import ClassVar, Final
 
 from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param, state
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.time import NS_PER_S, Time, from_seconds
-from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.placement import Alarm, Protected, find_protected
-from skyrange.defence.remote_id.receptions import (
-    HOUR_S,
-    UNKNOWN_M,
-    Claim,
-    Finding,
-    Held,
-    Judge,
-    OwnAircraft,
-    Sender,
-    defend,
-    refuse,
-)
+from skyrange.defence.bases.receptions import BroadcastJudge
+from skyrange.defence.declaration import defence
+from skyrange.defence.receptions import HOUR_S, UNKNOWN_M, Claim, Finding, Held, Sender
 
 SPEED: Final = "remote_id.speed"
 JUMP: Final = "remote_id.jump"
@@ -41,38 +29,6 @@ LATENCY_S: Final = 1.0
 """From measurement to transmission at most (14 CFR 89.310, F3411-22a): by so much times of reception may be wrong."""
 
 
-class MotionRules(Protected):
-    """What aircraft can do, and how far positions may be off."""
-
-    speed_mps: Number = Field(
-        default=44.7,
-        gt=0,
-        le=250,
-        description="Largest speed over ground in m/s. 44.7 is the limit of 14 CFR 107.51(a) (100 mph).",
-    )
-    acceleration_mps2: Number = Field(
-        default=9.8,
-        gt=0,
-        le=200,
-        description="Largest horizontal acceleration in m/s². 9.8 is that of a multirotor that tilts by 45° in level "
-        "flight (assumed as the most; ArduCopter's ANGLE_MAX is 30°).",
-    )
-    false_alarm: Number = Field(
-        default=1e-6,
-        gt=0,
-        lt=0.05,
-        description="Probability that two positions of an honest aircraft with normal errors are found to be a jump.",
-    )
-    hold_s: Number = Field(
-        default=10.0,
-        ge=0,
-        le=3600,
-        description="Time in seconds for which a sender's broadcasts are dropped after the last finding; after 10 s "
-        "without broadcasts a companion has forgotten the track. An address that uses the identity of another one "
-        "is dropped for good.",
-    )
-
-
 @dataclass(slots=True)
 class _Heard:
     """What is held of a sender."""
@@ -83,15 +39,48 @@ class _Heard:
     bad_ns: Time = 0
 
 
-@dataclass(slots=True)
-class MotionJudge(Judge):
-    """Compares each Location with the one before it, and with those that other addresses send with the same id."""
+@defence(
+    "remote_id.motion",
+    surface=("rid_down",),
+    place="the companion's end of rid_down; knows the broadcasts received",
+    effect="drops broadcasts of a sender for some seconds after the finding, and of one that uses another's identity "
+    "for good, so that avoidance sees no track of it",
+    alerts=(SPEED, JUMP, VELOCITY, TWO_PLACES),
+    against=("remote_id.spoof", "remote_id.replay", "remote_id.signed_ghost"),
+    evasion="claims a track that an aircraft can fly, under an identity that nobody near uses",
+    cost="a comparison of two positions for each broadcast; no frame and no delay is added",
+    realism={"errors of honest positions": "assumed: normal, with the accuracy that the broadcast says"},
+)
+class MotionCheck(BroadcastJudge):
+    """Drops Remote ID of senders whose positions jump, contradict their velocity, or are at two places at once.
 
-    rules: MotionRules
-    alarm: Alarm
-    held: Held = field(default_factory=Held)
+    It compares each Location with the one before it, and with those that other addresses send with the same id.
+    """
 
-    def judge(self, now: Time, own: OwnAircraft, sender: Sender, claim: Claim | None) -> Sequence[Verdict]:
+    decides: ClassVar = "motion check"
+
+    speed_mps: Number = param(
+        "Largest speed over ground in m/s. 44.7 is the limit of 14 CFR 107.51(a) (100 mph).",
+        default=44.7, gt=0, le=250,
+    )  # fmt: skip
+    acceleration_mps2: Number = param(
+        "Largest horizontal acceleration in m/s². 9.8 is that of a multirotor that tilts by 45° in level flight "
+        "(assumed as the most; ArduCopter's ANGLE_MAX is 30°).",
+        default=9.8, gt=0, le=200,
+    )  # fmt: skip
+    false_alarm: Number = param(
+        "Probability that two positions of an honest aircraft with normal errors are found to be a jump.",
+        default=1e-6, gt=0, lt=0.05,
+    )  # fmt: skip
+    hold_s: Number = param(
+        "Time in seconds for which a sender's broadcasts are dropped after the last finding; after 10 s without "
+        "broadcasts a companion has forgotten the track. An address that uses the identity of another one is dropped "
+        "for good.",
+        default=10.0, ge=0, le=3600,
+    )  # fmt: skip
+    held: Held = state(Held)
+
+    def judge(self, now: Time, sender: Sender, claim: Claim | None) -> Sequence[Verdict]:
         """Drop a broadcast of a sender with a finding of late."""
         heard = self.held.touch(sender)
         if not isinstance(heard, _Heard):
@@ -105,9 +94,9 @@ class MotionJudge(Judge):
             heard.last = claim
         if heard.bad is None:
             return ()
-        if heard.bad.kind != TWO_PLACES and now - heard.bad_ns > from_seconds(self.rules.hold_s):
+        if heard.bad.kind != TWO_PLACES and now - heard.bad_ns > from_seconds(self.hold_s):
             return ()
-        return refuse(now, self.alarm, sender, heard.bad)
+        return self.refuse(now, sender, heard.bad)
 
     def _find(self, claim: Claim, heard: _Heard) -> Finding | None:
         found = self._find_speed(claim)
@@ -120,9 +109,9 @@ class MotionJudge(Judge):
             return None
         speed = hypot(claim.velocity[0], claim.velocity[1])
         least = speed - (claim.speed_error_mps or UNKNOWN_MPS) - ROUNDING_MPS
-        if least <= self.rules.speed_mps:
+        if least <= self.speed_mps:
             return None
-        return Finding(SPEED, speed / self.rules.speed_mps, (("speed_mps", speed),))
+        return Finding(SPEED, speed / self.speed_mps, (("speed_mps", speed),))
 
     def _compare(self, old: Claim, new: Claim) -> Finding | None:
         """What is wrong with two positions that one sender claims one after another."""
@@ -131,7 +120,7 @@ class MotionJudge(Judge):
         assert new.place is not None
         east_m, north_m = new.place[0] - old.place[0], new.place[1] - old.place[1]
         away_m, noise_m = hypot(east_m, north_m), self._noise_m(old, new)
-        most_m = self.rules.speed_mps * (elapsed_s + error_s) + noise_m
+        most_m = self.speed_mps * (elapsed_s + error_s) + noise_m
         if away_m > most_m:
             return Finding(JUMP, away_m / most_m, (("moved_m", away_m), ("in_s", elapsed_s)))
         if old.velocity is None or new.velocity is None:
@@ -139,7 +128,7 @@ class MotionJudge(Judge):
         (u0, v0, _), (u1, v1, _) = old.velocity, new.velocity
         # an aircraft that accelerates by at most a is at most a·t²/4 from where the mean of its two velocities leads
         speed = max(hypot(u0, v0), hypot(u1, v1))
-        reach_m = self.rules.acceleration_mps2 * (elapsed_s + error_s) ** 2 / 4.0
+        reach_m = self.acceleration_mps2 * (elapsed_s + error_s) ** 2 / 4.0
         doubt_mps = max(one.speed_error_mps or UNKNOWN_MPS for one in (old, new)) + ROUNDING_MPS + ROUNDING_RAD * speed
         limit_m = noise_m + reach_m + doubt_mps * elapsed_s + speed * error_s
         off_m = hypot(east_m - 0.5 * (u0 + u1) * elapsed_s, north_m - 0.5 * (v0 + v1) * elapsed_s)
@@ -149,14 +138,14 @@ class MotionJudge(Judge):
 
     def _noise_m(self, old: Claim, new: Claim) -> float:
         """Bound of the errors of two positions. For normal errors in the plane, r_p = r_95·√(ln p / ln 0.05)."""
-        share = sqrt(log(0.5 * self.rules.false_alarm) / log(0.05))
+        share = sqrt(log(0.5 * self.false_alarm) / log(0.05))
         return share * sum(UNKNOWN_M if one.horizontal_m is None else one.horizontal_m for one in (old, new))
 
     def _find_other(self, claim: Claim, heard: _Heard) -> Finding | None:
         """Whether an address that was heard earlier sends the same id from a place that cannot be reached."""
         if not claim.sender.uas_id:
             return None
-        stale_ns = from_seconds(self.rules.hold_s)
+        stale_ns = from_seconds(self.hold_s)
         for sender, other in self.held.senders.items():
             if sender == claim.sender or sender.uas_id != claim.sender.uas_id or not isinstance(other, _Heard):
                 continue
@@ -169,7 +158,7 @@ class MotionJudge(Judge):
                 continue
             elapsed_s, error_s = elapsed(last, claim)
             away_m = hypot(claim.place[0] - last.place[0], claim.place[1] - last.place[1])
-            most_m = self.rules.speed_mps * (elapsed_s + error_s) + self._noise_m(last, claim)
+            most_m = self.speed_mps * (elapsed_s + error_s) + self._noise_m(last, claim)
             if away_m > most_m:
                 return Finding(TWO_PLACES, away_m / most_m, (("apart_m", away_m), ("first", sender.address.hex())))
         return None
@@ -184,26 +173,3 @@ def elapsed(old: Claim, new: Claim) -> tuple[float, float]:
         if said_s >= 0.0 and abs(said_s - received_s) <= LATENCY_S + error_s:
             return said_s, error_s
     return max(received_s, 0.0), LATENCY_S
-
-
-def make(params: MotionRules, context: DefenceContext) -> Defence:
-    """The parts. Raises `InputError` for aircraft that the scenario does not have, and without a radio medium."""
-    vehicles = find_protected(params, context)
-    judges = [MotionJudge(params, Alarm(vehicle)) for vehicle in vehicles]
-    return defend(vehicles, context, judges, "motion check")
-
-
-MOTION = DefencePlugin(
-    MotionRules,
-    make,
-    "Drops Remote ID of senders whose positions jump, contradict their velocity, or are at two places at once.",
-    surface=("rid_down",),
-    place="the companion's end of rid_down; knows the broadcasts received",
-    effect="drops broadcasts of a sender for some seconds after the finding, and of one that uses another's identity "
-    "for good, so that avoidance sees no track of it",
-    alerts=(SPEED, JUMP, VELOCITY, TWO_PLACES),
-    against=("remote_id.spoof", "remote_id.replay", "remote_id.signed_ghost"),
-    evasion="claims a track that an aircraft can fly, under an identity that nobody near uses",
-    cost="a comparison of two positions for each broadcast; no frame and no delay is added",
-    realism={"errors of honest positions": "assumed: normal, with the accuracy that the broadcast says"},
-)

@@ -3,27 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Final
+from typing import ClassVar, Final
 
-from pydantic import Field
-
+from skyrange.attack.contract import Aircraft
 from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param, state
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.time import Time
-from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.placement import Alarm, Protected, find_protected
-from skyrange.defence.remote_id.receptions import (
-    HOUR_S,
-    Claim,
-    Finding,
-    Held,
-    Judge,
-    OwnAircraft,
-    Sender,
-    defend,
-    refuse,
-)
+from skyrange.defence.bases.receptions import BroadcastJudge
+from skyrange.defence.declaration import defence
+from skyrange.defence.receptions import HOUR_S, Claim, Finding, Held, Sender
 
 OLD: Final = "remote_id.old"
 BACKWARD: Final = "remote_id.backward"
@@ -35,57 +24,66 @@ WAIT_S: Final = 0.5
 """A Wi-Fi frame waits at most so long for the channel (`radio.builtin.channel_access`)."""
 
 
-class AgeRules(Protected):
-    """How old positions may be."""
+@defence(
+    "remote_id.replay",
+    surface=("rid_down",),
+    place="the companion's ends of rid_down and rid_data; knows the broadcasts received, and UTC from its autopilot",
+    effect="drops old broadcasts, so that avoidance sees an aircraft only where it is; without an alarm those of a "
+    "sender that says that its Remote ID fails",
+    alerts=(OLD, BACKWARD, OWN),
+    against=("remote_id.replay",),
+    evasion="repeats within two seconds, or writes new timestamps into old positions; a copy that says that its "
+    "Remote ID fails is dropped without an alarm",
+    cost="a comparison of two times for each broadcast; no frame and no delay is added",
+    realism={"clocks": "simulated: both are those of the aircraft's navigation receivers"},
+)
+class AgeCheck(BroadcastJudge):
+    """Drops Remote ID that is older than a position may be or than what was said before, or that has the own UAS ID.
 
-    latency_s: Number = Field(
-        default=1.0,
-        ge=0,
-        le=60,
-        description="Longest time in seconds from the measurement of a position to its broadcast: 1 s in 14 CFR 89.310 "
-        "and F3411-22a.",
-    )
-    clock_error_s: Number = Field(
-        default=0.5,
-        ge=0,
-        le=60,
-        description="Largest error of the receiver's clock in seconds, beside that of the sender's, which the "
-        "broadcast says.",
-    )
+    It compares timestamps with the own clock, and with the newest of the same UAS ID from any address.
+    """
 
+    decides: ClassVar = "age check of Remote ID"
 
-@dataclass(slots=True)
-class AgeJudge(Judge):
-    """Compares timestamps with the own clock, and with the newest of the same UAS ID from any address."""
-
-    rules: AgeRules
+    latency_s: Number = param(
+        "Longest time in seconds from the measurement of a position to its broadcast: 1 s in 14 CFR 89.310 and "
+        "F3411-22a.",
+        default=1.0, ge=0, le=60,
+    )  # fmt: skip
+    clock_error_s: Number = param(
+        "Largest error of the receiver's clock in seconds, beside that of the sender's, which the broadcast says.",
+        default=0.5, ge=0, le=60,
+    )  # fmt: skip
     uas_id: str
     """Of the own aircraft. A radio does not receive itself, so what it receives under this id is a copy or a lie."""
-    alarm: Alarm
-    newest: Held = field(default_factory=Held)
+    newest: Held = state(Held)
     """Of each UAS ID, by a `Sender` without an address: timestamp and accuracy of its newest Location."""
-    bad: Held = field(default_factory=Held)
+    bad: Held = state(Held)
     """Findings about senders whose last Location was refused: what they send beside it is refused as well."""
 
-    def judge(self, now: Time, own: OwnAircraft, sender: Sender, claim: Claim | None) -> Sequence[Verdict]:
+    def begin(self, aircraft: Aircraft) -> None:
+        """Know the own id."""
+        self.uas_id = aircraft.uas_id
+
+    def judge(self, now: Time, sender: Sender, claim: Claim | None) -> Sequence[Verdict]:
         """Drop a broadcast with an old Location, and those without one of a sender whose last Location was old."""
         if sender.uas_id == self.uas_id:
-            return refuse(now, self.alarm, sender, Finding(OWN, 1.0))
+            return self.refuse(now, sender, Finding(OWN, 1.0))
         if claim is not None:
             self.bad.senders.pop(sender, None)
-            found = self._find(own, claim)
+            found = self._find(claim)
             if found is not None:
                 self.bad.put(sender, STALE if claim.failing else found)
         refused = self.bad.touch(sender)
-        return refuse(now, self.alarm, sender, refused) if isinstance(refused, Finding) else ()
+        return self.refuse(now, sender, refused) if isinstance(refused, Finding) else ()
 
-    def _find(self, own: OwnAircraft, claim: Claim) -> Finding | None:
-        hour_s, said_s = own.hour_s(claim.at_ns), claim.timestamp_s
+    def _find(self, claim: Claim) -> Finding | None:
+        hour_s, said_s = self.own.hour_s(claim.at_ns), claim.timestamp_s
         if said_s is None:
             return None
-        most_s = self.rules.latency_s + WAIT_S + claim.timestamp_error_s
+        most_s = self.latency_s + WAIT_S + claim.timestamp_error_s
         if hour_s is not None:
-            age_s, clock_s = _since(said_s, hour_s), self.rules.clock_error_s
+            age_s, clock_s = _since(said_s, hour_s), self.clock_error_s
             if age_s > most_s + clock_s or age_s < -(claim.timestamp_error_s + clock_s):
                 return Finding(OLD, max(abs(age_s) / (most_s + clock_s), 1.0), (("age_s", age_s),))
         return self._compare(claim, said_s, most_s)
@@ -107,27 +105,3 @@ class AgeJudge(Judge):
 def _since(earlier_s: float, later_s: float) -> float:
     """Seconds from one time of the hour to another one, from minus to plus half an hour."""
     return (later_s - earlier_s + 0.5 * HOUR_S) % HOUR_S - 0.5 * HOUR_S
-
-
-def make(params: AgeRules, context: DefenceContext) -> Defence:
-    """The parts. Raises `InputError` for aircraft that the scenario does not have, and without a radio medium."""
-    vehicles = find_protected(params, context)
-    judges = [AgeJudge(params, context.vehicles[vehicle].uas_id, Alarm(vehicle)) for vehicle in vehicles]
-    return defend(vehicles, context, judges, "age check of Remote ID")
-
-
-REPLAY = DefencePlugin(
-    AgeRules,
-    make,
-    "Drops Remote ID that is older than a position may be or than what was said before, or that has the own UAS ID.",
-    surface=("rid_down",),
-    place="the companion's ends of rid_down and rid_data; knows the broadcasts received, and UTC from its autopilot",
-    effect="drops old broadcasts, so that avoidance sees an aircraft only where it is; without an alarm those of a "
-    "sender that says that its Remote ID fails",
-    alerts=(OLD, BACKWARD, OWN),
-    against=("remote_id.replay",),
-    evasion="repeats within two seconds, or writes new timestamps into old positions; a copy that says that its "
-    "Remote ID fails is dropped without an alarm",
-    cost="a comparison of two times for each broadcast; no frame and no delay is added",
-    realism={"clocks": "simulated: both are those of the aircraft's navigation receivers"},
-)

@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from math import hypot, log
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from skyrange.city.city import City
 from skyrange.contracts.params import Number, items
 from skyrange.contracts.params import refuse as refuse_params
+from skyrange.contracts.plugins.fields import param, state
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import Problem
 from skyrange.core.time import Time
-from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.placement import Alarm, Protected, find_protected
-from skyrange.defence.remote_id.receptions import (
-    UNKNOWN_M,
-    Claim,
-    Finding,
-    Held,
-    Judge,
-    OwnAircraft,
-    Place,
-    Sender,
-    defend,
-    refuse,
-)
+from skyrange.defence.bases.receptions import BroadcastJudge
+from skyrange.defence.contract import DefenceContext
+from skyrange.defence.declaration import defence
+from skyrange.defence.receptions import UNKNOWN_M, Claim, Finding, Held, Place, Sender
 from skyrange.defence.remote_id.strength_test import FREQUENCY_MHZ, StrengthTest, distance_m
 from skyrange.radio.propagation.path_loss import wavelength_m
 
@@ -49,18 +39,69 @@ PowerLimits = Annotated[
 ErrorRate = Annotated[Number, Field(gt=0, lt=1)]
 
 
-class SignalRules(Protected):
-    """What signals honest aircraft may have, and how sure the receiver wants to be."""
+@defence(
+    "remote_id.signal",
+    surface=("rid_down",),
+    place="the companion's ends of rid_down and rid_data; knows broadcasts with signal strength, its own aircraft's "
+    "position, and a map of the buildings",
+    effect="drops all broadcasts of a rejected sender, so that avoidance sees no track of it",
+    alerts=(KIND,),
+    against=("remote_id.spoof", "remote_id.replay", "remote_id.signed_ghost"),
+    evasion="transmits from near the claimed place, or far away on the line through it with the power that fits",
+    cost="a test of about 600 hypotheses for each broadcast received; no frame and no delay is added",
+    realism={
+        "signal strength": "simulated",
+        "antennas": "assumed: isotropic, which strengths at low elevation come near to",
+        "building map": "assumed: the receiver has the range's own",
+    },
+)
+class SignalCheck(BroadcastJudge):
+    """Drops Remote ID of senders whose signal strength does not fit the position that they claim.
 
-    legal_dbm: PowerLimits = Field(
+    There is a strength test for every sender that an aircraft hears.
+    """
+
+    decides: ClassVar = "signal strength test"
+
+    legal_dbm: PowerLimits = param(
+        "Least and greatest power (EIRP) of honest aircraft in dBm. 36 is the limit in the USA (47 CFR 15.247(b), 1 W "
+        "and 6 dBi), 20 in Europe (EN 300 328); the least is assumed.",
         default=(0.0, 36.0),
-        description="Least and greatest power (EIRP) of honest aircraft in dBm. 36 is the limit in the USA (47 CFR "
-        "15.247(b), 1 W and 6 dBi), 20 in Europe (EN 300 328); the least is assumed.",
     )
-    false_alarm: ErrorRate = Field(
-        default=0.001,
-        description="Largest probability that an honest sender in sight is ever rejected by one receiver.",
+    false_alarm: ErrorRate = param(
+        "Largest probability that an honest sender in sight is ever rejected by one receiver.", default=0.001
     )
+    city: City | None
+    held: Held = state(Held)
+
+    def prepare(self, context: DefenceContext) -> None:
+        """Have the map."""
+        self.city = context.city
+
+    def judge(self, now: Time, sender: Sender, claim: Claim | None) -> Sequence[Verdict]:
+        """Add the strength to the sender's test, and drop the broadcast while the claim is rejected."""
+        test = self.held.touch(sender)
+        if not isinstance(test, StrengthTest):
+            test = StrengthTest((self.legal_dbm[0], self.legal_dbm[1]))
+            self.held.put(sender, test)
+        if claim is not None:
+            self._add(test, self.own.place_at(now), claim)
+        score = test.log_evidence / -log(self.false_alarm)
+        if score < 1.0:
+            return ()
+        data: list[tuple[str, str | float]] = [("power_dbm", test.power_dbm), ("cells", float(test.cells))]
+        place = test.likely_place
+        if place is not None:
+            data += [("east_m", place[0]), ("north_m", place[1])]
+        return self.refuse(now, sender, Finding(KIND, score, tuple(data)))
+
+    def _add(self, test: StrengthTest, here: Place | None, claim: Claim) -> None:
+        there, heard_dbm = claim.place, claim.rssi_dbm
+        if here is None or there is None or heard_dbm is None:
+            return
+        # the line between two positions is off by no more than they are; the own one is taken to be as good
+        if is_usable(self.city, here, there, doubt_m(claim)):
+            test.add(self.vehicle, here, there, heard_dbm)
 
 
 def is_usable(city: City | None, a: Place, b: Place, off_m: float) -> bool:
@@ -86,66 +127,3 @@ def doubt_m(claim: Claim) -> float:
     For normal errors in the plane it is exceeded with a probability of 0.05⁴.
     """
     return 2.0 * (UNKNOWN_M if claim.horizontal_m is None else claim.horizontal_m)
-
-
-@dataclass(slots=True)
-class SignalJudge(Judge):
-    """A strength test for every sender that one aircraft hears."""
-
-    vehicle: str
-    rules: SignalRules
-    city: City | None
-    alarm: Alarm
-    held: Held = field(default_factory=Held)
-
-    def judge(self, now: Time, own: OwnAircraft, sender: Sender, claim: Claim | None) -> Sequence[Verdict]:
-        """Add the strength to the sender's test, and drop the broadcast while the claim is rejected."""
-        test = self.held.touch(sender)
-        if not isinstance(test, StrengthTest):
-            test = StrengthTest((self.rules.legal_dbm[0], self.rules.legal_dbm[1]))
-            self.held.put(sender, test)
-        if claim is not None:
-            self._add(test, own.place_at(now), claim)
-        score = test.log_evidence / -log(self.rules.false_alarm)
-        if score < 1.0:
-            return ()
-        data: list[tuple[str, str | float]] = [("power_dbm", test.power_dbm), ("cells", float(test.cells))]
-        place = test.likely_place
-        if place is not None:
-            data += [("east_m", place[0]), ("north_m", place[1])]
-        return refuse(now, self.alarm, sender, Finding(KIND, score, tuple(data)))
-
-    def _add(self, test: StrengthTest, here: Place | None, claim: Claim) -> None:
-        there, heard_dbm = claim.place, claim.rssi_dbm
-        if here is None or there is None or heard_dbm is None:
-            return
-        # the line between two positions is off by no more than they are; the own one is taken to be as good
-        if is_usable(self.city, here, there, doubt_m(claim)):
-            test.add(self.vehicle, here, there, heard_dbm)
-
-
-def make(params: SignalRules, context: DefenceContext) -> Defence:
-    """The parts. Raises `InputError` for aircraft that the scenario does not have, and without a radio medium."""
-    vehicles = find_protected(params, context)
-    judges = [SignalJudge(vehicle, params, context.city, Alarm(vehicle)) for vehicle in vehicles]
-    return defend(vehicles, context, judges, "signal strength test")
-
-
-SIGNAL = DefencePlugin(
-    SignalRules,
-    make,
-    "Drops Remote ID of senders whose signal strength does not fit the position that they claim.",
-    surface=("rid_down",),
-    place="the companion's ends of rid_down and rid_data; knows broadcasts with signal strength, its own aircraft's "
-    "position, and a map of the buildings",
-    effect="drops all broadcasts of a rejected sender, so that avoidance sees no track of it",
-    alerts=(KIND,),
-    against=("remote_id.spoof", "remote_id.replay", "remote_id.signed_ghost"),
-    evasion="transmits from near the claimed place, or far away on the line through it with the power that fits",
-    cost="a test of about 600 hypotheses for each broadcast received; no frame and no delay is added",
-    realism={
-        "signal strength": "simulated",
-        "antennas": "assumed: isotropic, which strengths at low elevation come near to",
-        "building map": "assumed: the receiver has the range's own",
-    },
-)

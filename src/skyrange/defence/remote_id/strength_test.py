@@ -23,7 +23,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.defence.remote_id.receptions import Place
+from skyrange.defence.receptions import Place
 from skyrange.radio.propagation.fading import LOS_DECORRELATION_M, RICIAN_K
 from skyrange.radio.propagation.path_loss import MIN_DISTANCE_M, wavelength_m
 

@@ -14,9 +14,9 @@ from skyrange.core.files import atomic_write
 from skyrange.core.input_files import MAX_RECORD_BYTES, read_input
 from skyrange.core.time import Time, from_seconds
 from skyrange.detect.episodes import MAX_SCORE
-from skyrange.detect.learned.features import NAMES
 from skyrange.detect.learned.trees import Trees, TreeTable, boosting_odds, isolation_odds
 from skyrange.detect.series import Floats
+from skyrange.detect.window_features import NAMES
 
 FORMAT: Final = "skyrange.model/1"
 ISOLATION_FOREST: Final = "isolation_forest"

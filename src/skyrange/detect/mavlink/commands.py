@@ -21,26 +21,26 @@ orders that are injected beyond the end at which it listens; `mavlink.source` se
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator
 
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.params import Number, items
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.time import NS_PER_MS, Time
-from skyrange.detect.episodes import EpisodeParams, Episodes, subject_of_link
-from skyrange.detect.mavlink.heads import message_numbers, read_heads
+from skyrange.detect.bases.messages import MessageDetector
+from skyrange.detect.declaration import detector
+from skyrange.detect.message_heads import Flags, MessageHeads, message_numbers
+from skyrange.detect.series import Floats
+from skyrange.detect.streams import table
 from skyrange.detect.telemetry import read_messages
 
-KIND = "mavlink.commands"
-ABOUT = "Raises an alert for rare or dangerous MAVLink orders in flight, by severity."
-SERVICE_NS: Time = 200 * NS_PER_MS
 WORST, PROTECTION, COURSE, USUAL = 4.0, 2.0, 1.0, 0.5
 ON_GROUND: Final = 0.1
 """Share of the severity that an order has on the ground."""
@@ -49,13 +49,6 @@ SAFE_MODES: Final = frozenset(
 )
 _FORCE: Final = 21196.0
 """Param 2 of MAV_CMD_COMPONENT_ARM_DISARM that disarms in flight."""
-
-
-class Order(NamedTuple):
-    """An order: what it is called in alerts, and how severe it is in flight."""
-
-    name: str
-    severity: float
 
 
 def _mode(mode: float) -> float:
@@ -82,56 +75,38 @@ def _set_mode(p1: float, p2: float) -> float:
     return _mode(p2)
 
 
-def _worst(p1: float, p2: float) -> float:
-    return WORST
-
-
-def _protection(p1: float, p2: float) -> float:
-    return PROTECTION
-
-
-def _course(p1: float, p2: float) -> float:
-    return COURSE
-
-
-def _usual(p1: float, p2: float) -> float:
-    return USUAL
-
-
-COMMANDS: Final[dict[int, Callable[[float, float], float]]] = {
+COMMANDS: Final[dict[int, float | Callable[[float, float], float]]] = {
     mav.MAV_CMD_DO_FLIGHTTERMINATION: _termination,
     mav.MAV_CMD_COMPONENT_ARM_DISARM: _disarm,
-    mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _worst,
+    mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: WORST,
     mav.MAV_CMD_DO_PARACHUTE: _parachute,
     mav.MAV_CMD_DO_FENCE_ENABLE: _fence,
-    mav.MAV_CMD_PREFLIGHT_CALIBRATION: _protection,
-    mav.MAV_CMD_PREFLIGHT_SET_SENSOR_OFFSETS: _protection,
-    mav.MAV_CMD_PREFLIGHT_STORAGE: _protection,
-    mav.MAV_CMD_DO_MOTOR_TEST: _protection,
+    mav.MAV_CMD_PREFLIGHT_CALIBRATION: PROTECTION,
+    mav.MAV_CMD_PREFLIGHT_SET_SENSOR_OFFSETS: PROTECTION,
+    mav.MAV_CMD_PREFLIGHT_STORAGE: PROTECTION,
+    mav.MAV_CMD_DO_MOTOR_TEST: PROTECTION,
     mav.MAV_CMD_DO_SET_MODE: _set_mode,
-    mav.MAV_CMD_DO_SET_HOME: _course,
-    mav.MAV_CMD_DO_SET_MISSION_CURRENT: _course,
-    mav.MAV_CMD_DO_SET_RELAY: _course,
-    mav.MAV_CMD_DO_SET_SERVO: _course,
-    mav.MAV_CMD_NAV_RETURN_TO_LAUNCH: _usual,
-    mav.MAV_CMD_NAV_LAND: _usual,
+    mav.MAV_CMD_DO_SET_HOME: COURSE,
+    mav.MAV_CMD_DO_SET_MISSION_CURRENT: COURSE,
+    mav.MAV_CMD_DO_SET_RELAY: COURSE,
+    mav.MAV_CMD_DO_SET_SERVO: COURSE,
+    mav.MAV_CMD_NAV_RETURN_TO_LAUNCH: USUAL,
+    mav.MAV_CMD_NAV_LAND: USUAL,
 }
-"""The severity of a command in flight, from its first two parameters."""
-
-MESSAGES: Final[dict[str, Callable[[Any], float]]] = {
-    "SET_MODE": lambda row: _mode(float(row["custom_mode"])),
-    "MISSION_CLEAR_ALL": lambda row: PROTECTION,
-    "MISSION_COUNT": lambda row: COURSE,
-    "MISSION_WRITE_PARTIAL_LIST": lambda row: COURSE,
-    "MISSION_SET_CURRENT": lambda row: COURSE,
-    "SET_HOME_POSITION": lambda row: COURSE,
-    "SET_GPS_GLOBAL_ORIGIN": lambda row: COURSE,
-    "RC_CHANNELS_OVERRIDE": lambda row: COURSE,
-    "MANUAL_CONTROL": lambda row: COURSE,
-    "SETUP_SIGNING": lambda row: PROTECTION,
+"""The severity of a command in flight, or what computes it from its first two parameters."""
+MESSAGES: Final = {
+    "SET_MODE": COURSE,
+    "MISSION_CLEAR_ALL": PROTECTION,
+    "MISSION_COUNT": COURSE,
+    "MISSION_WRITE_PARTIAL_LIST": COURSE,
+    "MISSION_SET_CURRENT": COURSE,
+    "SET_HOME_POSITION": COURSE,
+    "SET_GPS_GLOBAL_ORIGIN": COURSE,
+    "RC_CHANNELS_OVERRIDE": COURSE,
+    "MANUAL_CONTROL": COURSE,
+    "SETUP_SIGNING": PROTECTION,
 }
-"""The severity in flight of messages that order something."""
-
+"""The severity in flight of messages that order something; that of SET_MODE depends on its mode."""
 PROTECTED: Final = (
     "FS_",
     "FENCE_",
@@ -146,94 +121,74 @@ PROTECTED: Final = (
 """Beginnings of the names of ArduPilot's parameters that protect an aircraft: failsafes, fence, checks, avoidance."""
 
 
-class CommandsParams(EpisodeParams):
-    """Parameters of the MAVLink command detector."""
+class Order(NamedTuple):
+    """An order: its frame, what it is called in alerts, and how severe it is in flight."""
 
-    airborne_m: Number = Field(
-        default=2.0,
-        ge=0.0,
-        le=1000.0,
-        description="Height above home from which an armed aircraft is in flight, in metres.",
-    )
-    protected: Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str])] = Field(
-        default=PROTECTED, description="Beginnings of the names of parameters that protect the aircraft."
-    )
+    row: int
+    name: str
+    severity: float
 
 
-class CommandsDetector:
-    """A `skyrange.contracts.monitors.Monitor`. The subject of an alert is the owner of the link.
+@detector("mavlink.commands")
+class Commands(MessageDetector):
+    """Raises an alert for rare or dangerous MAVLink orders in flight, by severity.
 
     An order is judged by what was received of the aircraft before the last service.
     """
 
-    service_ns: Time = SERVICE_NS
+    airborne_m: Number = param(
+        "Height above home from which an armed aircraft is in flight, in metres.", default=2.0, ge=0.0, le=1000.0
+    )
+    protected: Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str])] = param(
+        "Beginnings of the names of parameters that protect the aircraft.", default=PROTECTED
+    )
+    service_ns: Time = 200 * NS_PER_MS
+    armed: Flags = table(dtype=np.bool_)
+    active: Flags = table(dtype=np.bool_)
+    height_m: Floats = table(dtype=np.float64)
 
-    def __init__(self, params: CommandsParams) -> None:
-        self._params = params
-        self._armed = np.zeros(0, dtype=np.bool_)
-        self._active = np.zeros(0, dtype=np.bool_)
-        self._height_m = np.zeros(0)
-        self._episodes = Episodes(params)
-
-    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+    def judge(self, now: Time, frames: ObservedFrames, heads: MessageHeads) -> Sequence[Alert]:
         """Read orders and telemetry since the last service. Returns an alert for each place that begins or doubles."""
-        count = len(frames.ports)
-        if len(self._armed) != count:
-            self._armed, self._active = np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
-            self._height_m = np.full(count, np.nan)
-        if not len(frames):
-            return []
-        heads = read_heads(frames)
-        orders = self._orders(frames, heads.rows[heads.to_vehicle])
-        flying = self._armed & np.where(
-            np.isnan(self._height_m), self._active, self._height_m >= self._params.airborne_m
-        )
-        rows = np.array(sorted(orders), dtype=np.int64)
-        places = frames.places[rows]
-        severity = np.array([orders[row].severity for row in rows.tolist()], dtype=np.float64)
+        self.grow(len(frames.ports), armed=False, active=False, height_m=np.nan)
+        down = heads.take(heads.to_vehicle)
+        orders = sorted(self._orders(frames.take(down.rows), down.messages))
+        flying = self.armed & np.where(np.isnan(self.height_m), self.active, self.height_m >= self.airborne_m)
+        rows = np.array([order.row for order in orders], dtype=np.int64)
+        places, at_ns = down.places[rows], down.at_ns[rows]
+        severity = np.array([order.severity for order in orders], dtype=np.float64)
         scores = np.where(flying[places], severity, severity * ON_GROUND)
-        at_ns = np.maximum(frames.at_ns[rows], 0)
-        raised, found = self._episodes.update(at_ns, places, scores)
+        raised, found = self.episodes.update(at_ns, places, scores)
         alerts = []
         for row, score in zip(raised.tolist(), found.tolist(), strict=True):
-            link = frames.ports[int(places[row])].link
-            data: dict[str, str | int] = {
-                "link": link,
-                "order": orders[int(rows[row])].name,
-                "in_flight": int(flying[places[row]]),
-            }
-            alerts.append(Alert(int(at_ns[row]), subject_of_link(link), KIND, score, data))
+            data = {"order": orders[row].name, "in_flight": int(flying[places[row]])}
+            alerts.append(self.alert(int(at_ns[row]), frames.ports[int(places[row])].link, score, data))
         self._follow(frames, heads.rows[~heads.to_vehicle])
         return alerts
 
-    def _orders(self, frames: ObservedFrames, to_vehicle: Ints) -> dict[int, Order]:
-        """The orders by their rows."""
-        found: dict[int, Order] = {}
-        down = frames.take(to_vehicle)
-        if not len(down):
-            return found
-        present = set(np.unique(read_heads(down).messages).tolist())
-        numbers = message_numbers()
-        for name in ("COMMAND_LONG", "COMMAND_INT"):
+    def _orders(self, frames: ObservedFrames, messages: Ints) -> Iterator[Order]:
+        """The orders among frames that have these messages."""
+        numbers, present = message_numbers(), set(np.unique(messages).tolist())
+        for name in ("COMMAND_LONG", "COMMAND_INT", *MESSAGES, "PARAM_SET"):
             if numbers[name] in present:
-                read = read_messages(down, name)
+                read = read_messages(frames, name)
                 for row, value in zip(read.rows.tolist(), read.values, strict=True):
-                    judge = COMMANDS.get(int(value["command"]))
-                    if judge is not None:
-                        severity = judge(float(value["param1"]), float(value["param2"]))
-                        found[int(to_vehicle[row])] = Order(_command_name(int(value["command"])), severity)
-        for name, rate in MESSAGES.items():
-            if numbers[name] in present:
-                read = read_messages(down, name)
-                for row, value in zip(read.rows.tolist(), read.values, strict=True):
-                    found[int(to_vehicle[row])] = Order(name, rate(value))
-        if numbers["PARAM_SET"] in present:
-            read = read_messages(down, "PARAM_SET")
-            for row, value in zip(read.rows.tolist(), read.values, strict=True):
-                parameter = bytes(value["param_id"]).decode("ascii", "replace")
-                severity = PROTECTION if parameter.startswith(self._params.protected) else COURSE
-                found[int(to_vehicle[row])] = Order(f"PARAM_SET {parameter}", severity)
-        return found
+                    order = self._judge_order(name, value)
+                    if order is not None:
+                        yield Order(row, *order)
+
+    def _judge_order(self, message: str, value: Any) -> tuple[str, float] | None:
+        """What an order is called, and how severe it is in flight."""
+        if message == "PARAM_SET":
+            parameter = bytes(value["param_id"]).decode("ascii", "replace")
+            return f"PARAM_SET {parameter}", PROTECTION if parameter.startswith(self.protected) else COURSE
+        if message in MESSAGES:
+            return message, _mode(float(value["custom_mode"])) if message == "SET_MODE" else MESSAGES[message]
+        severity = COMMANDS.get(int(value["command"]))
+        if severity is None:
+            return None
+        if callable(severity):
+            severity = severity(float(value["param1"]), float(value["param2"]))
+        return str(mav.enums["MAV_CMD"][int(value["command"])].name).removeprefix("MAV_CMD_"), severity
 
     def _follow(self, frames: ObservedFrames, from_vehicle: Ints) -> None:
         """Keep the state of the aircraft: the last heartbeat and height of each place."""
@@ -241,19 +196,7 @@ class CommandsDetector:
         beats = read_messages(up, "HEARTBEAT")
         own = beats.components == mav.MAV_COMP_ID_AUTOPILOT1
         places = up.places[beats.rows[own]]
-        self._armed[places] = beats.values["base_mode"][own] & mav.MAV_MODE_FLAG_SAFETY_ARMED != 0
-        self._active[places] = beats.values["system_status"][own] >= mav.MAV_STATE_ACTIVE
+        self.armed[places] = beats.values["base_mode"][own] & mav.MAV_MODE_FLAG_SAFETY_ARMED != 0
+        self.active[places] = beats.values["system_status"][own] >= mav.MAV_STATE_ACTIVE
         positions = read_messages(up, "GLOBAL_POSITION_INT")
-        self._height_m[up.places[positions.rows]] = positions.values["relative_alt"] / 1000.0
-
-
-def _command_name(command: int) -> str:
-    return str(mav.enums["MAV_CMD"][command].name).removeprefix("MAV_CMD_")
-
-
-def make_commands_detector(params: CommandsParams, context: DetectorContext | None = None) -> Monitor:
-    """A new detector."""
-    return CommandsDetector(params)
-
-
-MAVLINK_COMMANDS = DetectorPlugin(CommandsParams, make_commands_detector, ABOUT)
+        self.height_m[up.places[positions.rows]] = positions.values["relative_alt"] / 1000.0

@@ -23,22 +23,21 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
+from skyrange.contracts.detectors import DetectorContext
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.params import Number, Whole
+from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.scalars import Scalar
 from skyrange.core.time import NS_PER_S, Time, from_seconds, to_seconds
-from skyrange.detect.episodes import EpisodeParams, Episodes, subject_of_link
-from skyrange.detect.mavlink.heads import message_numbers, name_message, read_heads
-from skyrange.detect.streams import StreamNumbers, extend
+from skyrange.detect.bases.messages import MessageDetector
+from skyrange.detect.declaration import detector
+from skyrange.detect.message_heads import MessageHeads, message_numbers, name_message, read_heads
+from skyrange.detect.series import Floats
+from skyrange.detect.streams import table
 
-KIND = "mavlink.rate"
-ABOUT = "Raises an alert if a MAVLink stream sends more often than it did, or a new one more often than a limit."
-SERVICE_NS: Time = NS_PER_S
 PARTS: Final = 5
 """Parts of the time to learn, in each of which a stream with a rate has sent."""
 _TRANSFER: Final = (
@@ -47,118 +46,76 @@ _TRANSFER: Final = (
 )  # fmt: skip
 
 
-class RateParams(EpisodeParams):
-    """Parameters of the MAVLink rate detector."""
+@detector("mavlink.rate")
+class MessageRate(MessageDetector):
+    """Raises an alert if a MAVLink stream sends more often than it did, or a new one more often than a limit."""
 
-    learn_after_s: Number = Field(
-        default=3.0, ge=0.0, le=3600.0, description="Time before the detector learns rates, in seconds."
-    )
-    learn_s: Number = Field(
-        default=10.0, ge=5.0, le=86_400.0, description="Time in which the detector learns rates, in seconds."
-    )
-    window_s: Whole = Field(default=10, ge=1, le=60, description="Time over which messages are counted, in seconds.")
-    multiple: Number = Field(
-        default=1.5, ge=1.0, le=100.0, description="Multiple of the learned rate that is expected at most."
-    )
-    slack: Whole = Field(
-        default=4, ge=0, le=10_000, description="Messages in a window that are expected beyond the multiple."
-    )
-    others_per_s: Number = Field(
-        default=10.0,
-        ge=0.1,
-        le=1e5,
-        description="Messages per second that are expected at most of a stream without a learned rate.",
-    )
-    transfer_per_s: Number = Field(
-        default=100.0,
-        ge=0.1,
-        le=1e5,
-        description="The same for messages of transfers: mission items, parameters, files and logs.",
-    )
+    learn_after_s: Number = param("Time before the detector learns rates, in seconds.", default=3.0, ge=0.0, le=3600.0)
+    learn_s: Number = param("Time in which the detector learns rates, in seconds.", default=10.0, ge=5.0, le=86_400.0)
+    window_s: Whole = param("Time over which messages are counted, in seconds.", default=10, ge=1, le=60)
+    multiple: Number = param("Multiple of the learned rate that is expected at most.", default=1.5, ge=1.0, le=100.0)
+    slack: Whole = param("Messages in a window that are expected beyond the multiple.", default=4, ge=0, le=10_000)
+    others_per_s: Number = param(
+        "Messages per second that are expected at most of a stream without a learned rate.",
+        default=10.0, ge=0.1, le=1e5,
+    )  # fmt: skip
+    transfer_per_s: Number = param(
+        "The same for messages of transfers: mission items, parameters, files and logs.",
+        default=100.0, ge=0.1, le=1e5,
+    )  # fmt: skip
+    service_ns: Time = NS_PER_S
+    keys: Ints = table(2)
+    """(streams, 2) sender and message."""
+    learned: Ints = table(PARTS)
+    counts: Ints
+    """Messages in the last intervals between services; interval i is in column i modulo their number."""
+    turn: int = 0
 
-
-class RateDetector:
-    """A `skyrange.contracts.monitors.Monitor`. The subject of an alert is the owner of the link."""
-
-    service_ns: Time = SERVICE_NS
-
-    def __init__(self, params: RateParams) -> None:
-        self._params = params
-        self._begin_ns, self._length_ns = from_seconds(params.learn_after_s), from_seconds(params.learn_s)
-        self._streams = StreamNumbers()
-        self._keys = np.zeros((0, 2), dtype=np.int64)
-        """(streams, 2) sender and message."""
-        self._learned = np.zeros((0, PARTS), dtype=np.int64)
-        self._counts = np.zeros((0, params.window_s), dtype=np.int64)
-        """Messages in the last intervals between services; interval i is in column i modulo their number."""
-        self._turn = 0
-        self._episodes = Episodes(params)
+    def prepare(self, context: DetectorContext) -> None:
+        """Have a column for each second of the window."""
+        self.counts = np.zeros((0, self.window_s), dtype=np.int64)
 
     def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
-        """Count the messages since the last service. Returns an alert for each stream that begins or doubles."""
-        heads = read_heads(frames)
+        """Count the messages since the last service, also where there are none."""
+        return self.judge(now, frames, read_heads(frames))
+
+    def judge(self, now: Time, frames: ObservedFrames, heads: MessageHeads) -> Sequence[Alert]:
+        """An alert for each stream that begins or doubles."""
         senders, messages = heads.senders, heads.messages
-        streams = self._streams.assign(senders << 24 | messages)
-        size = len(self._streams)
-        self._keys, self._learned, self._counts = (
-            extend(values, size, 0) for values in (self._keys, self._learned, self._counts)
-        )
-        self._keys[streams, 0], self._keys[streams, 1] = senders, messages
-        part = (heads.at_ns - self._begin_ns) * PARTS // self._length_ns
+        streams = self.number(senders << 24 | messages, keys=0, learned=0, counts=0)
+        size = len(self.streams)
+        self.keys[streams, 0], self.keys[streams, 1] = senders, messages
+        begin_ns, length_ns = from_seconds(self.learn_after_s), from_seconds(self.learn_s)
+        part = (heads.at_ns - begin_ns) * PARTS // length_ns
         learning = (part >= 0) & (part < PARTS)
-        np.add.at(self._learned, (streams[learning], part[learning]), 1)
-        column = self._turn % self._counts.shape[1]
-        self._turn += 1
-        self._counts[:, column] = np.bincount(streams, minlength=len(self._counts))
-        learns = now < self._begin_ns + self._length_ns
-        learned = np.zeros(size) if learns else self._rates(size)
-        expected = self._expect(learned, learns)
-        counts = self._counts[:size].sum(axis=1)
-        raised, scores = self._episodes.update(now, np.arange(size), counts / expected)
-        return [
-            self._alert(now, frames, stream, int(counts[stream]), float(learned[stream]), score)
-            for stream, score in zip(raised.tolist(), scores.tolist(), strict=True)
-        ]
+        np.add.at(self.learned, (streams[learning], part[learning]), 1)
+        self.counts[:, self.turn % self.window_s] = np.bincount(streams, minlength=len(self.counts))
+        self.turn += 1
+        learns = now < begin_ns + length_ns
+        rates = np.zeros(size) if learns else self._rates(size)
+        counts = self.counts[:size].sum(axis=1)
+        raised, scores = self.episodes.update(now, np.arange(size), counts / self._expect(rates, learns))
+        alerts = []
+        for stream, score in zip(raised.tolist(), scores.tolist(), strict=True):
+            sender, message = self.keys[stream].tolist()
+            data: dict[str, Scalar] = {
+                "system": sender >> 8 & 0xFF,
+                "component": sender & 0xFF,
+                "message": name_message(message),
+                "per_s": int(counts[stream]) / self.window_s,
+                "learned_per_s": float(rates[stream]),
+            }
+            alerts.append(self.alert(now, frames.ports[sender >> 17].link, score, data))
+        return alerts
 
-    def _rates(self, size: int) -> NDArray[np.float64]:
+    def _rates(self, size: int) -> Floats:
         """(size,) messages per second that each stream has learned; 0 for none."""
-        learned = self._learned[:size]
+        learned = self.learned[:size]
         regular = (learned > 0).all(axis=1)
-        rates: NDArray[np.float64] = np.where(regular, learned.sum(axis=1) / to_seconds(self._length_ns), 0.0)
-        return rates
+        return np.asarray(np.where(regular, learned.sum(axis=1) / to_seconds(from_seconds(self.learn_s)), 0.0))
 
-    def _expect(self, rates: NDArray[np.float64], learns: bool) -> NDArray[np.float64]:
+    def _expect(self, rates: Floats, learns: bool) -> Floats:
         """(n,) the most messages in a window that each of the first n streams is expected to send."""
-        params = self._params
-        transfer = np.isin(self._keys[: len(rates), 1], _transfers()) | learns
-        others = np.where(transfer, params.transfer_per_s, params.others_per_s) * params.window_s
-        expected: NDArray[np.float64] = np.where(
-            rates > 0.0, params.multiple * rates * params.window_s + params.slack, others
-        )
-        return expected
-
-    def _alert(self, now: Time, frames: ObservedFrames, stream: int, count: int, learned: float, score: float) -> Alert:
-        sender, message = self._keys[stream].tolist()
-        link = frames.ports[sender >> 17].link
-        data: dict[str, str | float] = {
-            "link": link,
-            "system": sender >> 8 & 0xFF,
-            "component": sender & 0xFF,
-            "message": name_message(message),
-            "per_s": count / self._params.window_s,
-            "learned_per_s": learned,
-        }
-        return Alert(now, subject_of_link(link), KIND, score, data)
-
-
-def _transfers() -> Ints:
-    numbers = message_numbers()
-    return np.array([numbers[name] for name in _TRANSFER], dtype=np.int64)
-
-
-def make_rate_detector(params: RateParams, context: DetectorContext | None = None) -> Monitor:
-    """A new detector."""
-    return RateDetector(params)
-
-
-MAVLINK_RATE = DetectorPlugin(RateParams, make_rate_detector, ABOUT)
+        transfer = np.isin(self.keys[: len(rates), 1], [message_numbers()[name] for name in _TRANSFER]) | learns
+        others = np.where(transfer, self.transfer_per_s, self.others_per_s) * self.window_s
+        return np.asarray(np.where(rates > 0.0, self.multiple * rates * self.window_s + self.slack, others))

@@ -27,22 +27,20 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from pydantic import Field
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
+from skyrange.contracts.detectors import DetectorContext
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.params import Number, Whole
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.compiled import compiled
-from skyrange.core.time import NS_PER_MS, Time, from_seconds
-from skyrange.detect.episodes import EpisodeParams, Episodes, subject_of_link
-from skyrange.detect.mavlink.heads import name_message, read_heads
-from skyrange.detect.streams import EventCounts, StreamNumbers, extend
+from skyrange.core.time import Time, from_seconds
+from skyrange.detect.bases.messages import MessageDetector
+from skyrange.detect.declaration import detector
+from skyrange.detect.message_heads import MessageHeads
+from skyrange.detect.streams import EventCounts, table
 
-KIND = "mavlink.sequence"
-ABOUT = "Raises an alert if sequence numbers of a MAVLink sender show a second sender, or a recording."
-SERVICE_NS: Time = 500 * NS_PER_MS
 FINDINGS: Final = ("", "interleaved", "conflict", "old")
 _NUMBERS: Final = 256
 _NEVER: Final = -(2**62)
@@ -50,26 +48,53 @@ _CURRENT, _LAST, _LAST_NS = 0, 1, 3
 """Columns of the state of a sender: which counter sent last; last number of both; time of both."""
 
 
-class SequenceParams(EpisodeParams):
-    """Parameters of the MAVLink sequence detector."""
+@detector("mavlink.sequence")
+class SequenceNumbers(MessageDetector):
+    """Raises an alert if sequence numbers of a MAVLink sender show a second sender, or a recording."""
 
-    most_lost: Whole = Field(
-        default=8, ge=0, le=120, description="Most frames lost in a row that do not look like another counter."
+    most_lost: Whole = param(
+        "Most frames lost in a row that do not look like another counter.", default=8, ge=0, le=120
     )
-    late_s: Number = Field(
-        default=1.0,
-        gt=0.0,
-        le=60.0,
-        description="Longest time by which a network delivers a frame, or a copy of it, late, in seconds.",
-    )
-    silence_s: Number = Field(
-        default=10.0,
-        gt=0.0,
-        le=120.0,
-        description="Time after which a counter that did not go on is forgotten, in seconds. Choose less than the "
-        "sender needs for 256 frames.",
-    )
-    evidence: Whole = Field(default=1, ge=1, le=1000, description="Pieces of evidence that make a score of 1.")
+    late_s: Number = param(
+        "Longest time by which a network delivers a frame, or a copy of it, late, in seconds.",
+        default=1.0, gt=0.0, le=60.0,
+    )  # fmt: skip
+    silence_s: Number = param(
+        "Time after which a counter that did not go on is forgotten, in seconds. Choose less than the sender needs for "
+        "256 frames.",
+        default=10.0, gt=0.0, le=120.0,
+    )  # fmt: skip
+    evidence: Whole = param("Pieces of evidence that make a score of 1.", default=1, ge=1, le=1000)
+    states: Ints = table(5)
+    seen: Ints = table(_NUMBERS)
+    seen_ns: Ints = table(_NUMBERS)
+    counts: EventCounts
+
+    def prepare(self, context: DetectorContext) -> None:
+        """Count evidence until there is none for `quiet_s`."""
+        self.counts = EventCounts(from_seconds(self.quiet_s))
+
+    def select(self, frames: ObservedFrames, heads: MessageHeads) -> MessageHeads:
+        """Those that arrived."""
+        return heads.take(heads.received)
+
+    def judge(self, now: Time, frames: ObservedFrames, heads: MessageHeads) -> Sequence[Alert]:
+        """Follow the frames since the last service. Returns an alert for each sender that begins or doubles."""
+        streams = self.number(heads.senders, states=-1, seen=-1, seen_ns=_NEVER)
+        begins = np.unique(streams[self.states[streams, _CURRENT] < 0])
+        self.states[begins] = (0, -1, -1, _NEVER, _NEVER)
+        findings = np.zeros(len(streams), dtype=np.int64)
+        _follow(
+            streams, heads.at_ns, heads.sequences, heads.checksums, self.states, self.seen, self.seen_ns,
+            self.most_lost, from_seconds(self.late_s), from_seconds(self.silence_s), findings,
+        )  # fmt: skip
+        rows = np.flatnonzero(findings)
+        events, found = heads.take(rows), findings[rows]
+        counts = self.counts.add(events.at_ns, streams[rows])
+        return self.alerts(
+            frames, events, streams[rows], counts / self.evidence,
+            lambda row: (FINDINGS[int(found[row])], {"number": int(events.sequences[row])}),
+        )  # fmt: skip
 
 
 @compiled
@@ -112,62 +137,3 @@ def _follow(
         seen[stream, number] = contents[row]
         seen_ns[stream, number] = at
         findings[row] = finding
-
-
-class SequenceDetector:
-    """A `skyrange.contracts.monitors.Monitor`. The subject of an alert is the owner of the link."""
-
-    service_ns: Time = SERVICE_NS
-
-    def __init__(self, params: SequenceParams) -> None:
-        self._params = params
-        self._limits = params.most_lost, from_seconds(params.late_s), from_seconds(params.silence_s)
-        self._streams = StreamNumbers()
-        self._states = np.zeros((0, 5), dtype=np.int64)
-        self._seen = np.zeros((0, _NUMBERS), dtype=np.int64)
-        self._seen_ns = np.zeros((0, _NUMBERS), dtype=np.int64)
-        self._counts = EventCounts(from_seconds(params.quiet_s))
-        self._episodes = Episodes(params)
-
-    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
-        """Follow the frames since the last service. Returns an alert for each sender that begins or doubles."""
-        heads = read_heads(frames)
-        heads = heads.take(heads.received)
-        if not len(heads.rows):
-            return []
-        streams = self._streams.assign(heads.senders)
-        size = len(self._streams)
-        self._states, self._seen = extend(self._states, size, -1), extend(self._seen, size, -1)
-        self._seen_ns = extend(self._seen_ns, size, _NEVER)
-        begins = np.unique(streams[self._states[streams, _CURRENT] < 0])
-        self._states[begins] = (0, -1, -1, _NEVER, _NEVER)
-        findings = np.zeros(len(streams), dtype=np.int64)
-        _follow(
-            streams, heads.at_ns, heads.sequences, heads.checksums, self._states, self._seen, self._seen_ns,
-            *self._limits, findings,
-        )  # fmt: skip
-        rows = np.flatnonzero(findings)
-        events = heads.take(rows)
-        counts = self._counts.add(events.at_ns, streams[rows])
-        raised, scores = self._episodes.update(events.at_ns, streams[rows], counts / self._params.evidence)
-        alerts = []
-        for row, score in zip(raised.tolist(), scores.tolist(), strict=True):
-            link = frames.ports[int(events.places[row])].link
-            data: dict[str, str | float] = {
-                "link": link,
-                "system": int(events.systems[row]),
-                "component": int(events.components[row]),
-                "message": name_message(int(events.messages[row])),
-                "number": int(events.sequences[row]),
-            }
-            kind = f"{KIND}.{FINDINGS[int(findings[rows[row]])]}"
-            alerts.append(Alert(int(events.at_ns[row]), subject_of_link(link), kind, score, data))
-        return alerts
-
-
-def make_sequence_detector(params: SequenceParams, context: DetectorContext | None = None) -> Monitor:
-    """A new detector."""
-    return SequenceDetector(params)
-
-
-MAVLINK_SEQUENCE = DetectorPlugin(SequenceParams, make_sequence_detector, ABOUT)

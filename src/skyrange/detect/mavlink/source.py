@@ -23,22 +23,21 @@ from collections.abc import Sequence
 from typing import Annotated, Final
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
+from skyrange.contracts.detectors import DetectorContext
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.params import Number, Whole, items
-from skyrange.core.time import NS_PER_MS, Time, from_seconds
-from skyrange.detect.episodes import EpisodeParams, Episodes, subject_of_link
-from skyrange.detect.mavlink.heads import MessageHeads, message_numbers, name_message, read_heads
+from skyrange.contracts.plugins.fields import param, state
+from skyrange.core.time import Time, from_seconds
+from skyrange.detect.bases.messages import MessageDetector
+from skyrange.detect.declaration import detector
+from skyrange.detect.message_heads import MessageHeads, message_numbers
 from skyrange.detect.streams import EventCounts, StreamNumbers
 from skyrange.detect.telemetry import read_messages
 
-KIND = "mavlink.source"
-ABOUT = "Raises an alert for MAVLink frames of unknown senders, commands of no ground station, and unasked replies."
-SERVICE_NS: Time = 500 * NS_PER_MS
 RULES: Final = ("unknown", "endpoint", "command", "reply")
 ORDERS: Final = (
     "COMMAND_LONG", "COMMAND_INT", "SET_MODE", "MISSION_COUNT", "MISSION_CLEAR_ALL", "MISSION_SET_CURRENT",
@@ -56,101 +55,79 @@ _MISSION, _NOTHING = -1, -2
 """What MISSION_ACK acknowledges, in place of the number of a command."""
 
 
-class SourceParams(EpisodeParams):
-    """Parameters of the MAVLink source detector."""
+@detector("mavlink.source")
+class MessageSource(MessageDetector):
+    """Raises an alert for MAVLink frames of unknown senders, commands of no ground station, and unasked replies."""
 
-    learn_s: Number = Field(
-        default=10.0,
-        ge=0.0,
-        le=86_400.0,
-        description="Time from the start in which every sender counts as known, in seconds.",
+    learn_s: Number = param(
+        "Time from the start in which every sender counts as known, in seconds.", default=10.0, ge=0.0, le=86_400.0
     )
     sources: Annotated[
         tuple[tuple[Whole, Whole], ...], BeforeValidator(items, json_schema_input_type=list[list[int]])
-    ] = Field(
-        default=(),
-        description="Senders known from the start, as pairs of system id and component id, such as [255, 190].",
+    ] = param("Senders known from the start, as pairs of system id and component id, such as [255, 190].", default=())
+    ground_systems: Annotated[tuple[Whole, ...], BeforeValidator(items, json_schema_input_type=list[int])] = param(
+        "System ids of ground stations, which may command.", default=(255,)
     )
-    ground_systems: Annotated[tuple[Whole, ...], BeforeValidator(items, json_schema_input_type=list[int])] = Field(
-        default=(255,), description="System ids of ground stations, which may command."
+    reply_s: Number = param(
+        "Longest time from a request to its last acknowledgement, in seconds.", default=10.0, gt=0.0, le=3600.0
     )
-    reply_s: Number = Field(
-        default=10.0,
-        gt=0.0,
-        le=3600.0,
-        description="Longest time from a request to its last acknowledgement, in seconds.",
-    )
+    known: StreamNumbers = state(StreamNumbers)
+    endpoints: set[tuple[int, str]] = state(set)
+    requested: dict[tuple[int, bool, int], Time] = state(dict)
+    counts: EventCounts
 
+    def prepare(self, context: DetectorContext) -> None:
+        """Count frames until there is none for `quiet_s`."""
+        self.counts = EventCounts(from_seconds(self.quiet_s))
 
-class SourceDetector:
-    """A `skyrange.contracts.monitors.Monitor`. The subject of an alert is the owner of the link."""
-
-    service_ns: Time = SERVICE_NS
-
-    def __init__(self, params: SourceParams) -> None:
-        self._learn_ns = from_seconds(params.learn_s)
-        self._reply_ns = from_seconds(params.reply_s)
-        self._declared = np.array([system << 8 | component for system, component in params.sources], dtype=np.int64)
-        self._ground = np.array(params.ground_systems, dtype=np.int64)
-        self._known = StreamNumbers()
-        self._endpoints: set[tuple[int, str]] = set()
-        self._requested: dict[tuple[int, bool, int], Time] = {}
-        self._streams = StreamNumbers()
-        self._counts = EventCounts(from_seconds(params.quiet_s))
-        self._episodes = Episodes(params)
-
-    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+    def judge(self, now: Time, frames: ObservedFrames, heads: MessageHeads) -> Sequence[Alert]:
         """Read the frames since the last service. Returns an alert for each sender that begins or doubles."""
-        heads = read_heads(frames)
-        if not len(heads.rows):
-            return []
-        messages = message_numbers()
-        orders = np.isin(heads.messages, [messages[name] for name in ORDERS])
+        orders = np.isin(heads.messages, [message_numbers()[name] for name in ORDERS])
         found = [
             self._unknown(heads),
             self._endpoint(heads, frames),
-            np.flatnonzero(orders & heads.to_vehicle & ~np.isin(heads.systems, self._ground)),
+            np.flatnonzero(orders & heads.to_vehicle & ~np.isin(heads.systems, self.ground_systems)),
             self._replies(heads, frames),
         ]
         places = np.concatenate(found)
         rules = np.repeat(np.arange(len(found)), [len(part) for part in found])
         order = np.argsort(places, kind="stable")
-        places, rules = places[order], rules[order]
-        events = heads.take(places)
-        streams = self._streams.assign(events.senders * len(RULES) + rules)
-        counts = self._counts.add(events.at_ns, streams)
-        raised, scores = self._episodes.update(events.at_ns, streams, counts)
-        return [
-            self._alert(frames, events, row, RULES[int(rules[row])], score)
-            for row, score in zip(raised.tolist(), scores.tolist(), strict=True)
-        ]
+        events, rules = heads.take(places[order]), rules[order]
+        streams = self.number(events.senders * len(RULES) + rules)
+        return self.alerts(
+            frames, events, streams, self.counts.add(events.at_ns, streams),
+            lambda row: (RULES[int(rules[row])], {"source": frames.names[int(frames.src[events.rows[row]])][:100]}),
+        )  # fmt: skip
 
     def _unknown(self, heads: MessageHeads) -> Ints:
         """Rows of unknown senders; those within the time to learn become known."""
-        self._known.assign(heads.senders[heads.at_ns <= self._learn_ns])
-        declared = np.isin(heads.systems << 8 | heads.components, self._declared)
-        return np.flatnonzero((self._known.find(heads.senders) < 0) & ~declared)
+        self.known.assign(heads.senders[heads.at_ns <= from_seconds(self.learn_s)])
+        declared = np.isin(
+            heads.systems << 8 | heads.components, [system << 8 | component for system, component in self.sources]
+        )
+        return np.flatnonzero((self.known.find(heads.senders) < 0) & ~declared)
 
     def _endpoint(self, heads: MessageHeads, frames: ObservedFrames) -> Ints:
         """Rows of unknown network sources, likewise."""
+        learn_ns = from_seconds(self.learn_s)
         names = frames.src[heads.rows]
         known = np.ones(len(names), dtype=np.bool_)
         keys, inverse = np.unique(heads.places * len(frames.names) + names, return_inverse=True)
         for number, key in enumerate(keys.tolist()):
             place, name = divmod(key, len(frames.names))
             pair = place, frames.names[name]
-            if pair in self._endpoints:
+            if pair in self.endpoints:
                 continue
             rows = np.flatnonzero(inverse == number)
-            if heads.at_ns[rows[0]] <= self._learn_ns:
-                self._endpoints.add(pair)
+            if heads.at_ns[rows[0]] <= learn_ns:
+                self.endpoints.add(pair)
             else:
                 known[rows] = False
         return np.flatnonzero(~known)
 
     def _replies(self, heads: MessageHeads, frames: ObservedFrames) -> Ints:
         """Rows of acknowledgements that nobody asked for; keeps the times of requests."""
-        messages = message_numbers()
+        messages, reply_ns = message_numbers(), from_seconds(self.reply_s)
         subjects = np.full(len(frames), _NOTHING, dtype=np.int64)
         asks = np.zeros(len(frames), dtype=np.bool_)
         for name in ("COMMAND_LONG", "COMMAND_INT", "COMMAND_ACK", "MISSION_ACK"):
@@ -174,27 +151,7 @@ class SourceDetector:
             place, way, subject = int(heads.places[row]), bool(heads.to_vehicle[row]), int(subjects[row])
             at = int(heads.at_ns[row])
             if asks[row]:
-                self._requested[place, way, subject] = at
-            elif at - self._requested.get((place, not way, subject), -self._reply_ns - 1) > self._reply_ns:
+                self.requested[place, way, subject] = at
+            elif at - self.requested.get((place, not way, subject), -reply_ns - 1) > reply_ns:
                 unasked.append(row)
         return np.array(unasked, dtype=np.int64)
-
-    def _alert(self, frames: ObservedFrames, events: MessageHeads, row: int, rule: str, score: float) -> Alert:
-        frame = int(events.rows[row])
-        link = frames.ports[int(events.places[row])].link
-        data: dict[str, str | float] = {
-            "link": link,
-            "system": int(events.systems[row]),
-            "component": int(events.components[row]),
-            "message": name_message(int(events.messages[row])),
-            "source": frames.names[int(frames.src[frame])][:100],
-        }
-        return Alert(int(events.at_ns[row]), subject_of_link(link), f"{KIND}.{rule}", score, data)
-
-
-def make_source_detector(params: SourceParams, context: DetectorContext | None = None) -> Monitor:
-    """A new detector."""
-    return SourceDetector(params)
-
-
-MAVLINK_SOURCE = DetectorPlugin(SourceParams, make_source_detector, ABOUT)

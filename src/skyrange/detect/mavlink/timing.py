@@ -27,25 +27,22 @@ from math import log10
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param, state
 from skyrange.core.compiled import compiled
-from skyrange.core.time import NS_PER_MS, Time, from_seconds
-from skyrange.detect.episodes import EpisodeParams, Episodes, subject_of_link
+from skyrange.core.time import Time, from_seconds
+from skyrange.detect.bases.messages import MessageDetector
+from skyrange.detect.declaration import detector
 from skyrange.detect.mavlink.cusum import find_interval
-from skyrange.detect.mavlink.heads import MessageHeads, name_message, read_heads
-from skyrange.detect.streams import StreamNumbers, extend
+from skyrange.detect.message_heads import Flags, MessageHeads
+from skyrange.detect.series import Floats
+from skyrange.detect.streams import table
 from skyrange.detect.telemetry import read_messages
 
-KIND = "mavlink.timing"
-ABOUT = "Raises an alert if periodic MAVLink messages come late, early or irregularly (CUSUM charts)."
-SERVICE_NS: Time = 500 * NS_PER_MS
 CHARTS: Final = ("late", "early", "irregular")
 LEAST_INTERVALS: Final = 8
 MOST_VARIATION: Final = 0.5
@@ -57,36 +54,89 @@ _ROOT_DEVIATION: Final = 0.349138
 """√(√(2/π) − E² √|z|)."""
 _FRESH, _WATCHED, _IGNORED = 0, 1, 2
 _COUNT, _SUM, _SQUARES, _MEAN, _DEVIATION, _INTERVAL = range(6)
-Floats = NDArray[np.float64]
 
 
-class TimingParams(EpisodeParams):
-    """Parameters of the MAVLink timing detector."""
+@detector("mavlink.timing")
+class MessageTiming(MessageDetector):
+    """Raises an alert if periodic MAVLink messages come late, early or irregularly (CUSUM charts)."""
 
-    learn_after_s: Number = Field(
-        default=3.0, ge=0.0, le=3600.0, description="Time before the detector learns intervals, in seconds."
+    learn_after_s: Number = param(
+        "Time before the detector learns intervals, in seconds.", default=3.0, ge=0.0, le=3600.0
     )
-    learn_s: Number = Field(
-        default=12.0, ge=5.0, le=86_400.0, description="Time in which the detector learns intervals, in seconds."
+    learn_s: Number = param(
+        "Time in which the detector learns intervals, in seconds.", default=12.0, ge=5.0, le=86_400.0
     )
-    least_deviation_s: Number = Field(
-        default=0.02,
-        ge=1e-6,
-        le=10.0,
-        description="Least standard deviation of intervals, in seconds. Ground stations poll every 20 ms.",
+    least_deviation_s: Number = param(
+        "Least standard deviation of intervals, in seconds. Ground stations poll every 20 ms.",
+        default=0.02, ge=1e-6, le=10.0,
+    )  # fmt: skip
+    shift: Number = param("Change to be found soonest, in standard deviations.", default=1.0, ge=0.1, le=10.0)
+    clip: Number = param("Most standard deviations that one period contributes.", default=4.0, ge=1.0, le=1000.0)
+    false_alarm_s: Number = param(
+        "Average time between false alarms of one stream, in seconds.", default=36_000.0, ge=60.0, le=1e8
     )
-    shift: Number = Field(
-        default=1.0, ge=0.1, le=10.0, description="Change to be found soonest, in standard deviations."
-    )
-    clip: Number = Field(
-        default=4.0, ge=1.0, le=1000.0, description="Most standard deviations that one period contributes."
-    )
-    false_alarm_s: Number = Field(
-        default=36_000.0,
-        ge=60.0,
-        le=1e8,
-        description="Average time between false alarms of one stream, in seconds.",
-    )
+    states: dict[int, tuple[int, int, int]] = state(dict)
+    """Sender → mode and state in its last heartbeat."""
+    last_ns: Ints = table()
+    phase: Ints = table()
+    learned: Floats = table(6, dtype=np.float64)
+    charts: Floats = table(3, dtype=np.float64)
+
+    def select(self, frames: ObservedFrames, heads: MessageHeads) -> MessageHeads:
+        """Those that arrived, without heartbeats that report another mode or state than the one before."""
+        return heads.take(heads.received & ~self._is_extra(frames, heads))
+
+    def judge(self, now: Time, frames: ObservedFrames, heads: MessageHeads) -> Sequence[Alert]:
+        """Take in the messages since the last service. Returns an alert for each stream that begins or doubles."""
+        begin_ns = from_seconds(self.learn_after_s)
+        end_ns = begin_ns + from_seconds(self.learn_s)
+        streams = self.number(heads.senders << 24 | heads.messages, phase=_FRESH, last_ns=-1, learned=0.0, charts=0.0)
+        if now >= end_ns:
+            self._design(np.unique(streams[self.phase[streams] == _FRESH]))
+        peaks, which = np.zeros(len(streams)), np.zeros(len(streams), dtype=np.int64)
+        _accumulate(
+            streams, heads.at_ns, self.last_ns, self.phase, self.learned, self.charts, self.clip, self.shift / 2.0,
+            begin_ns, end_ns, peaks, which,
+        )  # fmt: skip
+        learned = self.learned
+        return self.alerts(
+            frames, heads, streams, peaks,
+            lambda row: (CHARTS[int(which[row])], {
+                "period_s": float(learned[streams[row], _MEAN]),
+                "deviation_s": float(learned[streams[row], _DEVIATION]),
+            }),
+        )  # fmt: skip
+
+    def _is_extra(self, frames: ObservedFrames, heads: MessageHeads) -> Flags:
+        """(n,) whether a head is of a heartbeat that reports another mode or state than the one before it."""
+        beats = read_messages(frames, "HEARTBEAT")
+        extra = np.zeros(len(frames), dtype=np.bool_)
+        senders = np.zeros(len(frames), dtype=np.int64)
+        senders[heads.rows] = heads.senders
+        values = beats.values
+        states = zip(*(values[name].tolist() for name in ("custom_mode", "base_mode", "system_status")), strict=True)
+        for row, said in zip(beats.rows.tolist(), states, strict=True):
+            sender = int(senders[row])
+            extra[row] = self.states.get(sender, said) != said
+            self.states[sender] = said
+        return extra[heads.rows]
+
+    def _design(self, streams: Ints) -> None:
+        """Decide which streams are periodic, and compute their charts."""
+        for stream in streams.tolist():
+            facts = self.learned[stream]
+            count = facts[_COUNT]
+            self.phase[stream] = _IGNORED
+            if count < LEAST_INTERVALS:
+                continue
+            mean = facts[_SUM] / count
+            deviation = np.sqrt(max(0.0, facts[_SQUARES] / count - mean * mean) * count / (count - 1.0))
+            if deviation > MOST_VARIATION * mean:
+                continue
+            length = round(log10(min(max(3.0 * self.false_alarm_s / mean, 10.0), 1e9)), 2)  # few different ones
+            facts[_MEAN], facts[_DEVIATION] = mean, max(deviation, self.least_deviation_s)
+            facts[_INTERVAL] = find_interval(self.shift / 2.0, 10.0**length)
+            self.phase[stream] = _WATCHED
 
 
 @compiled
@@ -125,99 +175,3 @@ def _accumulate(
             if chart[place] > peaks[row]:
                 peaks[row], which[row] = chart[place], place
         peaks[row] /= facts[_INTERVAL]
-
-
-class TimingDetector:
-    """A `skyrange.contracts.monitors.Monitor`. The subject of an alert is the owner of the link."""
-
-    service_ns: Time = SERVICE_NS
-
-    def __init__(self, params: TimingParams) -> None:
-        self._params = params
-        self._begin_ns = from_seconds(params.learn_after_s)
-        self._end_ns = self._begin_ns + from_seconds(params.learn_s)
-        self._reference = params.shift / 2.0
-        self._streams = StreamNumbers()
-        self._states: dict[int, tuple[int, int, int]] = {}
-        self._last_ns = np.zeros(0, dtype=np.int64)
-        self._phase = np.zeros(0, dtype=np.int64)
-        self._learned = np.zeros((0, 6))
-        self._charts = np.zeros((0, 3))
-        self._episodes = Episodes(params)
-
-    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
-        """Take in the messages since the last service. Returns an alert for each stream that begins or doubles."""
-        heads = read_heads(frames)
-        heads = heads.take(heads.received & ~self._is_extra(frames, heads))
-        if not len(heads.rows):
-            return []
-        streams = self._streams.assign(heads.senders << 24 | heads.messages)
-        self._grow(len(self._streams))
-        if now >= self._end_ns:
-            self._design(np.unique(streams[self._phase[streams] == _FRESH]))
-        peaks, which = np.zeros(len(streams)), np.zeros(len(streams), dtype=np.int64)
-        _accumulate(
-            streams, heads.at_ns, self._last_ns, self._phase, self._learned, self._charts, self._params.clip,
-            self._reference, self._begin_ns, self._end_ns, peaks, which,
-        )  # fmt: skip
-        raised, scores = self._episodes.update(heads.at_ns, streams, peaks)
-        alerts = []
-        for row, score in zip(raised.tolist(), scores.tolist(), strict=True):
-            stream = int(streams[row])
-            link = frames.ports[int(heads.places[row])].link
-            data: dict[str, str | float] = {
-                "link": link,
-                "system": int(heads.systems[row]),
-                "component": int(heads.components[row]),
-                "message": name_message(int(heads.messages[row])),
-                "period_s": float(self._learned[stream, _MEAN]),
-                "deviation_s": float(self._learned[stream, _DEVIATION]),
-            }
-            kind = f"{KIND}.{CHARTS[int(which[row])]}"
-            alerts.append(Alert(int(heads.at_ns[row]), subject_of_link(link), kind, score, data))
-        return alerts
-
-    def _is_extra(self, frames: ObservedFrames, heads: MessageHeads) -> NDArray[np.bool_]:
-        """(n,) whether a head is of a heartbeat that reports another mode or state than the one before it."""
-        beats = read_messages(frames, "HEARTBEAT")
-        extra = np.zeros(len(frames), dtype=np.bool_)
-        senders = np.zeros(len(frames), dtype=np.int64)
-        senders[heads.rows] = heads.senders
-        values = beats.values
-        states = zip(*(values[name].tolist() for name in ("custom_mode", "base_mode", "system_status")), strict=True)
-        for row, state in zip(beats.rows.tolist(), states, strict=True):
-            sender = int(senders[row])
-            extra[row] = self._states.get(sender, state) != state
-            self._states[sender] = state
-        return extra[heads.rows]
-
-    def _design(self, streams: Ints) -> None:
-        """Decide which streams are periodic, and compute their charts."""
-        params = self._params
-        for stream in streams.tolist():
-            facts = self._learned[stream]
-            count = facts[_COUNT]
-            self._phase[stream] = _IGNORED
-            if count < LEAST_INTERVALS:
-                continue
-            mean = facts[_SUM] / count
-            deviation = np.sqrt(max(0.0, facts[_SQUARES] / count - mean * mean) * count / (count - 1.0))
-            if deviation > MOST_VARIATION * mean:
-                continue
-            length = round(log10(min(max(3.0 * params.false_alarm_s / mean, 10.0), 1e9)), 2)  # few different ones
-            facts[_MEAN], facts[_DEVIATION] = mean, max(deviation, params.least_deviation_s)
-            facts[_INTERVAL] = find_interval(self._reference, 10.0**length)
-            self._phase[stream] = _WATCHED
-
-    def _grow(self, size: int) -> None:
-        self._phase = extend(self._phase, size, _FRESH)
-        self._last_ns = extend(self._last_ns, size, -1)
-        self._learned, self._charts = extend(self._learned, size, 0.0), extend(self._charts, size, 0.0)
-
-
-def make_timing_detector(params: TimingParams, context: DetectorContext | None = None) -> Monitor:
-    """A new detector."""
-    return TimingDetector(params)
-
-
-MAVLINK_TIMING = DetectorPlugin(TimingParams, make_timing_detector, ABOUT)

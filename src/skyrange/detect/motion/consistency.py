@@ -35,25 +35,20 @@ the motion then does not fit either.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
-from pydantic import Field
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
-from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.params import Number
-from skyrange.core.time import NS_PER_MS, Time
-from skyrange.detect.episodes import EpisodeParams
+from skyrange.contracts.plugins.fields import param, state
+from skyrange.core.time import Time
+from skyrange.detect.bases.telemetry import TelemetryDetector
+from skyrange.detect.declaration import detector
 from skyrange.detect.motion.drag_model import DragModels, lean_acceleration
-from skyrange.detect.residuals import Residuals
-from skyrange.detect.series import Floats, Series, Steps, grown, step_errors
-
-KIND = "motion.consistency"
-"""The kind of its alerts."""
-ABOUT = "Compares telemetry with a motion model: position, velocity, lean, battery (after SAVIOR, 2020)."
-SERVICE_NS: Time = 500 * NS_PER_MS
+from skyrange.detect.series import Floats, Series, Steps, grown, series, step_errors
+from skyrange.detect.streams import table
 
 POSITION, CLIMB, ACCELERATION, LEAN, BATTERY = "position", "climb", "acceleration", "lean", "battery"
 _FIELDS: Final = ("lat", "lon", "alt", "relative_alt", "vx", "vy", "vz")
@@ -74,110 +69,81 @@ _AIRBORNE_M: Final = 2.0
 _MOVING_MPS: Final = 1.0
 
 
-class ConsistencyParams(EpisodeParams):
-    """Parameters of the motion consistency detector."""
+@detector("motion.consistency")
+class MotionConsistency(TelemetryDetector):
+    """Compares telemetry with a motion model: position, velocity, lean, battery (after SAVIOR, 2020)."""
 
-    allowance: Number = Field(
-        default=2.0,
-        ge=0.0,
-        le=100.0,
-        description="The bias b of the CUSUM: a residual in standard deviations that adds nothing to it.",
+    residuals: ClassVar = (POSITION, CLIMB, ACCELERATION, LEAN, BATTERY)
+
+    allowance: Number = param(
+        "The bias b of the CUSUM: a residual in standard deviations that adds nothing to it.",
+        default=2.0, ge=0.0, le=100.0,
+    )  # fmt: skip
+    threshold: Number = param(
+        "CUSUM of a residual, in standard deviations, that scores 1.", default=20.0, gt=0.0, le=1e6
     )
-    threshold: Number = Field(
-        default=20.0, gt=0.0, le=1e6, description="CUSUM of a residual, in standard deviations, that scores 1."
-    )
+    position: Series = series("GLOBAL_POSITION_INT", *_FIELDS)
+    attitude: Series = series("ATTITUDE", "roll", "pitch", "yaw")
+    status: Series = series("SYS_STATUS", "battery_remaining", timed=False)
+    drag: DragModels = state(DragModels)
+    begin: Floats = table(3, dtype=np.float64)
+    """Of each link end's window: its time, and the velocity east and north then; NaN without one."""
+    leans: Floats = table(3, dtype=np.float64)
+    """Of each link end's window: accelerations by the lean, summed, and their number."""
 
-
-class MotionConsistency:
-    """A `skyrange.contracts.monitors.Monitor`: alerts for the aircraft whose telemetry does not fit the model.
-
-    The subject of an alert is the owner of the link. Its score is the CUSUM over its threshold. `data` has the link and
-    the name of the residual.
-    """
-
-    service_ns: Time = SERVICE_NS
-
-    def __init__(self, params: ConsistencyParams) -> None:
-        self._allowance, self._threshold = params.allowance, params.threshold
-        names = (POSITION, CLIMB, ACCELERATION, LEAN, BATTERY)
-        self._residuals = Residuals(KIND, names, params)
-        self._position = Series("GLOBAL_POSITION_INT", _FIELDS)
-        self._attitude = Series("ATTITUDE", ("roll", "pitch", "yaw"))
-        self._status = Series("SYS_STATUS", ("battery_remaining",), timed=False)
-        self._drag = DragModels()
-        self._begin: Floats = np.zeros((0, 3))
-        """Of each link end's window: its time, and the velocity east and north then; NaN without one."""
-        self._sums: Floats = np.zeros((0, 3))
-        """Of each link end's window: accelerations by the lean, summed, and their number."""
-
-    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
-        """Compare what has arrived since the last service."""
-        arrived = frames.take(frames.received)
-        alerts = self._judge_steps(arrived, self._position.read(arrived))
-        alerts += self._judge_lean(now, arrived, self._attitude.read(arrived))
-        alerts += self._judge_battery(arrived, self._status.read(arrived))
-        return alerts
+    def compare(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+        """Judge the steps, the leans and the battery."""
+        alerts = self._judge_steps(frames, self.position.read(frames))
+        alerts += self._judge_lean(now, frames, self.attitude.read(frames))
+        return alerts + self._judge_battery(frames, self.status.read(frames))
 
     def _judge_steps(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
-        rows = np.flatnonzero((steps.seconds > 0.0) & (steps.seconds <= _GAP_S))
-        if not len(rows):
+        steps = steps.take(np.flatnonzero((steps.seconds > 0.0) & (steps.seconds <= _GAP_S)))
+        if not len(steps.places):
             return []
-        places, at_ns, seconds = steps.places[rows], steps.at_ns[rows], steps.seconds[rows]
-        before, after = steps.before[rows], steps.after[rows]
-        errors, spread = step_errors(before, after, seconds)
+        errors, spread = step_errors(steps.before, steps.after, steps.seconds)
         aside, above = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
-        change = np.linalg.norm(after[:, 4:] - before[:, 4:], axis=1) * 1e-2
+        change = np.linalg.norm(steps.after[:, 4:] - steps.before[:, 4:], axis=1) * 1e-2
         judged = (
-            (POSITION, aside / spread - self._allowance, self._threshold, {"error_m": aside}),
-            (CLIMB, above / spread - self._allowance, self._threshold, {"error_m": above}),
-            (ACCELERATION, change - _BEARABLE_MPS2 * seconds, _ACCELERATION_MPS, {"change_mps": change}),
+            (POSITION, aside / spread - self.allowance, self.threshold, {"error_m": aside}),
+            (CLIMB, above / spread - self.allowance, self.threshold, {"error_m": above}),
+            (ACCELERATION, change - _BEARABLE_MPS2 * steps.seconds, _ACCELERATION_MPS, {"change_mps": change}),
         )
         alerts = []
         for name, excess, threshold, data in judged:
-            scores = self._residuals.add(name, places, excess, threshold)
-            alerts += self._residuals.raise_alerts(name, frames.ports, places, at_ns, scores, data)
+            scores = self.accumulate(name, steps.places, excess, threshold)
+            alerts += self.alerts(name, frames, steps.places, steps.at_ns, scores, **data)
         return alerts
 
     def _judge_lean(self, now: Time, frames: ObservedFrames, steps: Steps) -> list[Alert]:
         count = len(frames.ports)
-        self._drag.grow(count)
-        self._begin, self._sums = grown(self._begin, count, np.nan), grown(self._sums, count)
+        self.drag.grow(count)
+        self.begin, self.leans = grown(self.begin, count, np.nan), grown(self.leans, count)
         lean = lean_acceleration(*steps.after.T)
-        np.add.at(self._sums, steps.places, np.column_stack([lean, np.ones(len(lean))]))
-        time_s, values = self._position.time_s, self._position.values
+        np.add.at(self.leans, steps.places, np.column_stack([lean, np.ones(len(lean))]))
+        time_s, values = self.position.time_s, self.position.values
         velocity = values[:, [5, 4]] * 1e-2
         flying = (values[:, 3] > _AIRBORNE_M * 1e3) | (np.hypot(velocity[:, 0], velocity[:, 1]) > _MOVING_MPS)
-        seconds = time_s - self._begin[:, 0]
+        seconds = time_s - self.begin[:, 0]
         usable = flying & (seconds >= 0.0) & (seconds <= _GAP_S)
-        places = np.flatnonzero(usable & (seconds >= _WINDOW_S) & (self._sums[:, 2] > 0.0))
-        windows, samples = seconds[places], self._sums[places, 2]
-        mean = 0.5 * (velocity[places] + self._begin[places, 1:])
-        drag = (velocity[places] - self._begin[places, 1:]) / windows[:, None] - self._sums[places, :2] / samples[
-            :, None
-        ]
+        places = np.flatnonzero(usable & (seconds >= _WINDOW_S) & (self.leans[:, 2] > 0.0))
+        windows, samples = seconds[places], self.leans[places, 2]
+        mean = 0.5 * (velocity[places] + self.begin[places, 1:])
+        change = (velocity[places] - self.begin[places, 1:]) / windows[:, None]
+        drag = change - self.leans[places, :2] / samples[:, None]
         noise = _LEAN_NOISE_MPS2 + _SAMPLING_MPS2 / samples
-        size = self._drag.update(places, windows, mean, np.clip(drag, -1e3, 1e3), noise)
+        size = self.drag.update(places, windows, mean, np.clip(drag, -1e3, 1e3), noise)
         restart = np.union1d(places, np.flatnonzero(~usable))
-        self._begin[restart, 0], self._begin[restart, 1:] = time_s[restart], velocity[restart]
-        self._sums[restart] = 0.0
-        scores = self._residuals.add(LEAN, places, size - self._allowance, _LEAN_SHARE * self._threshold)
-        data = {"unexplained_mps2": np.hypot(drag[:, 0], drag[:, 1])}
-        return self._residuals.raise_alerts(LEAN, frames.ports, places, now, scores, data)
+        self.begin[restart, 0], self.begin[restart, 1:] = time_s[restart], velocity[restart]
+        self.leans[restart] = 0.0
+        scores = self.accumulate(LEAN, places, size - self.allowance, _LEAN_SHARE * self.threshold)
+        return self.alerts(LEAN, frames, places, now, scores, unexplained_mps2=np.hypot(drag[:, 0], drag[:, 1]))
 
     def _judge_battery(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
         known = (steps.before[:, 0] >= 0.0) & (steps.after[:, 0] >= 0.0) & (steps.seconds <= _GAP_S)
-        rows = np.flatnonzero(known & (steps.seconds >= 0.0))
-        places, at_ns = steps.places[rows], steps.at_ns[rows]
-        change = steps.after[rows, 0] - steps.before[rows, 0]
-        drained = -change - _DRAIN_PERCENT_PER_S * steps.seconds[rows]
+        steps = steps.take(np.flatnonzero(known & (steps.seconds >= 0.0)))
+        change = steps.after[:, 0] - steps.before[:, 0]
+        drained = -change - _DRAIN_PERCENT_PER_S * steps.seconds
         excess = np.maximum(drained, change) - _QUANTUM_PERCENT
-        scores = self._residuals.add(BATTERY, places, excess, _BATTERY_PERCENT)
-        return self._residuals.raise_alerts(BATTERY, frames.ports, places, at_ns, scores, {"change_percent": change})
-
-
-def make_consistency(params: ConsistencyParams, context: DetectorContext | None = None) -> Monitor:
-    """A new detector."""
-    return MotionConsistency(params)
-
-
-CONSISTENCY = DetectorPlugin(ConsistencyParams, make_consistency, ABOUT)
+        scores = self.accumulate(BATTERY, steps.places, excess, _BATTERY_PERCENT)
+        return self.alerts(BATTERY, frames, steps.places, steps.at_ns, scores, change_percent=change)

@@ -25,25 +25,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import ceil
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
-from pydantic import Field
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.params import Number
-from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.detect.episodes import EpisodeParams
-from skyrange.detect.residuals import Residuals
-from skyrange.detect.series import Flags, Floats, Series, Steps, grown, offset_m, step_errors
-
-KIND = "motion.fleet"
-"""The kind of its alerts."""
-ABOUT = "Compares the aircraft of a fleet: common steps, one place for two, replayed telemetry, links lost together."
-SERVICE_NS: Time = 500 * NS_PER_MS
+from skyrange.contracts.plugins.fields import param, state
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.detect.bases.telemetry import TelemetryDetector
+from skyrange.detect.declaration import detector
+from skyrange.detect.series import Flags, Floats, Series, Steps, grown, offset_m, series, step_errors
+from skyrange.detect.streams import table
 
 COMMON_STEP, SAME_PLACE, REPLAYED, LOST_TOGETHER = "common_step", "same_place", "replayed", "lost_together"
 _FIELDS: Final = ("lat", "lon", "alt", "relative_alt", "vx", "vy", "vz")
@@ -62,66 +57,55 @@ _BROKEN_RUN: Final = -0.25
 _SILENT_S: Final = 5.0
 
 
-class FleetParams(EpisodeParams):
-    """Parameters of the fleet consistency detector."""
+@detector("motion.fleet")
+class FleetConsistency(TelemetryDetector):
+    """Compares the aircraft of a fleet: common steps, one place for two, replayed telemetry, links lost together.
 
-    share: Number = Field(
-        default=0.3,
-        gt=0.0,
-        le=1.0,
-        description="Share of the aircraft of a ground station, but at least two, that steps or losses have in common.",
-    )
-
-
-class FleetConsistency:
-    """A `skyrange.contracts.monitors.Monitor`: alerts for aircraft whose telemetry does not fit that of their fleet.
-
-    Each aircraft concerned is the subject of an alert of its own. The score is the statistic over its threshold. `data`
-    has the link, the name of the residual and, where several are concerned, their number.
+    Each aircraft concerned is the subject of an alert of its own. `data` has their number where several are concerned.
     """
 
-    service_ns: Time = SERVICE_NS
+    residuals: ClassVar = (COMMON_STEP, SAME_PLACE, REPLAYED, LOST_TOGETHER)
 
-    def __init__(self, params: FleetParams) -> None:
-        self._share = params.share
-        self._residuals = Residuals(KIND, (COMMON_STEP, SAME_PLACE, REPLAYED, LOST_TOGETHER), params)
-        self._position = Series("GLOBAL_POSITION_INT", _FIELDS)
-        self._seen_s: Floats = np.zeros(0)
-        """(ends,) when telemetry arrived last; NaN before any has."""
-        self._steps: Floats = np.zeros((0, 4))
-        """Of each link end's largest step within 2 s: when, size in standard deviations, direction east and north."""
-        self._near_s: Floats = np.zeros(0)
-        """(ends,) since when another aircraft is at the same place; NaN if none is."""
-        self._told: dict[bytes, tuple[int, float]] = {}
-        self._told_before: dict[bytes, tuple[int, float]] = {}
-        """Reports → link end and time: since `_turned_s`, and of the `_REMEMBERED_S` before."""
-        self._turned_s = 0.0
+    share: Number = param(
+        "Share of the aircraft of a ground station, but at least two, that steps or losses have in common.",
+        default=0.3, gt=0.0, le=1.0,
+    )  # fmt: skip
+    position: Series = series("GLOBAL_POSITION_INT", *_FIELDS)
+    seen_s: Floats = table(dtype=np.float64)
+    """(ends,) when telemetry arrived last; NaN before any has."""
+    steps: Floats = table(4, dtype=np.float64)
+    """Of each link end's largest step within 2 s: when, size in standard deviations, direction east and north."""
+    near_s: Floats = table(dtype=np.float64)
+    """(ends,) since when another aircraft is at the same place; NaN if none is."""
+    told: dict[bytes, tuple[int, float]] = state(dict)
+    told_before: dict[bytes, tuple[int, float]] = state(dict)
+    """Reports → link end and time: since `turned_s`, and of the `_REMEMBERED_S` before."""
+    turned_s: float = 0.0
 
-    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
-        """Compare what has arrived since the last service."""
-        arrived = frames.take(frames.received)
+    def compare(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+        """Compare the aircraft of each ground station."""
         count = len(frames.ports)
-        self._seen_s, self._near_s = grown(self._seen_s, count, np.nan), grown(self._near_s, count, np.nan)
-        self._steps = grown(self._steps, count)
-        steps = self._position.read(arrived)
-        self._seen_s[steps.places] = steps.at_ns / NS_PER_S
+        self.seen_s, self.near_s = grown(self.seen_s, count, np.nan), grown(self.near_s, count, np.nan)
+        self.steps = grown(self.steps, count)
+        steps = self.position.read(frames)
+        self.seen_s[steps.places] = steps.at_ns / NS_PER_S
         now_s = now / NS_PER_S
         self._take_steps(now_s, steps)
-        alerts = self._find_replayed(arrived, now_s, steps)
+        alerts = self._find_replayed(frames, now_s, steps)
         stations = np.unique([port.endpoint for port in frames.ports], return_inverse=True)[1]
         for station in range(int(stations.max(initial=-1)) + 1):
-            fleet = np.flatnonzero((stations == station) & np.isfinite(self._seen_s))
+            fleet = np.flatnonzero((stations == station) & np.isfinite(self.seen_s))
             if len(fleet) >= 2:
-                alerts += self._find_common_steps(arrived, now, fleet)
-                alerts += self._find_same_place(arrived, now, fleet)
-                alerts += self._find_lost(arrived, now, fleet)
+                alerts += self._find_common_steps(frames, now, fleet)
+                alerts += self._find_same_place(frames, now, fleet)
+                alerts += self._find_lost(frames, now, fleet)
         return alerts
 
     def _members(self, fleet: Ints) -> int:
-        return max(2, ceil(self._share * len(fleet)))
+        return max(2, ceil(self.share * len(fleet)))
 
     def _take_steps(self, now_s: float, steps: Steps) -> None:
-        self._steps[self._steps[:, 0] < now_s - _TOGETHER_S] = 0.0
+        self.steps[self.steps[:, 0] < now_s - _TOGETHER_S] = 0.0
         rows = np.flatnonzero((steps.seconds > 0.0) & (steps.seconds <= _GAP_S))
         if not len(rows):
             return
@@ -130,24 +114,24 @@ class FleetConsistency:
         order = np.argsort(size, kind="stable")  # the largest of a link end is written last
         places, unit = steps.places[rows][order], errors[order, :2] / np.maximum(size[order], 1e-9)[:, None]
         found = np.column_stack([steps.at_ns[rows][order] / NS_PER_S, (size / spread)[order], unit])
-        larger = found[:, 1] > self._steps[places, 1]
-        self._steps[places[larger]] = found[larger]
+        larger = found[:, 1] > self.steps[places, 1]
+        self.steps[places[larger]] = found[larger]
 
     def _find_common_steps(self, frames: ObservedFrames, now: Time, fleet: Ints) -> list[Alert]:
-        sizes, directions = self._steps[fleet, 1], self._steps[fleet, 2:]
+        sizes, directions = self.steps[fleet, 1], self.steps[fleet, 2:]
         alike = directions @ directions[np.argmax(sizes)] >= _ALIKE
         sizes = np.where(alike, sizes, 0.0)
         members = self._members(fleet)
         common = np.sort(sizes)[-members] / _STEP_SIGMAS
         scores = np.where(sizes / _STEP_SIGMAS >= common, common, 0.0)
         number = np.full(len(fleet), float(np.count_nonzero(scores)))
-        return self._raise(frames, COMMON_STEP, now, fleet, scores, number)
+        return self.alerts(COMMON_STEP, frames, fleet, now, scores, aircraft=number)
 
     def _find_same_place(self, frames: ObservedFrames, now: Time, fleet: Ints) -> list[Alert]:
-        values = self._position.values[fleet]
-        age = now / NS_PER_S - self._seen_s[fleet]
+        values = self.position.values[fleet]
+        age = now / NS_PER_S - self.seen_s[fleet]
         flying = (values[:, 3] > _AIRBORNE_M * 1e3) & (age <= _TOGETHER_S)
-        self._near_s[fleet[~flying]] = np.nan
+        self.near_s[fleet[~flying]] = np.nan
         fleet, values, age = fleet[flying], values[flying], age[flying]
         if len(fleet) < 2:
             return []
@@ -156,16 +140,16 @@ class FleetConsistency:
         east, north = east + values[:, 5] * 1e-2 * age, north + values[:, 4] * 1e-2 * age
         up = values[:, 2] * 1e-3 - values[:, 6] * 1e-2 * age
         near = _has_neighbour(east, north, up)
-        since = self._near_s[fleet]
-        self._near_s[fleet] = np.where(near, np.where(np.isfinite(since), since, now / NS_PER_S), np.nan)
-        scores = np.nan_to_num((now / NS_PER_S - self._near_s[fleet]) / _NEAR_S)
-        return self._raise(frames, SAME_PLACE, now, fleet, np.minimum(scores, 10.0))
+        since = self.near_s[fleet]
+        self.near_s[fleet] = np.where(near, np.where(np.isfinite(since), since, now / NS_PER_S), np.nan)
+        scores = np.nan_to_num((now / NS_PER_S - self.near_s[fleet]) / _NEAR_S)
+        return self.alerts(SAME_PLACE, frames, fleet, now, np.minimum(scores, 10.0))
 
     def _find_replayed(self, frames: ObservedFrames, now_s: float, steps: Steps) -> list[Alert]:
-        if now_s - self._turned_s >= _REMEMBERED_S:
-            self._told_before, self._told, self._turned_s = self._told, {}, now_s
+        if now_s - self.turned_s >= _REMEMBERED_S:
+            self.told_before, self.told, self.turned_s = self.told, {}, now_s
         rows = np.flatnonzero(np.abs(steps.after[:, 4:6]).max(axis=1, initial=0.0) >= _MOVING_CMPS)
-        reports, told, before = steps.after[rows].astype(np.int64), self._told, self._told_before
+        reports, told, before = steps.after[rows].astype(np.int64), self.told, self.told_before
         terms = np.zeros(len(rows))
         places, times = steps.places[rows].tolist(), (steps.at_ns[rows] / NS_PER_S).tolist()
         for number, (place, time_s) in enumerate(zip(places, times, strict=True)):
@@ -175,22 +159,16 @@ class FleetConsistency:
                 told[report] = (place, time_s)
             is_duplicate = known is not None and known[0] == place and time_s - known[1] <= _TOGETHER_S
             terms[number] = _BROKEN_RUN if known is None else 0.0 if is_duplicate else 1.0
-        scores = self._residuals.add(REPLAYED, steps.places[rows], terms, _RUN)
-        return self._residuals.raise_alerts(REPLAYED, frames.ports, steps.places[rows], steps.at_ns[rows], scores)
+        scores = self.accumulate(REPLAYED, steps.places[rows], terms, _RUN)
+        return self.alerts(REPLAYED, frames, steps.places[rows], steps.at_ns[rows], scores)
 
     def _find_lost(self, frames: ObservedFrames, now: Time, fleet: Ints) -> list[Alert]:
-        last = self._seen_s[fleet]
+        last = self.seen_s[fleet]
         silent = now / NS_PER_S - last > _SILENT_S
         times = np.sort(last[silent])
         number = np.searchsorted(times, last + _TOGETHER_S, "right") - np.searchsorted(times, last - _TOGETHER_S)
         scores = np.where(silent & (number >= 2), number / self._members(fleet), 0.0)
-        return self._raise(frames, LOST_TOGETHER, now, fleet, scores, number.astype(np.float64))
-
-    def _raise(
-        self, frames: ObservedFrames, name: str, now: Time, fleet: Ints, scores: Floats, number: Floats | None = None
-    ) -> list[Alert]:
-        data = None if number is None else {"aircraft": number}
-        return self._residuals.raise_alerts(name, frames.ports, fleet, now, scores, data)
+        return self.alerts(LOST_TOGETHER, frames, fleet, now, scores, aircraft=number.astype(np.float64))
 
 
 def _has_neighbour(east: Floats, north: Floats, up: Floats) -> Flags:
@@ -209,11 +187,3 @@ def _has_neighbour(east: Floats, north: Floats, up: Floats) -> Flags:
     found = np.zeros_like(near)
     found[order] = near
     return found
-
-
-def make_fleet(params: FleetParams, context: DetectorContext | None = None) -> Monitor:
-    """A new detector."""
-    return FleetConsistency(params)
-
-
-FLEET = DetectorPlugin(FleetParams, make_fleet, ABOUT)

@@ -43,29 +43,25 @@ from the first message on, and errors within a claimed accuracy. It reports mult
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from functools import partial
+from typing import ClassVar, Final
 
 import numpy as np
-from pydantic import Field
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
+from skyrange.contracts.detectors import DetectorContext
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.params import Number
-from skyrange.core.time import NS_PER_MS, Time
-from skyrange.detect.episodes import EpisodeParams
+from skyrange.contracts.plugins.fields import param, state
+from skyrange.core.time import Time
+from skyrange.detect.bases.telemetry import TelemetryDetector
+from skyrange.detect.declaration import detector
 from skyrange.detect.navigation.cs_ema_charts import Chart, CsEma
 from skyrange.detect.navigation.field_reference import FieldReference, turns_to_earth
 from skyrange.detect.navigation.fix_errors import fix_errors
 from skyrange.detect.pressure_altitude import pressure_altitude_m
-from skyrange.detect.residuals import Residuals
-from skyrange.detect.series import Floats, Series, Steps, grown, rounds
-
-KIND = "navigation.cs_ema"
-"""The kind of its alerts."""
-ABOUT = "Finds small lasting innovations of fixes, barometer and magnetometer by CS-EMA charts (VIMU, 2024)."
-SERVICE_NS: Time = 500 * NS_PER_MS
+from skyrange.detect.series import Floats, Series, Steps, grown, rounds, series
 
 SENSORS: Final = ("position", "velocity", "barometer", "magnetometer")
 CHARTS: Final = ("cusum", "ema")
@@ -89,126 +85,11 @@ _ATTITUDE: Final = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed
 
 
 def _limit(default: float, sensor: str, chart: str) -> Number:
-    found: Number = Field(
-        default=default,
-        ge=0.0,
-        le=1e6,
-        description=f"Limit of the {chart} of the {sensor}, in standard deviations, that scores 1; 0 leaves it out.",
-    )
+    found: Number = param(
+        f"Limit of the {chart} of the {sensor}, in standard deviations, that scores 1; 0 leaves it out.",
+        default=default, ge=0.0, le=1e6,
+    )  # fmt: skip
     return found
-
-
-class CsEmaParams(EpisodeParams):
-    """Parameters of the CS-EMA detector."""
-
-    position_cusum: Number = _limit(3.0, "position", "CUSUM")
-    position_ema: Number = _limit(0.45, "position", "moving average")
-    velocity_cusum: Number = _limit(0.0, "velocity", "CUSUM")
-    velocity_ema: Number = _limit(0.5, "velocity", "moving average")
-    barometer_cusum: Number = _limit(3.0, "barometer", "CUSUM")
-    barometer_ema: Number = _limit(0.15, "barometer", "moving average")
-    magnetometer_cusum: Number = _limit(3.0, "magnetometer", "CUSUM")
-    magnetometer_ema: Number = _limit(0.3, "magnetometer", "moving average")
-    heights: bool = Field(default=False, strict=True, description="Whether the heights of fixes are judged.")
-
-
-class CsEmaDetector:
-    """A `skyrange.contracts.monitors.Monitor`: alerts for the aircraft whose sensors do not fit its estimate.
-
-    The subject of an alert is the owner of the link. Its score is the statistic over its limit. `data` has the link,
-    the sensor and the chart as `residual`, such as `position_ema`, and `ratio`, the last innovation.
-    """
-
-    service_ns: Time = SERVICE_NS
-
-    def __init__(self, params: CsEmaParams) -> None:
-        p = params
-        self._charts = {
-            "position": CsEma(Chart(0.01, 0.85, p.position_ema, 0.5, p.position_cusum), 3),
-            "velocity": CsEma(Chart(0.01, 1.1, p.velocity_ema, 1.0, p.velocity_cusum), 2),
-            "barometer": CsEma(Chart(0.05, 0.52, p.barometer_ema, 0.25, p.barometer_cusum), 1),
-            "magnetometer": CsEma(Chart(0.01, 0.52, p.magnetometer_ema, 0.25, p.magnetometer_cusum), 3),
-        }
-        self._heights = p.heights
-        self._residuals = Residuals(KIND, [f"{name}_{chart}" for name in SENSORS for chart in CHARTS], p)
-        self._fixes = Series("GPS_RAW_INT", _FIX, timed=False)
-        self._fused = Series("GLOBAL_POSITION_INT", _FUSED)
-        self._pressure = Series("SCALED_PRESSURE", ("press_abs",))
-        self._inertial = Series("RAW_IMU", ("xmag", "ymag", "zmag", "time_usec"), timed=False)
-        self._attitude = Series("ATTITUDE", _ATTITUDE)
-        self._fix_height, self._baro_height = _First(1), _First(1)
-        self._field = FieldReference()
-
-    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
-        """Compare what has arrived since the last service."""
-        arrived = frames.take(frames.received)
-        self._fused.read(arrived)
-        attitudes = self._attitude.read(arrived)
-        alerts = self._judge_fixes(arrived, self._fixes.read(arrived))
-        alerts += self._judge_pressure(arrived, self._pressure.read(arrived))
-        alerts += self._judge_field(arrived, self._inertial.read(arrived), attitudes)
-        return alerts
-
-    def _judge_fixes(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
-        fix, fused = steps.after, self._fused.values[steps.places]
-        age = fix[:, 9] * 1e-6 - self._fused.time_s[steps.places]
-        rows = np.flatnonzero((fix[:, 8] >= _FIX_3D) & (np.abs(age) <= _AGE_S))
-        places, at_ns, fix, fused, age = steps.places[rows], steps.at_ns[rows], fix[rows], fused[rows], age[rows]
-        away, slip = fix_errors(fix[:, :4], fused[:, :4], age)
-        above = (fix[:, 4] - fused[:, 5]) * 1e-3 + fused[:, 4] * 1e-2 * age
-        above -= self._fix_height.keep(places, above[:, None])[:, 0]
-        spread = np.maximum(fix[:, 5:8] * 1e-3, (_POSITION_M, _POSITION_M, _VELOCITY_MPS))
-        height = above / (_VERTICAL * spread[:, 1]) if self._heights else np.zeros(len(rows))
-        position = np.column_stack([away / spread[:, :1], height])
-        alerts = self._judge("position", frames, places, at_ns, position)
-        return alerts + self._judge("velocity", frames, places, at_ns, slip / spread[:, 2:])
-
-    def _judge_pressure(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
-        fused = self._fused.values[steps.places]
-        age = steps.time_s - self._fused.time_s[steps.places]
-        rows = np.flatnonzero((steps.after[:, 0] > 0.0) & (np.abs(age) <= _AGE_S))
-        places, fused, age = steps.places[rows], fused[rows], age[rows]
-        altitude = pressure_altitude_m(steps.after[rows, 0])
-        above = (altitude - fused[:, 5] * 1e-3 + fused[:, 4] * 1e-2 * age)[:, None]
-        above = above - self._baro_height.keep(places, above)
-        return self._judge("barometer", frames, places, steps.at_ns[rows], above / _BAROMETER_M)
-
-    def _judge_field(self, frames: ObservedFrames, steps: Steps, attitudes: Steps) -> list[Alert]:
-        found, age = _nearest(attitudes, steps.places, steps.after[:, 3] * 1e-6)
-        rows = np.flatnonzero((np.abs(age) <= _ATTITUDE_AGE_S) & steps.after[:, :3].any(axis=1))
-        places, attitude = steps.places[rows], attitudes.after[found[rows]]
-        fields = np.clip(steps.after[rows, :3] * 1e-3, -_MOST_GAUSS, _MOST_GAUSS)
-        turns = turns_to_earth(*(attitude[:, :3] + attitude[:, 3:] * age[rows, None]).T)
-        charts, seconds = self._charts["magnetometer"], steps.seconds[rows]
-        ratios, sums, means = np.empty((3, len(rows), 3))
-        for each in rounds(places):
-            at = places[each]
-            ratios[each] = self._field.predict(at, fields[each], turns[each], seconds[each])
-            sums[each], means[each] = charts.add(at, ratios[each])
-            fit = each[np.maximum(sums[each], means[each]).max(axis=1) < 1.0]
-            self._field.update(places[fit], fields[fit], turns[fit])
-        return self._raise("magnetometer", frames, places, steps.at_ns[rows], ratios, (sums, means))
-
-    def _judge(self, sensor: str, frames: ObservedFrames, places: Ints, at_ns: Ints, ratios: Floats) -> list[Alert]:
-        ratios = np.clip(ratios / _STATE, -_MOST_RATIO, _MOST_RATIO)
-        return self._raise(sensor, frames, places, at_ns, ratios, self._charts[sensor].add(places, ratios))
-
-    def _raise(
-        self,
-        sensor: str,
-        frames: ObservedFrames,
-        places: Ints,
-        at_ns: Ints,
-        ratios: Floats,
-        statistics: tuple[Floats, Floats],
-    ) -> list[Alert]:
-        alerts: list[Alert] = []
-        each = np.arange(len(places))
-        for chart, values in zip(CHARTS, statistics, strict=True):
-            worst = values.argmax(axis=1)
-            scores, data = values[each, worst], {"ratio": ratios[each, worst]}
-            alerts += self._residuals.raise_alerts(f"{sensor}_{chart}", frames.ports, places, at_ns, scores, data)
-        return alerts
 
 
 class _First:
@@ -227,6 +108,115 @@ class _First:
         return first
 
 
+@detector("navigation.cs_ema")
+class CsEmaDetector(TelemetryDetector):
+    """Finds small lasting innovations of fixes, barometer and magnetometer by CS-EMA charts (VIMU, 2024).
+
+    `data` of an alert has the sensor and the chart as `residual`, such as `position_ema`, and `ratio`, the last
+    innovation.
+    """
+
+    residuals: ClassVar = tuple(f"{name}_{chart}" for name in SENSORS for chart in CHARTS)
+
+    position_cusum: Number = _limit(3.0, "position", "CUSUM")
+    position_ema: Number = _limit(0.45, "position", "moving average")
+    velocity_cusum: Number = _limit(0.0, "velocity", "CUSUM")
+    velocity_ema: Number = _limit(0.5, "velocity", "moving average")
+    barometer_cusum: Number = _limit(3.0, "barometer", "CUSUM")
+    barometer_ema: Number = _limit(0.15, "barometer", "moving average")
+    magnetometer_cusum: Number = _limit(3.0, "magnetometer", "CUSUM")
+    magnetometer_ema: Number = _limit(0.3, "magnetometer", "moving average")
+    heights: bool = param("Whether the heights of fixes are judged.", default=False, strict=True)
+    charts: dict[str, CsEma]
+    """By sensor."""
+    fixes: Series = series("GPS_RAW_INT", *_FIX, timed=False)
+    fused: Series = series("GLOBAL_POSITION_INT", *_FUSED)
+    pressure: Series = series("SCALED_PRESSURE", "press_abs")
+    inertial: Series = series("RAW_IMU", "xmag", "ymag", "zmag", "time_usec", timed=False)
+    attitude: Series = series("ATTITUDE", *_ATTITUDE)
+    fix_height: _First = state(partial(_First, 1))
+    baro_height: _First = state(partial(_First, 1))
+    field: FieldReference = state(FieldReference)
+
+    def prepare(self, context: DetectorContext) -> None:
+        """Make the charts."""
+        self.charts = {
+            "position": CsEma(Chart(0.01, 0.85, self.position_ema, 0.5, self.position_cusum), 3),
+            "velocity": CsEma(Chart(0.01, 1.1, self.velocity_ema, 1.0, self.velocity_cusum), 2),
+            "barometer": CsEma(Chart(0.05, 0.52, self.barometer_ema, 0.25, self.barometer_cusum), 1),
+            "magnetometer": CsEma(Chart(0.01, 0.52, self.magnetometer_ema, 0.25, self.magnetometer_cusum), 3),
+        }
+
+    def compare(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+        """Judge fixes, barometer and magnetometer."""
+        self.fused.read(frames)
+        attitudes = self.attitude.read(frames)
+        alerts = self._judge_fixes(frames, self.fixes.read(frames))
+        alerts += self._judge_pressure(frames, self.pressure.read(frames))
+        return alerts + self._judge_field(frames, self.inertial.read(frames), attitudes)
+
+    def _judge_fixes(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+        fix, fused = steps.after, self.fused.values[steps.places]
+        age = fix[:, 9] * 1e-6 - self.fused.time_s[steps.places]
+        rows = np.flatnonzero((fix[:, 8] >= _FIX_3D) & (np.abs(age) <= _AGE_S))
+        places, at_ns, fix, fused, age = steps.places[rows], steps.at_ns[rows], fix[rows], fused[rows], age[rows]
+        away, slip = fix_errors(fix[:, :4], fused[:, :4], age)
+        above = (fix[:, 4] - fused[:, 5]) * 1e-3 + fused[:, 4] * 1e-2 * age
+        above -= self.fix_height.keep(places, above[:, None])[:, 0]
+        spread = np.maximum(fix[:, 5:8] * 1e-3, (_POSITION_M, _POSITION_M, _VELOCITY_MPS))
+        height = above / (_VERTICAL * spread[:, 1]) if self.heights else np.zeros(len(rows))
+        position = np.column_stack([away / spread[:, :1], height])
+        alerts = self._judge("position", frames, places, at_ns, position)
+        return alerts + self._judge("velocity", frames, places, at_ns, slip / spread[:, 2:])
+
+    def _judge_pressure(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+        fused = self.fused.values[steps.places]
+        age = steps.time_s - self.fused.time_s[steps.places]
+        rows = np.flatnonzero((steps.after[:, 0] > 0.0) & (np.abs(age) <= _AGE_S))
+        places, fused, age = steps.places[rows], fused[rows], age[rows]
+        altitude = pressure_altitude_m(steps.after[rows, 0])
+        above = (altitude - fused[:, 5] * 1e-3 + fused[:, 4] * 1e-2 * age)[:, None]
+        above = above - self.baro_height.keep(places, above)
+        return self._judge("barometer", frames, places, steps.at_ns[rows], above / _BAROMETER_M)
+
+    def _judge_field(self, frames: ObservedFrames, steps: Steps, attitudes: Steps) -> list[Alert]:
+        found, age = _nearest(attitudes, steps.places, steps.after[:, 3] * 1e-6)
+        rows = np.flatnonzero((np.abs(age) <= _ATTITUDE_AGE_S) & steps.after[:, :3].any(axis=1))
+        places, attitude = steps.places[rows], attitudes.after[found[rows]]
+        fields = np.clip(steps.after[rows, :3] * 1e-3, -_MOST_GAUSS, _MOST_GAUSS)
+        turns = turns_to_earth(*(attitude[:, :3] + attitude[:, 3:] * age[rows, None]).T)
+        charts, seconds = self.charts["magnetometer"], steps.seconds[rows]
+        ratios, sums, means = np.empty((3, len(rows), 3))
+        for each in rounds(places):
+            at = places[each]
+            ratios[each] = self.field.predict(at, fields[each], turns[each], seconds[each])
+            sums[each], means[each] = charts.add(at, ratios[each])
+            fit = each[np.maximum(sums[each], means[each]).max(axis=1) < 1.0]
+            self.field.update(places[fit], fields[fit], turns[fit])
+        return self._raise("magnetometer", frames, places, steps.at_ns[rows], ratios, (sums, means))
+
+    def _judge(self, sensor: str, frames: ObservedFrames, places: Ints, at_ns: Ints, ratios: Floats) -> list[Alert]:
+        ratios = np.clip(ratios / _STATE, -_MOST_RATIO, _MOST_RATIO)
+        return self._raise(sensor, frames, places, at_ns, ratios, self.charts[sensor].add(places, ratios))
+
+    def _raise(
+        self,
+        sensor: str,
+        frames: ObservedFrames,
+        places: Ints,
+        at_ns: Ints,
+        ratios: Floats,
+        statistics: tuple[Floats, Floats],
+    ) -> list[Alert]:
+        alerts: list[Alert] = []
+        each = np.arange(len(places))
+        for chart, values in zip(CHARTS, statistics, strict=True):
+            worst = values.argmax(axis=1)
+            scores, ratio = values[each, worst], ratios[each, worst]
+            alerts += self.alerts(f"{sensor}_{chart}", frames, places, at_ns, scores, ratio=ratio)
+        return alerts
+
+
 def _nearest(steps: Steps, places: Ints, time_s: Floats) -> tuple[Ints, Floats]:
     """Of (n,) times at link ends: the row of `steps` of the same end with the nearest time, and the time less its own.
 
@@ -242,11 +232,3 @@ def _nearest(steps: Steps, places: Ints, time_s: Floats) -> tuple[Ints, Floats]:
     chosen = np.where(np.isnan(ages), np.inf, np.abs(ages)).argmin(axis=1)
     each = np.arange(len(places))
     return rows[each, chosen], ages[each, chosen]
-
-
-def make_cs_ema(params: CsEmaParams, context: DetectorContext | None = None) -> Monitor:
-    """A new detector."""
-    return CsEmaDetector(params)
-
-
-CS_EMA = DetectorPlugin(CsEmaParams, make_cs_ema, ABOUT)

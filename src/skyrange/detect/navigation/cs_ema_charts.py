@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.detect.residuals import MOST_SCORE
+from skyrange.detect.bases.telemetry import MOST_SCORE
 from skyrange.detect.series import Floats, grown, rounds
 
 

@@ -29,27 +29,23 @@ as well.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from functools import partial
+from typing import ClassVar, Final
 
 import numpy as np
-from pydantic import Field
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
-from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.detectors import DetectorContext
+from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.params import Number
-from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.detect.episodes import EpisodeParams
+from skyrange.contracts.plugins.fields import param, state
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.detect.bases.telemetry import TelemetryDetector
+from skyrange.detect.declaration import detector
 from skyrange.detect.moving_mean import MovingMean
 from skyrange.detect.navigation.fix_errors import fix_errors
 from skyrange.detect.navigation.self_starting import SelfStarting
-from skyrange.detect.residuals import Residuals
-from skyrange.detect.series import Floats, Series, Steps
-
-KIND = "navigation.gnss_innovation"
-"""The kind of its alerts."""
-ABOUT = "Compares satellite fixes with the estimate: innovations, offsets, accuracies and time of GNSS."
-SERVICE_NS: Time = 500 * NS_PER_MS
+from skyrange.detect.series import Floats, Series, Steps, series
 
 RATIOS: Final = ("velocity", "position", "height")
 OFFSET, SPEED, ACCURACY, TIME = "offset", "speed", "accuracy", "time"
@@ -78,78 +74,64 @@ _CLOCK_SET_US: Final = 1e15
 """Unix time, September 2001: an autopilot's clock is below it until a fix or a ground station sets it."""
 
 
-class InnovationParams(EpisodeParams):
-    """Parameters of the GNSS innovation detector."""
+@detector("navigation.gnss_innovation")
+class GnssInnovation(TelemetryDetector):
+    """Compares satellite fixes with the estimate: innovations, offsets, accuracies and time of GNSS."""
 
-    allowance: Number = Field(
-        default=2.0,
-        ge=0.0,
-        le=100.0,
-        description="Deviation of an innovation test ratio from its past that adds nothing to its CUSUM, in standard "
-        "deviations.",
+    residuals: ClassVar = (*RATIOS, OFFSET, SPEED, ACCURACY, TIME)
+
+    allowance: Number = param(
+        "Deviation of an innovation test ratio from its past that adds nothing to its CUSUM, in standard deviations.",
+        default=2.0, ge=0.0, le=100.0,
+    )  # fmt: skip
+    threshold: Number = param(
+        "CUSUM of a test ratio, in standard deviations, that scores 1.", default=40.0, gt=0.0, le=1e6
     )
-    threshold: Number = Field(
-        default=40.0, gt=0.0, le=1e6, description="CUSUM of a test ratio, in standard deviations, that scores 1."
-    )
-    clock_s: Number = Field(
-        default=2.0,
-        gt=0.0,
-        le=1e6,
-        description="Difference of SYSTEM_TIME from the ground station's clock that scores 1, in seconds.",
-    )
+    clock_s: Number = param(
+        "Difference of SYSTEM_TIME from the ground station's clock that scores 1, in seconds.",
+        default=2.0, gt=0.0, le=1e6,
+    )  # fmt: skip
+    unix_ns: int
+    """UTC of time 0."""
+    ardupilot: Series = series("EKF_STATUS_REPORT", *_ARDUPILOT, timed=False)
+    px4: Series = series("ESTIMATOR_STATUS", *_PX4, timed=False)
+    fixes: Series = series("GPS_RAW_INT", *_FIX, timed=False)
+    fused: Series = series("GLOBAL_POSITION_INT", *_FUSED)
+    time: Series = series("SYSTEM_TIME", "time_unix_usec")
+    normal: list[SelfStarting]
+    offsets: MovingMean = state(partial(MovingMean, _SQUARES_S, 0.0))
+    speeds: MovingMean = state(partial(MovingMean, _SQUARES_S, 0.0))
+    accuracy: MovingMean = state(partial(MovingMean, 60.0))
 
+    def prepare(self, context: DetectorContext) -> None:
+        """Set the ground station's clock."""
+        self.unix_ns = context.epoch.unix_ns
+        self.normal = [SelfStarting(_RATIO_FLOOR) for _ in RATIOS]
 
-class GnssInnovation:
-    """A `skyrange.contracts.monitors.Monitor`: alerts for the aircraft whose fixes do not fit its estimate.
-
-    The subject of an alert is the owner of the link. Its score is the statistic over its threshold. `data` has the link
-    and the name of the residual.
-    """
-
-    service_ns: Time = SERVICE_NS
-
-    def __init__(self, params: InnovationParams, unix_ns: int | None) -> None:
-        """`unix_ns` is the UTC of time 0; without it, SYSTEM_TIME is not read."""
-        self._params, self._unix_ns = params, unix_ns
-        self._residuals = Residuals(KIND, (*RATIOS, OFFSET, SPEED, ACCURACY, TIME), params)
-        self._ardupilot = Series("EKF_STATUS_REPORT", _ARDUPILOT, timed=False)
-        self._px4 = Series("ESTIMATOR_STATUS", _PX4, timed=False)
-        self._fixes = Series("GPS_RAW_INT", _FIX, timed=False)
-        self._fused = Series("GLOBAL_POSITION_INT", _FUSED)
-        self._time = Series("SYSTEM_TIME", ("time_unix_usec",))
-        self._normal = [SelfStarting(_RATIO_FLOOR) for _ in RATIOS]
-        self._offsets, self._speeds = MovingMean(_SQUARES_S, 0.0), MovingMean(_SQUARES_S, 0.0)
-        self._accuracy = MovingMean(60.0)
-
-    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
-        """Compare what has arrived since the last service."""
-        arrived = frames.take(frames.received)
-        self._fused.read(arrived)
+    def compare(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+        """Judge ratios, fixes, accuracies and times."""
+        self.fused.read(frames)
         alerts = []
-        for series, power in ((self._ardupilot, 1.0), (self._px4, 0.5)):
-            steps = series.read(arrived)
-            alerts += self._judge_ratios(arrived, steps, np.maximum(steps.after, 0.0) ** power)
-        fixes = self._fixes.read(arrived)
-        alerts += self._judge_fixes(arrived, fixes)
-        alerts += self._judge_accuracy(arrived, fixes)
-        alerts += self._judge_time(arrived, self._time.read(arrived))
-        return alerts
+        for ratios, power in ((self.ardupilot, 1.0), (self.px4, 0.5)):
+            steps = ratios.read(frames)
+            alerts += self._judge_ratios(frames, steps, np.maximum(steps.after, 0.0) ** power)
+        fixes = self.fixes.read(frames)
+        alerts += self._judge_fixes(frames, fixes)
+        alerts += self._judge_accuracy(frames, fixes)
+        return alerts + self._judge_time(frames, self.time.read(frames))
 
     def _judge_ratios(self, frames: ObservedFrames, steps: Steps, ratios: Floats) -> list[Alert]:
         alerts: list[Alert] = []
         for column, name in enumerate(RATIOS):
             ratio = ratios[:, column]
-            away = self._normal[column].standardise(steps.places, ratio)
-            threshold = self._params.threshold
-            scores = self._residuals.add(name, steps.places, away - self._params.allowance, threshold)
-            alerts += self._residuals.raise_alerts(
-                name, frames.ports, steps.places, steps.at_ns, scores, {"ratio": ratio}
-            )
+            away = self.normal[column].standardise(steps.places, ratio)
+            scores = self.accumulate(name, steps.places, away - self.allowance, self.threshold)
+            alerts += self.alerts(name, frames, steps.places, steps.at_ns, scores, ratio=ratio)
         return alerts
 
     def _judge_fixes(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
-        fix, fused = steps.after, self._fused.values[steps.places]
-        age = fix[:, 7] * 1e-6 - self._fused.time_s[steps.places]
+        fix, fused = steps.after, self.fused.values[steps.places]
+        age = fix[:, 7] * 1e-6 - self.fused.time_s[steps.places]
         rows = np.flatnonzero((fix[:, 6] >= _FIX_3D) & (np.abs(age) <= _AGE_S))
         fix, fused, age = fix[rows], fused[rows], age[rows]
         places, at_ns, seconds = steps.places[rows], steps.at_ns[rows], steps.seconds[rows]
@@ -157,40 +139,30 @@ class GnssInnovation:
         away, slip = np.hypot(position[:, 0], position[:, 1]), np.hypot(velocity[:, 1], velocity[:, 0])
         alerts: list[Alert] = []
         for name, error, claimed, unknown, most, own, mean in (
-            (OFFSET, away, fix[:, 4], _UNKNOWN_M, _MOST_M, _FUSED_M, self._offsets),
-            (SPEED, slip, fix[:, 5], _UNKNOWN_MPS, _MOST_MPS, _FUSED_MPS, self._speeds),
+            (OFFSET, away, fix[:, 4], _UNKNOWN_M, _MOST_M, _FUSED_M, self.offsets),
+            (SPEED, slip, fix[:, 5], _UNKNOWN_MPS, _MOST_MPS, _FUSED_MPS, self.speeds),
         ):
             accuracy = np.where(claimed > 0.0, np.minimum(claimed * 1e-3, most), unknown)
             squares = np.minimum((error / np.hypot(accuracy, own)) ** 2, 1e6)
             scores = mean.add(places, np.minimum(seconds, _GAP_S), squares) / _SQUARES
-            alerts += self._residuals.raise_alerts(name, frames.ports, places, at_ns, scores, {"difference": error})
+            alerts += self.alerts(name, frames, places, at_ns, scores, difference=error)
         return alerts
 
     def _judge_accuracy(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
         claimed = np.log(np.maximum(steps.after[:, 4], 1.0))
         fixed = steps.after[:, 6] >= _FIX_3D
         known = np.where(fixed & (steps.after[:, 4] > 0.0), claimed, np.nan)
-        usual = self._accuracy.add(steps.places, np.minimum(steps.seconds, _GAP_S), known)
+        usual = self.accuracy.add(steps.places, np.minimum(steps.seconds, _GAP_S), known)
         wrong = np.where(fixed, np.abs(known - usual) - _DOUBLE, 1.0)
         lost = np.where(fixed | np.isfinite(usual), wrong, 0.0)
         excess = lost * np.minimum(steps.seconds, _GAP_S)
-        scores = self._residuals.add(ACCURACY, steps.places, excess, _ACCURACY_S)
-        data = {"h_acc_m": steps.after[:, 4] * 1e-3, "fix_type": steps.after[:, 6]}
-        return self._residuals.raise_alerts(ACCURACY, frames.ports, steps.places, steps.at_ns, scores, data)
+        scores = self.accumulate(ACCURACY, steps.places, excess, _ACCURACY_S)
+        h_acc_m, fix_type = steps.after[:, 4] * 1e-3, steps.after[:, 6]
+        return self.alerts(ACCURACY, frames, steps.places, steps.at_ns, scores, h_acc_m=h_acc_m, fix_type=fix_type)
 
     def _judge_time(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
-        if self._unix_ns is None:
-            return []
         rows = np.flatnonzero(steps.after[:, 0] >= _CLOCK_SET_US)
         at_ns = steps.at_ns[rows]
-        error = steps.after[rows, 0] * 1e-6 - (self._unix_ns / NS_PER_S + at_ns / NS_PER_S)
-        scores = np.abs(error) / self._params.clock_s
-        return self._residuals.raise_alerts(TIME, frames.ports, steps.places[rows], at_ns, scores, {"ahead_s": error})
-
-
-def make_gnss_innovation(params: InnovationParams, context: DetectorContext | None = None) -> Monitor:
-    """A new detector."""
-    return GnssInnovation(params, None if context is None else context.epoch.unix_ns)
-
-
-GNSS_INNOVATION = DetectorPlugin(InnovationParams, make_gnss_innovation, ABOUT)
+        error = steps.after[rows, 0] * 1e-6 - (self.unix_ns / NS_PER_S + at_ns / NS_PER_S)
+        scores = np.abs(error) / self.clock_s
+        return self.alerts(TIME, frames, steps.places[rows], at_ns, scores, ahead_s=error)

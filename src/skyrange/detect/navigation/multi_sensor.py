@@ -27,26 +27,21 @@ hover. A barometer that ages, a pilot who flies sideways and a crash are reporte
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from functools import partial
+from typing import ClassVar, Final
 
 import numpy as np
-from pydantic import Field
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
-from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.params import Number
-from skyrange.core.time import NS_PER_MS, Time
-from skyrange.detect.episodes import EpisodeParams
+from skyrange.contracts.plugins.fields import param, state
+from skyrange.core.time import Time
+from skyrange.detect.bases.telemetry import TelemetryDetector
+from skyrange.detect.declaration import detector
 from skyrange.detect.moving_mean import MovingMean
 from skyrange.detect.pressure_altitude import pressure_altitude_m
-from skyrange.detect.residuals import Residuals
-from skyrange.detect.series import Flags, Floats, Series, Steps
-
-KIND = "navigation.multi_sensor"
-"""The kind of its alerts."""
-ABOUT = "Compares the sensors of an aircraft: barometer and GNSS, compass and course, gyroscope, air speed."
-SERVICE_NS: Time = 500 * NS_PER_MS
+from skyrange.detect.series import Flags, Floats, Series, Steps, series
 
 GNSS_HEIGHT, FUSED_HEIGHT, HEADING, TURN, AIR_SPEED = "gnss_height", "fused_height", "heading", "turn", "air_speed"
 _MEAN_S: Final = 5.0
@@ -65,17 +60,6 @@ _TURN_SUM: Final = 25.0
 _FIX_3D: Final = 3
 
 
-class MultiSensorParams(EpisodeParams):
-    """Parameters of the multi-sensor detector."""
-
-    height_m: Number = Field(
-        default=8.0, gt=0.0, le=1e5, description="Change of a difference of altitudes that scores 1, in metres."
-    )
-    air_speed_mps: Number = Field(
-        default=12.0, gt=0.0, le=1e3, description="Change of air speed less ground speed that scores 1, in m/s."
-    )
-
-
 class _Change:
     """The change of a difference from what is usual: a short mean less a long one, of each link end."""
 
@@ -90,50 +74,51 @@ class _Change:
         return np.nan_to_num(recent - usual)
 
 
-class MultiSensor:
-    """A `skyrange.contracts.monitors.Monitor`: alerts for the aircraft whose sensors contradict each other.
+@detector("navigation.multi_sensor")
+class MultiSensor(TelemetryDetector):
+    """Compares the sensors of an aircraft: barometer and GNSS, compass and course, gyroscope, air speed."""
 
-    The subject of an alert is the owner of the link. Its score is the statistic over its threshold. `data` has the link
-    and the name of the residual.
-    """
+    residuals: ClassVar = (GNSS_HEIGHT, FUSED_HEIGHT, HEADING, TURN, AIR_SPEED)
 
-    service_ns: Time = SERVICE_NS
+    height_m: Number = param(
+        "Change of a difference of altitudes that scores 1, in metres.", default=8.0, gt=0.0, le=1e5
+    )
+    air_speed_mps: Number = param(
+        "Change of air speed less ground speed that scores 1, in m/s.", default=12.0, gt=0.0, le=1e3
+    )
+    pressure: Series = series("SCALED_PRESSURE", "press_abs")
+    fix: Series = series("GPS_RAW_INT", "alt", "fix_type", "time_usec", timed=False)
+    fused: Series = series("GLOBAL_POSITION_INT", "alt", "vx", "vy", "hdg")
+    hud: Series = series("VFR_HUD", "airspeed", "groundspeed", timed=False)
+    attitude: Series = series("ATTITUDE", "yaw", "yawspeed")
+    gnss_height: _Change = state(partial(_Change, _USUAL_HEIGHT_S))
+    fused_height: _Change = state(partial(_Change, _USUAL_HEIGHT_S))
+    wind: _Change = state(partial(_Change, _USUAL_WIND_S))
 
-    def __init__(self, params: MultiSensorParams) -> None:
-        self._params = params
-        self._residuals = Residuals(KIND, (GNSS_HEIGHT, FUSED_HEIGHT, HEADING, TURN, AIR_SPEED), params)
-        self._pressure = Series("SCALED_PRESSURE", ("press_abs",))
-        self._fix = Series("GPS_RAW_INT", ("alt", "fix_type", "time_usec"), timed=False)
-        self._fused = Series("GLOBAL_POSITION_INT", ("alt", "vx", "vy", "hdg"))
-        self._hud = Series("VFR_HUD", ("airspeed", "groundspeed"), timed=False)
-        self._attitude = Series("ATTITUDE", ("yaw", "yawspeed"))
-        self._gnss_height, self._fused_height = _Change(_USUAL_HEIGHT_S), _Change(_USUAL_HEIGHT_S)
-        self._wind = _Change(_USUAL_WIND_S)
-
-    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
-        """Compare what has arrived since the last service."""
-        arrived = frames.take(frames.received)
-        self._pressure.read(arrived)
-        fixes, fused = self._fix.read(arrived), self._fused.read(arrived)
+    def compare(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+        """Judge heights, headings, turns and air speeds."""
+        self.pressure.read(frames)
+        fixes, fused = self.fix.read(frames), self.fused.read(frames)
         has_fix = fixes.after[:, 1] >= _FIX_3D
-        alerts = self._judge_height(arrived, GNSS_HEIGHT, self._gnss_height, fixes, fixes.after[:, 2] * 1e-6, has_fix)
+        alerts = self._judge_height(frames, GNSS_HEIGHT, self.gnss_height, fixes, fixes.after[:, 2] * 1e-6, has_fix)
         has_estimate = np.ones(len(fused.places), dtype=np.bool_)
-        alerts += self._judge_height(arrived, FUSED_HEIGHT, self._fused_height, fused, fused.time_s, has_estimate)
-        alerts += self._judge_heading(arrived, fused)
-        alerts += self._judge_turn(arrived, self._attitude.read(arrived))
-        hud = self._hud.read(arrived)
-        change = np.abs(self._wind.add(hud, hud.after[:, 0] - hud.after[:, 1]))
-        scores = change / self._params.air_speed_mps
-        return alerts + self._raise(arrived, AIR_SPEED, hud, scores, {"change_mps": change})
+        alerts += self._judge_height(frames, FUSED_HEIGHT, self.fused_height, fused, fused.time_s, has_estimate)
+        alerts += self._judge_heading(frames, fused)
+        alerts += self._judge_turn(frames, self.attitude.read(frames))
+        hud = self.hud.read(frames)
+        change = np.abs(self.wind.add(hud, hud.after[:, 0] - hud.after[:, 1]))
+        scores = change / self.air_speed_mps
+        return alerts + self.alerts(AIR_SPEED, frames, hud.places, hud.at_ns, scores, change_mps=change)
 
     def _judge_height(
         self, frames: ObservedFrames, name: str, change: _Change, steps: Steps, time_s: Floats, usable: Flags
     ) -> list[Alert]:
-        pressure = self._pressure.values[steps.places, 0]
-        fresh = usable & (np.abs(time_s - self._pressure.time_s[steps.places]) <= _STALE_S) & (pressure > 0.0)
+        pressure = self.pressure.values[steps.places, 0]
+        fresh = usable & (np.abs(time_s - self.pressure.time_s[steps.places]) <= _STALE_S) & (pressure > 0.0)
         height = pressure_altitude_m(np.where(fresh, pressure, np.nan))
         moved = np.abs(change.add(steps, steps.after[:, 0] * 1e-3 - height))
-        return self._raise(frames, name, steps, moved / self._params.height_m, {"change_m": moved})
+        scores = moved / self.height_m
+        return self.alerts(name, frames, steps.places, steps.at_ns, scores, change_m=moved)
 
     def _judge_heading(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
         before, after = steps.before, steps.after
@@ -143,31 +128,18 @@ class MultiSensor:
         judged = straight & (speed >= _FAST_MPS) & (steps.seconds > 0.0) & (after[:, 3] < _NO_HEADING)
         away = np.abs(_wrapped(np.radians(after[:, 3] * 1e-2) - course))
         excess = np.where(judged, (away - _HEADING_RAD) * np.minimum(steps.seconds, _STALE_S), 0.0)
-        scores = self._residuals.add(HEADING, steps.places, excess, _HEADING_SUM)
-        return self._raise(frames, HEADING, steps, scores, {"difference_deg": np.degrees(away)})
+        scores = self.accumulate(HEADING, steps.places, excess, _HEADING_SUM)
+        return self.alerts(HEADING, frames, steps.places, steps.at_ns, scores, difference_deg=np.degrees(away))
 
     def _judge_turn(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
         seconds = np.where((steps.seconds > 0.0) & (steps.seconds <= _STALE_S), steps.seconds, np.nan)
         rate = 0.5 * (steps.before[:, 1] + steps.after[:, 1])
         away = np.abs(_wrapped(steps.after[:, 0] - steps.before[:, 0] - rate * seconds))
         spread = np.hypot(_TURN_RAD, _TURN_RAD_PER_S2 * seconds**2 / 12.0)
-        scores = self._residuals.add(TURN, steps.places, away / spread - _TURN_ALLOWANCE, _TURN_SUM)
-        return self._raise(frames, TURN, steps, scores, {"difference_deg": np.degrees(away)})
-
-    def _raise(
-        self, frames: ObservedFrames, name: str, steps: Steps, scores: Floats, data: dict[str, Floats]
-    ) -> list[Alert]:
-        return self._residuals.raise_alerts(name, frames.ports, steps.places, steps.at_ns, scores, data)
+        scores = self.accumulate(TURN, steps.places, away / spread - _TURN_ALLOWANCE, _TURN_SUM)
+        return self.alerts(TURN, frames, steps.places, steps.at_ns, scores, difference_deg=np.degrees(away))
 
 
 def _wrapped(angle: Floats) -> Floats:
     """The angle in -π … π."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
-
-
-def make_multi_sensor(params: MultiSensorParams, context: DetectorContext | None = None) -> Monitor:
-    """A new detector."""
-    return MultiSensor(params)
-
-
-MULTI_SENSOR = DetectorPlugin(MultiSensorParams, make_multi_sensor, ABOUT)

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Final
 
 from skyrange.core.files import atomic_write
-from skyrange.detect.learned.features import FEATURES
 from skyrange.detect.learned.model_file import ISOLATION_FOREST, ModelFile
+from skyrange.detect.window_features import FEATURES
 from skyrange.study.scoring.result_file import DetectorScore, Estimate, ScoreFile, SetScore
 
 _TITLES: Final = {

@@ -18,8 +18,8 @@ from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.core.time import Time, from_seconds
 from skyrange.detect.episodes import subject_of_link
-from skyrange.detect.learned.features import NAMES, WindowFeatures
 from skyrange.detect.series import Floats
+from skyrange.detect.window_features import NAMES, WindowFeatures
 
 WINDOWS: Final = "windows"
 """Name of the table."""

@@ -11,10 +11,10 @@ import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, from_seconds
-from skyrange.detect.learned.detector import KIND
-from skyrange.detect.learned.features import NAMES
 from skyrange.detect.learned.model_file import Model, ModelFile, write_model
+from skyrange.detect.learned.windows import LearnedWindows
 from skyrange.detect.series import Floats
+from skyrange.detect.window_features import NAMES
 from skyrange.study.learning.labels import label_windows
 from skyrange.study.learning.model_card import write_model_card
 from skyrange.study.learning.training import train
@@ -115,7 +115,7 @@ def _list_alerts(name: str, windows: pa.Table, odds: Floats) -> pa.Table:
         "detector": pa.repeat(pa.scalar(name), count),
         "time_s": pa.array(windows.column("time_ns").to_numpy() / NS_PER_S),
         "subject": windows.column("vehicle"),
-        "kind": pa.repeat(pa.scalar(KIND), count),
+        "kind": pa.repeat(pa.scalar(LearnedWindows.name), count),
         "score": pa.array(odds),
     }
     return pa.table(columns).select(ALERTS.names).cast(ALERTS)

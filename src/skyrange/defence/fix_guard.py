@@ -4,49 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal
-
-from pydantic import Field
+from typing import Final
 
 from skyrange.attack.gnss.emitter import FIX_3D, FIX_NONE
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import SensorAct, Sensors
-from skyrange.contracts.params import Number
-from skyrange.core.time import NS_PER_MS, NS_PER_S, Time, from_seconds
-from skyrange.defence.placement import Alarm, Protected
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.defence.placement import Alarm
 
-FIXES_PER_H: Final = 5 * 3600
-"""ArduPilot asks its receivers for 5 Hz (GPS_RATE_MS 200)."""
 LEAST_INTERVAL_NS: Final = 100 * NS_PER_MS
 """Fixes that are closer than this are not judged; a sensor without errors has one in every tick."""
 _EPOCH: Final = -(1 << 62)
-
-
-class CheckParams(Protected):
-    """What a check does about an implausible fix, and how rarely noise alone may make it do so."""
-
-    action: Literal["reject", "alarm"] = Field(
-        default="alarm",
-        description="alarm: it raises alarms only; reject: it also makes fixes unusable (no fix), so that the "
-        "autopilot fails safe.",
-    )
-    recover_s: Number = Field(
-        default=10.0,
-        ge=0,
-        le=3_600,
-        description="Time in seconds for which fixes have to be plausible again until they are passed on; 10 as "
-        "EKF3 wants before it uses a receiver (calcGpsGoodToAlign).",
-    )
-    false_alarm_h: Number = Field(
-        default=1_000.0,
-        ge=1,
-        le=1e6,
-        description="Mean time in hours of flight between false alarms by the noise of the sensors; it sets the gates.",
-    )
-
-    def chance(self, tests: int) -> float:
-        """Chance of a false alarm that each of so many tests may have at each fix."""
-        return 1.0 / (self.false_alarm_h * FIXES_PER_H * tests)
 
 
 @dataclass(slots=True)
@@ -105,19 +73,9 @@ class FixGuard:
         return acts
 
 
-def guard_of(params: CheckParams, vehicles: Sequence[str]) -> FixGuard:
-    """The guard of some aircraft."""
-    return FixGuard(tuple(vehicles), params.action == "reject", from_seconds(params.recover_s))
-
-
 def name_fixes(vehicles: Sequence[str]) -> list[str]:
     """What defences call the fixes of some aircraft that they take or need."""
     return [f"GNSS fixes of {vehicle}" for vehicle in vehicles]
-
-
-def name_taken(params: CheckParams, vehicles: Sequence[str]) -> list[str]:
-    """The fixes that a check takes away from those after it: none while it raises alarms only."""
-    return name_fixes(vehicles) if params.action == "reject" else []
 
 
 @dataclass(slots=True)

@@ -13,7 +13,7 @@ import numpy as np
 from skyrange.contracts.frames.payloads import Ints
 from skyrange.contracts.monitors import ObservedFrames
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.detect.mavlink.heads import MessageHeads, name_message, read_heads
+from skyrange.detect.message_heads import MessageHeads, name_message, read_heads
 from skyrange.detect.pressure_altitude import pressure_altitude_m
 from skyrange.detect.series import Floats, Series, Steps, grown, offset_m, step_errors
 

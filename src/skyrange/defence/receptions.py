@@ -7,13 +7,11 @@ own position and clock from its autopilot, as the companion does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import cos, radians, sin
 from typing import Final, NamedTuple
 
-from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import TapMaker
 from skyrange.codec.f3411 import BasicId, Location, MessagePack, Status, decode
 from skyrange.codec.f3411.values import (
     HORIZONTAL_ACCURACY_M,
@@ -27,14 +25,11 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.remote_id.link_payload import NO_RSSI, unpack
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import TapPlacement
-from skyrange.contracts.verdicts import Drop, Verdict
+from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
-from skyrange.core.ids import link_name
 from skyrange.core.time import NS_PER_S, NS_PER_US, Time
-from skyrange.defence.contract import Defence, DefenceContext
-from skyrange.defence.placement import Alarm, DefenceTap, inspects_forward, inspects_none, place_taps
+from skyrange.defence.placement import DefenceTap
 
 Place = tuple[float, float, float]
 """East, north and up in metres from the origin."""
@@ -207,34 +202,6 @@ def _limit(table: tuple[float | None, ...], code: int) -> float | None:
     return table[code] if 0 <= code < len(table) else None
 
 
-class Judge:
-    """Decides on the broadcasts that one aircraft receives; it can be deep-copied."""
-
-    __slots__ = ()
-
-    def judge(self, now: Time, own: OwnAircraft, sender: Sender, claim: Claim | None) -> Sequence[Verdict]:
-        """Take in a broadcast; a `Drop` among what it returns keeps it from the companion."""
-        raise NotImplementedError
-
-
-@dataclass(slots=True)
-class ReceptionTap(DefenceTap):
-    """Hands what arrives on `rid_down` to a judge. Malformed payloads pass: the companion refuses them."""
-
-    own: OwnAircraft
-    reader: Reader
-    by: Judge
-
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """Decide on a broadcast."""
-        if frame.direction != "fwd":
-            return ()
-        read = self.reader.read(frame.payload)
-        if read is None:
-            return ()
-        return self.by.judge(now, self.own, *read)
-
-
 @dataclass(slots=True)
 class OwnTap(DefenceTap):
     """Learns from the autopilot's messages on `rid_data`."""
@@ -276,36 +243,3 @@ class Finding:
     """"" for a broadcast that is dropped without an alarm."""
     score: float
     data: tuple[tuple[str, str | float], ...] = ()
-
-
-def refuse(now: Time, alarm: Alarm, sender: Sender, finding: Finding) -> list[Verdict]:
-    """Drop a broadcast and raise the alarm, if the finding has one."""
-    if not finding.kind:
-        return [Drop()]
-    data = {"uas_id": sender.uas_id, "address": sender.address.hex(), **dict(finding.data)}
-    return [Drop(), *alarm.raise_at(now, finding.kind, finding.score, **data)]
-
-
-def defend(
-    vehicles: Sequence[str],
-    context: DefenceContext,
-    judges: Sequence[object],
-    test: str,
-    tap: Callable[..., DefenceTap] = ReceptionTap,
-) -> Defence:
-    """The defence of aircraft, each with a judge of its own that `tap` hands broadcasts to.
-
-    `test` names what it decides as the only one.
-
-    Taps of one aircraft share state; they are at ends of its companion, which is in one process of a live range.
-    Raises `InputError` without a radio medium.
-    """
-    placed: list[TapPlacement] = []
-    for vehicle, judge in zip(vehicles, judges, strict=True):
-        own = OwnAircraft(context.origin, context.vehicles[vehicle].system_id)
-        taps = TapMaker(tap, (own, Reader(context.origin), judge))
-        placed += place_taps("rid_down", "companion", [vehicle], context, taps, inspects_forward)
-        if link_name("rid_data", vehicle) in context.links:
-            placed += place_taps("rid_data", "companion", [vehicle], context, TapMaker(OwnTap, (own,)), inspects_none)
-    exclusive = [Exclusive(f"{test} of {vehicle}") for vehicle in vehicles]
-    return Defence(taps=placed, exclusive=exclusive)
