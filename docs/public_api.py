@@ -35,12 +35,12 @@ TOPICS: dict[str, dict[str, str]] = {
         "Kinds that act or listen": "attack fault param state",
         "Bases of attacks and faults": "OnPath OnLinks LinkTap Composite",
         "Attacks": """AttackPlugin AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
-            AirLink ClaimedTrack SensorFault SensorAct
+            AirLink ClaimedTrack SensorHook SensorAct
             Schedule Act ThreatModel Controls Exclusive""",
         "Campaigns": "Adversary CampaignParams CampaignStage Knowledge Observation campaign_plugin",
         "Defences": """DefencePlugin DefenceContext Defence PathRule PathEnd Sends Passes Signs Compares Holds
             ExpectsOrder""",
-        "Faults": "FaultPlugin FaultContext FaultParts BodyFault BodyAct Disturbances",
+        "Faults": "FaultPlugin FaultContext FaultParts BodyHook BodyAct Disturbances",
         "Detectors": """DetectorPlugin DetectorContext Monitor ObservedFrames ObservedFrame Alert MonitorPlacement
             read_messages read_receptions""",
         "Flight approvals": """ApprovalPlugin ApprovalContext ApprovalService ApprovalPolicy policy_plugin

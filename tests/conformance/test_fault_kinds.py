@@ -83,7 +83,7 @@ def test_faults_conform_in_a_street_with_signed_links(kind: FaultPlugin, acts: C
 def test_an_attack_that_acts_on_bodies_breaks_the_contract() -> None:
     def with_gust(params: Any, given: AttackContext) -> Attack:
         made = JUMP.make(params, given)
-        return replace(made, body_faults=GUST(GUST.params.model_validate({"speed_mps": 5.0}), given).body_faults)
+        return replace(made, body_hooks=GUST(GUST.params.model_validate({"speed_mps": 5.0}), given).body_hooks)
 
     with pytest.raises(NonConformance, match="body fault"):
         check_attack(replace(JUMP, make=with_gust), {**ONE, "offset_m": [9, 0, 0]}, acts={"sensor"})

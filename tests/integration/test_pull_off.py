@@ -53,7 +53,7 @@ def attacked(trunk: Range, kind: AttackPlugin, seconds: float = SECONDS, **param
         "pull", {ME: Aircraft((3.0, -2.0, 0.0), "")}, [], Origin(40.0, -73.0, 0.0, 0.0), Epoch(0), Chance(3),
         round(seconds * NS_PER_S), schedule,
     )  # fmt: skip
-    (fault,) = kind(kind.params.model_validate({"vehicles": [ME], **params}), context).faults
+    (fault,) = kind(kind.params.model_validate({"vehicles": [ME], **params}), context).sensor_hooks
     pulled = [0.0]
 
     def tamper(now: int, sensors: Sensors) -> None:

@@ -240,7 +240,7 @@ class Elsewhere:
 
 def test_a_gnss_attack_is_broadcast_as_if_it_were_true(tmp_path: Path) -> None:
     """Belief, not truth: the companion tells where the autopilot thinks that it is."""
-    plan = Act("gnss", start_ns=10 * NS_PER_S, faults=[Elsewhere()])
+    plan = Act("gnss", start_ns=10 * NS_PER_S, sensor_hooks=[Elsewhere()])
     record = flown(tmp_path / "run", plain(28), acts=[plan])
     truth = {
         (row["vehicle"], row["time_ns"]): (row["east_m"], row["north_m"]) for row in record.table("truth").to_pylist()

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from skyrange.contracts.components import Sensors
-from skyrange.kernel.acts import sensor_faults
+from skyrange.kernel.acts import sensor_hooks
 from skyrange.record import RunRecord
 from skyrange.scenario.shipped import FAULT_EXAMPLES, load
 from skyrange.study.runs import fly
@@ -28,7 +28,7 @@ def test_called_at_new_readings_alone_they_give_the_same_run(
 ) -> None:
     calls = 0
 
-    class Counting(sensor_faults.SensorFaultInjector):
+    class Counting(sensor_hooks.SensorFaultInjector):
         def alter(self, *arguments: Any) -> Sensors:
             nonlocal calls
             calls += 1

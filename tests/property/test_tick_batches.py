@@ -85,13 +85,13 @@ class Slow:
 
 def test_a_slow_sensor_fault_is_called_every_ten_milliseconds(tmp_path: Path) -> None:
     fault = Slow("baro_up_m", 1.0)
-    skyrange.run(load("squares", ["duration_s=2"]), tmp_path / "run", acts=[Act("x", faults=[fault])])
+    skyrange.run(load("squares", ["duration_s=2"]), tmp_path / "run", acts=[Act("x", sensor_hooks=[fault])])
     assert fault.called == list(range(0, 2 * NS_PER_S + 1, READINGS_NS))
 
 
 @pytest.mark.parametrize("name", ["gyro_radps", "accel_mps2", "attitude", "rotor_radps"])
 def test_a_slow_sensor_fault_that_alters_fast_readings_is_an_error(name: str, tmp_path: Path) -> None:
-    plan = Act("x", faults=[Slow(name, 0.1)])
+    plan = Act("x", sensor_hooks=[Slow(name, 0.1)])
     with pytest.raises(ComponentError, match=f"slow: altered {name}"):
         skyrange.run(load("squares", ["duration_s=2"]), tmp_path / "run", acts=[plan])
 
@@ -129,7 +129,7 @@ class Integrals:
 
 def test_a_sensor_check_gets_the_integrals_of_what_attacks_have_made_of_the_readings(tmp_path: Path) -> None:
     check = Integrals()
-    plans = [Act("x", faults=[Shaker()]), Act("check", faults=[check], role="defence")]
+    plans = [Act("x", sensor_hooks=[Shaker()]), Act("check", sensor_hooks=[check], role="defence")]
     skyrange.run(load("squares", ["duration_s=1"]), tmp_path / "run", acts=plans)
     tick = READINGS_NS // 4
     for now in range(READINGS_NS, NS_PER_S, READINGS_NS):

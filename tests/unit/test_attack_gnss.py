@@ -12,7 +12,7 @@ import pytest
 
 from skyrange.assembly.build import build
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
-from skyrange.contracts.components import SensorAct, SensorFault, Sensors
+from skyrange.contracts.components import SensorAct, SensorHook, Sensors
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.plugins import registry as plugins
 from skyrange.core.chance import Chance
@@ -61,20 +61,20 @@ def context(start: Time = 2 * S, sham: bool = False) -> AttackContext:
     )
 
 
-def fault(kind: AttackPlugin, where: AttackContext | None = None, **params: Any) -> SensorFault:
+def fault(kind: AttackPlugin, where: AttackContext | None = None, **params: Any) -> SensorHook:
     chosen = kind.params.model_validate({"vehicles": ["blue/b1", "blue/b2"], **params})
-    (only,) = kind(chosen, where or context()).faults
+    (only,) = kind(chosen, where or context()).sensor_hooks
     return only
 
 
-def told(which: SensorFault, now: Time, measured: Sequence[Time] | None = None) -> tuple[Sensors, Sequence[SensorAct]]:
+def told(which: SensorHook, now: Time, measured: Sequence[Time] | None = None) -> tuple[Sensors, Sequence[SensorAct]]:
     """What it makes of the readings, of fixes measured then (default: now)."""
     sensors = readings()
     sensors.gnss_time_ns[:] = now if measured is None else measured
     return sensors, acts_of(which, now, sensors)
 
 
-def acts_of(which: SensorFault, now: Time, sensors: Sensors) -> list[SensorAct]:
+def acts_of(which: SensorHook, now: Time, sensors: Sensors) -> list[SensorAct]:
     acts = []
     for act in which.on_sensors(now, sensors):
         assert isinstance(act, SensorAct)

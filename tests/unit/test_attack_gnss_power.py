@@ -14,7 +14,7 @@ from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_NONE, Emitter
 from skyrange.attack.gnss.receiver_noise import code_jitter_m, effective_db_hz
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
-from skyrange.contracts.components import SensorAct, SensorFault, Sensors
+from skyrange.contracts.components import SensorAct, SensorHook, Sensors
 from skyrange.contracts.links import Schedule
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
@@ -40,8 +40,8 @@ def context(sham: bool = False, city: Any = None) -> AttackContext:
     )
 
 
-def fault(kind: AttackPlugin, sham: bool = False, **params: Any) -> SensorFault:
-    (only,) = kind(kind.params.model_validate(params), context(sham)).faults
+def fault(kind: AttackPlugin, sham: bool = False, **params: Any) -> SensorHook:
+    (only,) = kind(kind.params.model_validate(params), context(sham)).sensor_hooks
     return only
 
 
@@ -115,7 +115,7 @@ def test_a_lost_fix_returns_when_the_noise_is_weak_for_long_enough() -> None:
 
 
 def states(
-    which: SensorFault, places: list[list[float]], seconds: float, velocity: tuple[float, ...] = (0, 0, 0)
+    which: SensorHook, places: list[list[float]], seconds: float, velocity: tuple[float, ...] = (0, 0, 0)
 ) -> Any:
     """Fix types and positions at every fix, and acts."""
     rows = []

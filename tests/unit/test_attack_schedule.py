@@ -49,7 +49,7 @@ def flown(until: Time = 200 * MS, **plan: object) -> tuple[Log, Lift, Kernel]:
     schedule = Schedule()
     lift = Lift(["blue/b1"], schedule)
     links = [LinkSpec(f"autopilot:{v}", f"{v}.proxy", f"{v}.autopilot") for v in FLEET]
-    attack = Act("liar", faults=[lift], schedule=schedule, **plan)  # type: ignore[arg-type]
+    attack = Act("liar", sensor_hooks=[lift], schedule=schedule, **plan)  # type: ignore[arg-type]
     engines = [EngineMount(Climber("all", FLEET), slice(None))]
     log = Log()
     kernel = Kernel(Wiring(1, links, world=Bodies(FLEET), acts=[attack], engines=engines), [log])

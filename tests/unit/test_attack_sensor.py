@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from skyrange.attack.bases.sensors import OnSensors
 from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.declaration import attack
-from skyrange.contracts.components import SensorAct, SensorFault, Sensors
+from skyrange.contracts.components import SensorAct, SensorHook, Sensors
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from tests.registered_kinds import registered
@@ -34,13 +34,13 @@ ONE: list[tuple[AttackPlugin, str, dict[str, Any]]] = [
 ]
 
 
-def fault(kind: AttackPlugin, sham: bool = False, **params: Any) -> SensorFault:
+def fault(kind: AttackPlugin, sham: bool = False, **params: Any) -> SensorHook:
     chosen = kind.params.model_validate({"vehicles": ["blue/b1", "blue/b2"], **params})
-    (only,) = kind(chosen, context(sham=sham)).faults
+    (only,) = kind(chosen, context(sham=sham)).sensor_hooks
     return only
 
 
-def told(which: SensorFault, now: Time) -> Sensors:
+def told(which: SensorHook, now: Time) -> Sensors:
     sensors = readings()
     which.on_sensors(now, sensors)
     return sensors

@@ -16,7 +16,7 @@ from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.codec.mavlink import decode
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.components import BodyAct, BodyFault, Disturbances, SensorAct, SensorFault, Sensors
+from skyrange.contracts.components import BodyAct, BodyHook, Disturbances, SensorAct, SensorHook, Sensors
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.plugins.registry import ATTACKS, FAULTS, kinds
 from skyrange.contracts.verdicts import Drop, Inject
@@ -46,9 +46,9 @@ NAMES = ("battery.fade", "gnss.multipath", "gnss.outage", "gust", "link.loss", "
 LINKS = ["gcs:blue/b1", "gcs:blue/b2", "gcs:blue/b3", "approval:blue"]
 
 
-def fault(kind: FaultPlugin, **params: Any) -> SensorFault:
+def fault(kind: FaultPlugin, **params: Any) -> SensorHook:
     chosen = kind.params.model_validate({"vehicles": ["blue/b1", "blue/b2"], **params})
-    (only,) = kind(chosen, context()).faults
+    (only,) = kind(chosen, context()).sensor_hooks
     return only
 
 
@@ -56,7 +56,7 @@ def frame(now: Time, serial: int, payload: bytes = b"x") -> Frame:
     return Frame("gcs:blue/b1", "fwd", "blue.gcs", serial, "blue.gcs", "blue/b1.companion", now, payload)
 
 
-def altered(which: SensorFault, now: Time) -> tuple[Sensors, set[str]]:
+def altered(which: SensorHook, now: Time) -> tuple[Sensors, set[str]]:
     mine, true = readings(), readings()
     which.on_sensors(now, mine)
     return mine, {
@@ -220,9 +220,9 @@ def test_multipath_needs_buildings() -> None:
         GNSS_MULTIPATH(params, context())
 
 
-def body_fault(kind: FaultPlugin, **params: Any) -> BodyFault:
+def body_fault(kind: FaultPlugin, **params: Any) -> BodyHook:
     chosen = kind.params.model_validate(params)
-    (only,) = kind(chosen, context()).body_faults
+    (only,) = kind(chosen, context()).body_hooks
     return only
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.contracts.components import BodyAct, BodyFault, Disturbances
+from skyrange.contracts.components import BodyAct, BodyHook, Disturbances
 from skyrange.contracts.links import Act, LinkSpec
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, InputError
@@ -64,8 +64,8 @@ def rig(*plans: Act, gusty: bool = False, moves: Sequence[str] = ()) -> tuple[Ke
     ), log  # fmt: skip
 
 
-def plan(*faults: BodyFault, muted: bool = False, id_: str = "storm") -> Act:
-    return Act(id_, 20 * MS, 40 * MS, muted, role="fault", body_faults=faults)
+def plan(*faults: BodyHook, muted: bool = False, id_: str = "storm") -> Act:
+    return Act(id_, 20 * MS, 40 * MS, muted, role="fault", body_hooks=faults)
 
 
 def state(world: World) -> dict[str, list[bytes]]:
@@ -92,7 +92,7 @@ def test_the_world_is_disturbed_from_the_tick_of_the_start_to_that_of_the_stop(g
 
 
 def test_a_weak_motor_settles_at_the_root_of_its_share_and_recovers() -> None:
-    kernel, world, _ = rig(Act("weak", 20 * MS, 400 * MS, role="fault", body_faults=[Weather("w", ["blue/b1"])]))
+    kernel, world, _ = rig(Act("weak", 20 * MS, 400 * MS, role="fault", body_hooks=[Weather("w", ["blue/b1"])]))
     kernel.advance(399 * MS)
     rotor = world.sensors(slice(None)).rotor_radps[0]
     assert rotor[1] / rotor[0] == pytest.approx(np.sqrt(0.5), rel=1e-3)
@@ -150,7 +150,7 @@ def test_what_cannot_be_is_an_error() -> None:
     with pytest.raises(InputError, match="an aircraft that the world moves"):
         rig(plan(Weather("w", FLEET)), moves=["blue/b2"])
     with pytest.raises(InputError, match="only a benign fault acts on bodies"):
-        rig(Act("storm", body_faults=[Weather("w", FLEET)]))
+        rig(Act("storm", body_hooks=[Weather("w", FLEET)]))
     kernel, _, _ = rig(plan(Weather("w", ["blue/b1"], says="blue/b2")))
     with pytest.raises(ComponentError, match="not its own"):
         kernel.advance(60 * MS)

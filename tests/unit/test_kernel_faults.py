@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.contracts.components import Finished, SensorAct, SensorFault, Sensors
+from skyrange.contracts.components import Finished, SensorAct, SensorHook, Sensors
 from skyrange.contracts.links import Act, LinkSpec
 from skyrange.contracts.mailboxes import Inbox
 from skyrange.core.errors import ComponentError, InputError
@@ -72,8 +72,8 @@ def rig(*attacks: Act, split: bool = False) -> tuple[Kernel, list[Listener], Log
     return Kernel(wiring, [log]), engines, log
 
 
-def plan(*faults: SensorFault, muted: bool = False, id_: str = "liar") -> Act:
-    return Act(id_, 20 * MS, 40 * MS, muted, faults=faults)
+def plan(*faults: SensorHook, muted: bool = False, id_: str = "liar") -> Act:
+    return Act(id_, 20 * MS, 40 * MS, muted, sensor_hooks=faults)
 
 
 def heights(engines: list[Listener]) -> dict[str, list[float]]:

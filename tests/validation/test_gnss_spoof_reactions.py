@@ -14,7 +14,7 @@ import pytest
 
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
 from skyrange.codec.mavlink import dialect
-from skyrange.contracts.components import SensorFault, Sensors
+from skyrange.contracts.components import SensorHook, Sensors
 from skyrange.contracts.links import Schedule
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_MS, NS_PER_S
@@ -38,7 +38,7 @@ class Receiver:
     """A receiver of 5 Hz and a barometer of 10 Hz without error, and the fault between them and the autopilot."""
 
     accuracy: tuple[float, float, float]
-    fault: SensorFault | None = None
+    fault: SensorHook | None = None
     held: list[np.ndarray] = field(default_factory=list)
     height: list[np.ndarray] = field(default_factory=list)
 
@@ -113,7 +113,7 @@ def flown(trunk: Range, spoof: Spoof) -> Seen:
         "lie", {ME: Aircraft((0.0, 0.0, 0.0), "")}, [], ORIGIN, EPOCH, Chance(0), 10**12, Schedule(fly.now)
     )
     kind = KINDS[spoof.kind]
-    (fault,) = kind(kind.params.model_validate({"vehicles": [ME], **spoof.params}), context).faults
+    (fault,) = kind(kind.params.model_validate({"vehicles": [ME], **spoof.params}), context).sensor_hooks
     assert isinstance(fly.tamper, Receiver)
     fly.tamper.fault = fault
     fly.run(SECONDS)

@@ -42,8 +42,8 @@ def build_approvals(scenario: Scenario, city: City | None) -> list[ApprovalServi
         try:
             service = ApprovalPlugin.find(kind)(scenario.approval_params(kind), context)
         except InputError as error:
-            faults = [Problem(f"approvals.{kind}.{f.where}", f.value, f.expected, f.hint) for f in error.problems]
-            raise InputError(f"scenario {scenario.name}", faults) from error
+            problems = [Problem(f"approvals.{kind}.{f.where}", f.value, f.expected, f.hint) for f in error.problems]
+            raise InputError(f"scenario {scenario.name}", problems) from error
         _check_ports(service, context)
         links: Sequence[LinkSpec] = [apply_link_rules(scenario, spec) for spec in service.links]
         services.append(replace(service, links=links))

@@ -116,17 +116,17 @@ def build(
     own_sensors = list_own_sensors(scenario)
     made, defences = _make_acts(scenario, [*links, *between], city, over_air, own_sensors)
     made_plans = make_flight_plans(scenario, flown)
-    faults = [
+    problems = [
         *check_starts(scenario, city, made_plans),
-        *made.faults,
+        *made.problems,
         *defences.problems,
         *check_signing(scenario),
         *check_radios(scenario, made.radios, city),
         *check_links_over_air(scenario, city),
     ]
-    faults += check_transmitters(made.radios, city)
-    if faults:
-        raise InputError(f"scenario {scenario.name}", faults)
+    problems += check_transmitters(made.radios, city)
+    if problems:
+        raise InputError(f"scenario {scenario.name}", problems)
     links += [*made.links, *between]
     detectors, rows = build_detectors(scenario, links)
     rows += map(describe_monitor, monitors)
@@ -247,13 +247,13 @@ def list_acts(scenario: Scenario) -> Acts:
 
 def stay_elsewhere(plan: Act) -> Act:
     """An attack as a process has it in which only some of its taps are; another one notes when it begins and ends."""
-    return replace(plan, agents=(), faults=(), body_faults=(), noted=False)
+    return replace(plan, agents=(), sensor_hooks=(), body_hooks=(), noted=False)
 
 
 def _elsewhere(plan: Act) -> Act:
     """An attack as a process has it without the world: taps alone, and of its trigger it is told (`Kernel.begin`)."""
     start = plan.start_ns if plan.trigger is None else NEVER
-    return replace(plan, agents=(), faults=(), body_faults=(), trigger=None, start_ns=start)
+    return replace(plan, agents=(), sensor_hooks=(), body_hooks=(), trigger=None, start_ns=start)
 
 
 def _replanning_of(rules: ReplanningRules | None) -> Replanning | None:

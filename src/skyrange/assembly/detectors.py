@@ -26,7 +26,7 @@ def build_detectors(
     ends = [(spec.name, spec.a, spec.b) for spec in links]
     origin, chance = scenario.origin.datum, Chance(scenario.seed)
     placements, rows = [], []
-    faults: list[Problem] = []
+    problems: list[Problem] = []
     for table in scenario.detectors:
         context = DetectorContext(table.id, vehicles, origin, scenario.epoch, chance)
         placement = MonitorPlacement(table.id, partial(table.plugin, table.settings, context), table.links, table.side)
@@ -34,16 +34,16 @@ def build_detectors(
             find_ends(placement, ends)
         except InputError as error:
             where = [fault.where.replace("monitors.", "detectors.", 1) for fault in error.problems]
-            faults += [Problem(w, f.value, f.expected, f.hint) for w, f in zip(where, error.problems, strict=True)]
+            problems += [Problem(w, f.value, f.expected, f.hint) for w, f in zip(where, error.problems, strict=True)]
         try:
             placement.make()  # what does not fit is said before anything starts
         except InputError as error:
             where = [f"detectors.{table.id}.params.{fault.where}" for fault in error.problems]
-            faults += [Problem(w, f.value, f.expected, f.hint) for w, f in zip(where, error.problems, strict=True)]
+            problems += [Problem(w, f.value, f.expected, f.hint) for w, f in zip(where, error.problems, strict=True)]
         placements.append(placement)
         rows.append(table.model_dump(mode="json", exclude_none=True))
-    if faults:
-        raise InputError(f"scenario {scenario.name}", faults)
+    if problems:
+        raise InputError(f"scenario {scenario.name}", problems)
     return placements, rows
 
 

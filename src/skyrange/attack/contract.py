@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from skyrange.attack.exclusive import Exclusive
     from skyrange.city.city import City
     from skyrange.contracts.claims import ClaimedTrack
-    from skyrange.contracts.components import Agent, BodyFault, SensorFault
+    from skyrange.contracts.components import Agent, BodyHook, SensorHook
     from skyrange.contracts.links import LinkSpec, Schedule, TapPlacement
     from skyrange.core.chance import Chance
     from skyrange.core.geodesy import Origin
@@ -192,7 +192,7 @@ class Attack:
 
     agents: Sequence[Agent] = ()
     taps: Sequence[TapPlacement] = ()
-    faults: Sequence[SensorFault] = ()
+    sensor_hooks: Sequence[SensorHook] = ()
     links: Sequence[LinkSpec] = ()
     """Links that the attack adds."""
     radios: Sequence[Transmitter] = ()
@@ -204,7 +204,7 @@ class Attack:
     """What this adversary needs, if it differs from what is said of the kind."""
     one_process: bool = False
     """Whether its parts share state, so that a live range must have all of them in one process."""
-    body_faults: Sequence[BodyFault] = ()
+    body_hooks: Sequence[BodyHook] = ()
     """What it does to bodies: of benign faults alone."""
     exclusive: Sequence[Exclusive] = ()
     """What it alters as the only one. Another attack that alters the same at the same time is an error before the run.

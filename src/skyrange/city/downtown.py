@@ -34,16 +34,16 @@ def downtown_grid(
     Heights lie in `height_m`, with many low and few high buildings (a uniform number squared). Streets of `street_m`
     run between the blocks and cross at the origin if both counts are even. Raises `InputError` for invalid arguments.
     """
-    faults = []
+    problems = []
     if min(blocks) < 1:
-        faults.append(Problem("blocks", repr(blocks), "at least one block each way"))
+        problems.append(Problem("blocks", repr(blocks), "at least one block each way"))
     if not 0.0 < height_m[0] <= height_m[1] < math.inf:
-        faults.append(Problem("height_m", repr(height_m), "a positive lowest and a highest height in metres"))
+        problems.append(Problem("height_m", repr(height_m), "a positive lowest and a highest height in metres"))
     for name, value in (("street_m", street_m), ("block_m", block_m)):
         if not 0.0 < value < math.inf:
-            faults.append(Problem(name, repr(value), "a positive number of metres"))
-    if faults:
-        raise InputError("downtown", faults)
+            problems.append(Problem(name, repr(value), "a positive number of metres"))
+    if problems:
+        raise InputError("downtown", problems)
     chance = Chance(seed)
     pitch_m = block_m + street_m
     half_m = 0.5 * block_m

@@ -44,13 +44,13 @@ def read_collection(name: str, document: Any, origin: Origin | None, kind: str =
     projection = _projection(name, document.get("crs"))
     reading = Reading(kind, projection.label, len(rows))
     features: list[Feature] = []
-    faults: list[Problem] = []
+    problems: list[Problem] = []
     polygonal: list[tuple[int, Mapping[str, Any]]] = []
     for index, row in enumerate(rows):
         try:
             reason = _check_feature(row)
         except _ShapeError as bad:
-            faults.append(Problem(f"features[{index}]", *bad.args))
+            problems.append(Problem(f"features[{index}]", *bad.args))
             continue
         if reason:
             reading.dropped[reason] += 1
@@ -66,15 +66,15 @@ def read_collection(name: str, document: Any, origin: Origin | None, kind: str =
             polygons = _polygons(row["geometry"])
             arrays = [[_ring(ring, projection) for ring in _rings(polygon)] for polygon in polygons]
         except _ShapeError as bad:
-            faults.append(Problem(where, *bad.args))
+            problems.append(Problem(where, *bad.args))
             continue
         features.append(Feature(where, str(row.get("id") or tags.get("@id") or ""), tags, arrays))
-    faults.sort(key=lambda fault: int(fault.where[len("features[") : -1]))
-    if faults:
-        rest = len(faults) - MAX_PROBLEMS
+    problems.sort(key=lambda fault: int(fault.where[len("features[") : -1]))
+    if problems:
+        rest = len(problems) - MAX_PROBLEMS
         if rest > 0:
-            faults[MAX_PROBLEMS:] = [Problem("features", f"{rest} more are bad", "polygons as in RFC 7946")]
-        raise InputError(name, faults)
+            problems[MAX_PROBLEMS:] = [Problem("features", f"{rest} more are bad", "polygons as in RFC 7946")]
+        raise InputError(name, problems)
     return make_city(name, features, reading, projection, origin)
 
 

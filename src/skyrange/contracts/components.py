@@ -150,7 +150,7 @@ class SensorAct(NamedTuple):
     """Such as "gnss", "baro", "compass", "imu"."""
 
 
-class SensorFault(Protocol):
+class SensorHook(Protocol):
     """Alters sensor readings before the autopilot gets them. It belongs to an attack, which owns its state.
 
     It is called once a tick, muted or not; while its attack does not act, on copies that are discarded. It is
@@ -203,7 +203,7 @@ class BodyAct(NamedTuple):
     """Such as "motor" or "wind"."""
 
 
-class BodyFault(Protocol):
+class BodyHook(Protocol):
     """Acts on bodies: on the thrust of their motors and on the air around them. It belongs to a benign fault.
 
     It is called once a tick while its fault acts. It is deep-copyable and pure: what it does depends on what it was

@@ -10,7 +10,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.components import Agent, BodyFault, SensorFault, Tap, Trigger
+from skyrange.contracts.components import Agent, BodyHook, SensorHook, Tap, Trigger
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.frames.payloads import Payloads
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_US, Time
@@ -217,7 +217,7 @@ class Act:
     sham: bool = False
     """Whether its parts are those of its sham: its labels are then marked benign."""
     agents: Sequence[Agent] = ()
-    faults: Sequence[SensorFault] = ()
+    sensor_hooks: Sequence[SensorHook] = ()
     trigger: Trigger | None = None
     lasts_ns: Time = NEVER
     one_process: bool = False
@@ -228,7 +228,7 @@ class Act:
     """Whether its parts are those of its honest arm, where real aircraft fly on the tracks that it claims: its labels
     are then marked benign, and its events are named `event.honest_start` and `event.honest_stop`."""
     role: Role = "attack"
-    body_faults: Sequence[BodyFault] = ()
+    body_hooks: Sequence[BodyHook] = ()
     """What a fault does to bodies; an attack has none."""
     noted: bool = True
     """Whether the kernel notes when it begins and ends; not where another kernel has the rest of it, and does."""

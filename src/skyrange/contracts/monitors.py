@@ -162,21 +162,21 @@ def find_ends(placement: MonitorPlacement, links: Iterable[tuple[str, str, str]]
     """
     known = {name: (a, b) for name, a, b in links}
     where = f"monitors.{placement.id}"
-    faults: list[Problem] = []
+    problems: list[Problem] = []
     found: set[Port] = set()
     for pattern in placement.links:
         names = [name for name in known if fnmatchcase(name, pattern)]
         if not names:
             expected = "a link's name or a pattern that matches some"
-            faults.append(Problem(f"{where}.links", pattern, expected, nearest(pattern, known)))
+            problems.append(Problem(f"{where}.links", pattern, expected, nearest(pattern, known)))
         for name in names:
             ends = [end for end in known[name] if is_side(end, placement.side)]
             if not ends:
                 expected = f"an end of {name}: {known[name][0]} or {known[name][1]}"
-                faults.append(Problem(f"{where}.side", placement.side, expected))
+                problems.append(Problem(f"{where}.side", placement.side, expected))
             found.update(Port(end, name) for end in ends)
-    if faults:
-        raise InputError("wiring", faults)
+    if problems:
+        raise InputError("wiring", problems)
     return sorted(found, key=_link_first)
 
 

@@ -1,4 +1,4 @@
-"""Parameters of plugins: their base model, strict numbers, points, and faults that name the key.
+"""Parameters of plugins: their base model, strict numbers, points, and problems that name the key.
 
 Numbers are strict (no text, no booleans, no NaN or infinity), but numpy's scalars are accepted, since a notebook
 computes with them.
@@ -41,10 +41,10 @@ Enu = Annotated[tuple[Number, Number, Number], BeforeValidator(items, json_schem
 """East, north and up: metres from the origin, or metres per second."""
 
 
-def refuse(*faults: Problem) -> PydanticCustomError:
+def refuse(*problems: Problem) -> PydanticCustomError:
     """Faults found by a rule of ours, to be raised by a validator; they pass through pydantic as they are.
 
     `where` of each is a dotted path below the model or field that raises, "" for itself.
     """
-    text = "; ".join(str(fault) for fault in faults)
-    return PydanticCustomError("skyrange", "{text}", {"text": text, "faults": faults})
+    text = "; ".join(str(fault) for fault in problems)
+    return PydanticCustomError("skyrange", "{text}", {"text": text, "problems": problems})

@@ -24,7 +24,7 @@ from skyrange.contracts.plugins.registry import DEFENCES, Plugin
 if TYPE_CHECKING:
     from skyrange.attack.exclusive import Exclusive
     from skyrange.contracts.channel_plans import ChannelPlan
-    from skyrange.contracts.components import SensorFault
+    from skyrange.contracts.components import SensorHook
     from skyrange.contracts.links import TapPlacement
     from skyrange.defence.path_rules import PathRule
 
@@ -40,7 +40,7 @@ class Defence:
     taps: Sequence[TapPlacement] = ()
     """They are nearer to the endpoint than those of every attack. Where defences share an end, a frame that arrives
     there meets the first declared one first."""
-    checks: Sequence[SensorFault] = ()
+    checks: Sequence[SensorHook] = ()
     """Sensor checks. They get readings as all attacks and faults have left them, in the order of the defences."""
     channel_plans: Sequence[ChannelPlan] = ()
     """Policies for the channels of Wi-Fi control links."""

@@ -107,5 +107,5 @@ def make_red_team(
     make = _AdversaryTaps(systems, mode, choice, clock).make
     taps = [TapPlacement(link, side_of(link), make, RED) for link in (link_name("gcs", one) for one in vehicles)]
     fault = ChosenDrift(f"{RED}.gnss", vehicles, drift, choice)
-    plan = Act(RED, agents=[Announcer(RED, choice, clock)], faults=[fault], one_process=True, noted=False)
+    plan = Act(RED, agents=[Announcer(RED, choice, clock)], sensor_hooks=[fault], one_process=True, noted=False)
     return plan, taps

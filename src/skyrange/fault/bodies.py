@@ -36,10 +36,10 @@ class OnBodies(Acting):
         check_vehicles(context, self.vehicles)
         self.label = find_label(self)
         self.name = f"{self.id}.{self.label}"
-        return FaultParts(body_faults=[self])
+        return FaultParts(body_hooks=[self])
 
     def on_bodies(self, now: Time, bodies: Disturbances) -> Sequence[BodyAct]:
-        """Write into the bodies once it acts, and return the acts to be labelled: see `BodyFault`."""
+        """Write into the bodies once it acts, and return the acts to be labelled: see `BodyHook`."""
         raise NotImplementedError
 
     def meet(self, rows: Iterable[int]) -> list[BodyAct]:

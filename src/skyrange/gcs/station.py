@@ -273,21 +273,21 @@ class GroundStation:
 
 
 def _check(operator: str, flights: Sequence[Flight], streams: str) -> None:
-    faults: list[Problem] = []
+    problems: list[Problem] = []
     vehicles: set[str] = set()
     systems: set[tuple[int, int]] = set()
     if streams not in PROFILES:
-        faults.append(Problem("streams", repr(streams), "a stream profile", nearest(streams, PROFILES)))
+        problems.append(Problem("streams", repr(streams), "a stream profile", nearest(streams, PROFILES)))
     for flight in flights:
         if operator_of(flight.vehicle) != operator or "/" not in flight.vehicle:
-            faults.append(Problem("vehicle", repr(flight.vehicle), f"an aircraft of operator {operator!r}"))
+            problems.append(Problem("vehicle", repr(flight.vehicle), f"an aircraft of operator {operator!r}"))
         if flight.vehicle in vehicles:
-            faults.append(Problem("vehicle", repr(flight.vehicle), "an id that occurs once"))
+            problems.append(Problem("vehicle", repr(flight.vehicle), "an id that occurs once"))
         address = (flight.network, flight.system_id)
         if address in systems or not 1 <= flight.system_id <= MAX_SYSTEM_ID:
             expected = f"a system id in 1…{MAX_SYSTEM_ID} that occurs once in its network"
-            faults.append(Problem(f"{flight.vehicle}.system_id", str(flight.system_id), expected))
+            problems.append(Problem(f"{flight.vehicle}.system_id", str(flight.system_id), expected))
         vehicles.add(flight.vehicle)
         systems.add(address)
-    if faults:
-        raise InputError(f"ground station of {operator}", faults)
+    if problems:
+        raise InputError(f"ground station of {operator}", problems)

@@ -40,8 +40,8 @@ from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port, originator_id
 from skyrange.core.time import NEVER, Time, ceil_to, to_seconds
 from skyrange.kernel.acts.act_states import ActState, ActStates, note_withheld, takes_effect
-from skyrange.kernel.acts.body_faults import BodyFaultInjector
-from skyrange.kernel.acts.sensor_faults import SensorFaultInjector
+from skyrange.kernel.acts.body_hooks import BodyFaultInjector
+from skyrange.kernel.acts.sensor_hooks import SensorFaultInjector
 from skyrange.kernel.directed_link import Mailbox, Transit
 from skyrange.kernel.event_heap import STEP, WAKEUP, postpone_events
 from skyrange.kernel.monitors import Monitors

@@ -113,9 +113,9 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     status = manifest.get("status")
     if status != RUNNING and status not in ENDINGS:
         raise InputError.one(who, f"{MANIFEST}: status", repr(status), f"one of {', '.join((RUNNING, *ENDINGS))}")
-    faults = list(_check_shape(manifest))
-    if faults:
-        raise InputError(who, faults)
+    problems = list(_check_shape(manifest))
+    if problems:
+        raise InputError(who, problems)
     return manifest
 
 

@@ -66,26 +66,26 @@ class Broadcast:
     """Key and endorsements with which it signs; `uas_id` is then the session id of its DRIP entity tag."""
 
     def __post_init__(self) -> None:
-        faults = []
+        problems = []
         if self.profile not in PROFILES:
-            faults.append(Problem("profile", self.profile, "us or astm", nearest(self.profile, PROFILES)))
-        faults += [
+            problems.append(Problem("profile", self.profile, "us or astm", nearest(self.profile, PROFILES)))
+        problems += [
             Problem("transports", name, "a known transport", nearest(name, TRANSPORTS))
             for name in self.transports
             if name not in TRANSPORTS
         ]
         kinds = [kind for name in self.transports for kind in TRANSPORTS.get(name, ())]
         if len(set(kinds)) != len(kinds):
-            faults.append(Problem("transports", ", ".join(self.transports), "each transport once"))
+            problems.append(Problem("transports", ", ".join(self.transports), "each transport once"))
         if self.id_type == IdType.SERIAL_NUMBER and self.uas_id and not is_serial_number(self.uas_id):
-            faults.append(Problem("uas_id", self.uas_id, "a serial number by ANSI/CTA-2063-A", "Or set id_type."))
+            problems.append(Problem("uas_id", self.uas_id, "a serial number by ANSI/CTA-2063-A", "Or set id_type."))
         for name, length in (("uas_id", 20), ("operator_id", 20), ("text", 23)):
             value = getattr(self, name)
             readable = value.isascii() or (name == "uas_id" and self.id_type == IdType.SPECIFIC_SESSION)
             if len(value) > length or not readable:
-                faults.append(Problem(name, value, f"at most {length} ASCII characters"))
-        if faults:
-            raise InputError(f"Remote ID of {self.vehicle}", faults)
+                problems.append(Problem(name, value, f"at most {length} ASCII characters"))
+        if problems:
+            raise InputError(f"Remote ID of {self.vehicle}", problems)
 
     @property
     def id(self) -> str:

@@ -56,16 +56,16 @@ def _change_files(data: Mapping[str, Any], change: Callable[[str, tuple[str | in
 
 def locate_files(data: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:
     """`data` with the names of files made absolute from `folder`, and a problem for each file that does not exist."""
-    faults: list[Problem] = []
+    problems: list[Problem] = []
 
     def locate(name: str, path: tuple[str | int, ...]) -> str:
         file = folder / expand_user(name)
-        fault = check_file(file, spell_path(path, data), suggest=len(faults) < MAX_LINES)
+        fault = check_file(file, spell_path(path, data), suggest=len(problems) < MAX_LINES)
         if fault is not None:
-            faults.append(fault)
+            problems.append(fault)
         return str(file.absolute())
 
-    return _change_files(data, locate), faults
+    return _change_files(data, locate), problems
 
 
 def list_named_files(data: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -39,17 +39,17 @@ def apply_overrides(
     assignment that is malformed or matches nothing; values are checked when the scenario is built.
     """
     changed: dict[str, Any] = copy.deepcopy(dict(data))
-    faults = []
+    problems = []
     for assignment in assignments:
         path, equals, text = assignment.partition("=")
         keys = _keys(path.strip())
         if not equals or not keys:
-            faults.append(Problem(assignment, "not an assignment", "path=value, such as seed=7"))
+            problems.append(Problem(assignment, "not an assignment", "path=value, such as seed=7"))
             continue
         try:
             value = parse_value(text.strip())
         except ValueError as error:
-            faults.append(
+            problems.append(
                 Problem(path, text.strip(), f"a TOML value ({error})", 'Write text that contains spaces in "quotes".')
             )
             continue
@@ -57,9 +57,9 @@ def apply_overrides(
             value = str(expand_user(value).absolute())
         problem = _assign(changed, root, keys, value)
         if problem is not None:
-            faults.append(problem)
-    if faults:
-        raise InputError("--set", faults)
+            problems.append(problem)
+    if problems:
+        raise InputError("--set", problems)
     return changed
 
 

@@ -66,13 +66,13 @@ def load_text(
 def load_data(data: Mapping[str, Any], who: str = "scenario", folder: str | Path = ".") -> Scenario:
     """The scenario that plain data describes. Raises InputError with all problems, also those of named files."""
     _check_plain(data, who)
-    data, faults = locate_files(data, Path(folder))
+    data, problems = locate_files(data, Path(folder))
     try:
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
-        raise InputError(who, [*explain_errors(error, Scenario, data, Scenario.cross_check), *faults]) from None
-    if faults:
-        raise InputError(who, faults)
+        raise InputError(who, [*explain_errors(error, Scenario, data, Scenario.cross_check), *problems]) from None
+    if problems:
+        raise InputError(who, problems)
     return scenario
 
 
@@ -96,7 +96,7 @@ def parse_toml(text: str, who: str = "scenario") -> dict[str, Any]:
 
 def _check_plain(data: Mapping[str, Any], who: str) -> None:
     """Raise `InputError` for data nested too deep, and for integers that TOML does not have (64 bits)."""
-    faults = []
+    problems = []
     level: list[tuple[str, Any]] = [("", data)]
     for _ in range(MAX_DEPTH):
         below: list[tuple[str, Any]] = []
@@ -106,12 +106,12 @@ def _check_plain(data: Mapping[str, Any], who: str) -> None:
             elif isinstance(part, (list, tuple)):
                 below += [(f"{where}.{index}", value) for index, value in enumerate(part)]
             elif isinstance(part, int) and not -(2**63) <= part < 2**63:
-                faults.append(Problem(where[1:], f"an integer of {part.bit_length()} bits", "at most 64 bits"))
+                problems.append(Problem(where[1:], f"an integer of {part.bit_length()} bits", "at most 64 bits"))
         level = below
     if level:
-        faults.append(Problem(level[0][0][1:], f"nested deeper than {MAX_DEPTH}", "a scenario"))
-    if faults:
-        raise InputError(who, faults)
+        problems.append(Problem(level[0][0][1:], f"nested deeper than {MAX_DEPTH}", "a scenario"))
+    if problems:
+        raise InputError(who, problems)
 
 
 def _syntax_fault(message: str, text: str) -> Problem:

@@ -37,14 +37,14 @@ class Body:
 
 def check_bodies(bodies: Sequence[Body], quantum_ns: Time, wind: Wind, city: City | None) -> None:
     """Raise one `InputError` with all problems of a world's arguments."""
-    faults = []
+    problems = []
     seen: set[str] = set()
     for body in bodies:
         if body.vehicle in seen:
-            faults.append(Problem(f"{body.vehicle}.vehicle", repr(body.vehicle), "an id not used by another vehicle"))
+            problems.append(Problem(f"{body.vehicle}.vehicle", repr(body.vehicle), "an id not used by another vehicle"))
         seen.add(body.vehicle)
         if body.airframe not in AIRFRAMES:
-            faults.append(
+            problems.append(
                 Problem(
                     f"{body.vehicle}.airframe",
                     repr(body.airframe),
@@ -55,19 +55,21 @@ def check_bodies(bodies: Sequence[Body], quantum_ns: Time, wind: Wind, city: Cit
         for name in ("east_m", "north_m", "up_m", "heading_deg"):
             value = getattr(body, name)
             if not math.isfinite(value):
-                faults.append(Problem(f"{body.vehicle}.{name}", repr(value), "a finite number"))
+                problems.append(Problem(f"{body.vehicle}.{name}", repr(value), "a finite number"))
         if not 0.0 <= body.charge <= 1.0:
-            faults.append(Problem(f"{body.vehicle}.charge", repr(body.charge), "0 (empty) to 1 (full)"))
+            problems.append(Problem(f"{body.vehicle}.charge", repr(body.charge), "0 (empty) to 1 (full)"))
         if body.up_m < 0.0:
-            faults.append(Problem(f"{body.vehicle}.up_m", repr(body.up_m), "0 (on the ground) or more metres"))
+            problems.append(Problem(f"{body.vehicle}.up_m", repr(body.up_m), "0 (on the ground) or more metres"))
         place = (body.east_m, body.north_m, body.up_m)
         building = city.inside(*place) if city is not None and all(map(math.isfinite, place)) else None
         if building is not None:
-            faults.append(Problem(body.vehicle, f"{place} m", f"a place outside buildings; {building.id} stands there"))
+            problems.append(
+                Problem(body.vehicle, f"{place} m", f"a place outside buildings; {building.id} stands there")
+            )
     if not bodies:
-        faults.append(Problem("bodies", "none", "at least one aircraft"))
+        problems.append(Problem("bodies", "none", "at least one aircraft"))
     if quantum_ns <= 0:
-        faults.append(Problem("quantum_ns", repr(quantum_ns), "a positive number of nanoseconds"))
-    faults += check_wind(wind)
-    if faults:
-        raise InputError("world", faults)
+        problems.append(Problem("quantum_ns", repr(quantum_ns), "a positive number of nanoseconds"))
+    problems += check_wind(wind)
+    if problems:
+        raise InputError("world", problems)

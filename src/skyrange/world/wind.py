@@ -28,9 +28,9 @@ CALM = Wind()
 
 def check_wind(wind: Wind) -> list[Problem]:
     """What is wrong with the parameters."""
-    faults = []
+    problems = []
     if len(wind.steady_enu_mps) != 3 or not all(math.isfinite(part) for part in wind.steady_enu_mps):
-        faults.append(Problem("wind.steady_enu_mps", repr(wind.steady_enu_mps), "three finite numbers in m/s"))
+        problems.append(Problem("wind.steady_enu_mps", repr(wind.steady_enu_mps), "three finite numbers in m/s"))
     if not 0.0 <= wind.turbulence_mps <= MAX_MPS:
-        faults.append(Problem("wind.turbulence_mps", repr(wind.turbulence_mps), f"0 (none) to {MAX_MPS:g} m/s"))
-    return faults
+        problems.append(Problem("wind.turbulence_mps", repr(wind.turbulence_mps), f"0 (none) to {MAX_MPS:g} m/s"))
+    return problems

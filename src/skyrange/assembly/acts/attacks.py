@@ -50,7 +50,7 @@ class MadeAttacks:
     """What the manifest says of each attack."""
     fault_rows: list[dict[str, Any]] = field(default_factory=list)
     """What it says of each fault."""
-    faults: list[Problem] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list)
     aircraft: list[HonestAircraft] = field(default_factory=list)
     """The real aircraft of honest arms."""
 
@@ -83,7 +83,7 @@ def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: Cit
 
 
 def make_attacks(scenario: Scenario, context: AttackContext, own_sensors: Sequence[str]) -> MadeAttacks:
-    """Make every attack and every fault; what is wrong with them is in `faults`.
+    """Make every attack and every fault; what is wrong with them is in `problems`.
 
     `context` is that of all of them; id, schedule and sham are filled in for each. `own_sensors` are vehicles that do
     not fly by the range's sensors.
@@ -97,10 +97,10 @@ def make_attacks(scenario: Scenario, context: AttackContext, own_sensors: Sequen
         try:
             found = attack.plugin(_anchored(attack, context), own)
         except InputError as error:
-            made.faults += [Problem(f"{where}.params.{f.where}", f.value, f.expected, f.hint) for f in error.problems]
+            made.problems += [Problem(f"{where}.params.{f.where}", f.value, f.expected, f.hint) for f in error.problems]
             continue
-        if found.body_faults and not is_fault:
-            made.faults.append(Problem(where, "parts that act on bodies", "a fault: no attack acts on bodies"))
+        if found.body_hooks and not is_fault:
+            made.problems.append(Problem(where, "parts that act on bodies", "a fault: no attack acts on bodies"))
             continue
         if (
             isinstance(attack, AttackTable)
@@ -109,24 +109,24 @@ def make_attacks(scenario: Scenario, context: AttackContext, own_sensors: Sequen
         ):
             value = f"{attack.start_s:g}" if attack.when is None else "a trigger"
             expected = f"0 without a trigger: {attack.kind} alters what is loaded at the start"
-            made.faults.append(Problem(f"{where}.start_s", value, expected))
-        made.faults += find_unread(found.faults, own_sensors, f"{where}.params.vehicles")
+            made.problems.append(Problem(f"{where}.start_s", value, expected))
+        made.problems += find_unread(found.sensor_hooks, own_sensors, f"{where}.params.vehicles")
         names = [*context.links, *(spec.name for spec in found.links)]
         for tap in found.taps:
             if not any(fnmatchcase(name, tap.match) for name in names):
                 hint = nearest(tap.match, names)
-                made.faults.append(Problem(f"{where}.params", tap.match, "a link of the scenario", hint))
+                made.problems.append(Problem(f"{where}.params", tap.match, "a link of the scenario", hint))
         if not attack.muted:
             exclusive.append((where, window_of(attack, context.duration_ns), found.exclusive))
         made.plans.append(_plan(attack, found, own.schedule, _anchor(attack, context)))
         made.taps += [replace(tap, attack=attack.id) for tap in found.taps]
         made.links += found.links
         if isinstance(attack, AttackTable) and attack.honest:
-            made.faults += find_claim_problems(where, attack, found, scenario, context.city)
+            made.problems += find_claim_problems(where, attack, found, scenario, context.city)
             made.aircraft += aircraft_of(attack, found, own.schedule)
         made.radios += carried(found.radios, found.claims) if own.honest else found.radios
         (made.fault_rows if is_fault else made.rows).append(_row(attack, found))
-    made.faults += find_exclusions(exclusive)
+    made.problems += find_exclusions(exclusive)
     return made
 
 
@@ -161,8 +161,8 @@ def _plan(attack: ActTable, made: Attack, schedule: Schedule, anchor: Place) -> 
         honest=is_honest(attack),
         role="fault" if isinstance(attack, FaultTable) else "attack",
         agents=made.agents,
-        faults=made.faults,
-        body_faults=made.body_faults,
+        sensor_hooks=made.sensor_hooks,
+        body_hooks=made.body_hooks,
         trigger=trigger,
         one_process=made.one_process,
         lasts_ns=NEVER if attack.for_s is None else from_seconds(attack.for_s),
@@ -174,8 +174,8 @@ def _row(attack: ActTable, made: Attack) -> dict[str, Any]:
     """An attack or a fault in the manifest: as declared, and what it touches."""
     touches = [tap.match for tap in made.taps] + [spec.name for spec in made.links]
     touches += ["medium"] if made.radios else []
-    touches += [f"sensors of {vehicle}" for fault in made.faults for vehicle in fault.vehicles]
-    touches += [f"body of {vehicle}" for fault in made.body_faults for vehicle in fault.vehicles]
+    touches += [f"sensors of {vehicle}" for fault in made.sensor_hooks for vehicle in fault.vehicles]
+    touches += [f"body of {vehicle}" for fault in made.body_hooks for vehicle in fault.vehicles]
     return {
         **attack.model_dump(exclude_none=True, mode="json"),
         "touches": touches,

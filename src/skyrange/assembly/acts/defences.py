@@ -38,7 +38,7 @@ def make_defences(
     """Make every defence; what is wrong with them is in `problems`.
 
     `over_air` has the control links that their channel plans are about; `own_sensors` are vehicles that do not fly by
-    the range's sensors. `context` is that of all attacks, faults and
+    the range's sensors. `context` is that of all attacks, problems and
     defences; id and schedule are filled in for each.
     """
     made = MadeDefences()
@@ -93,7 +93,7 @@ def plan_of(table: DefenceTable, made: Defence, schedule: Schedule, agents: Sequ
         muted=table.muted,
         role="defence",
         agents=agents,
-        faults=made.checks,
+        sensor_hooks=made.checks,
         one_process=made.one_process,
         schedule=schedule,
     )

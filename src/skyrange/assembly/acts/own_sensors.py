@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from skyrange.contracts.components import SensorFault
+from skyrange.contracts.components import SensorHook
 from skyrange.core.errors import Problem
 from skyrange.core.ids import vehicle_id
 from skyrange.scenario.model.scenario import Scenario
@@ -18,7 +18,7 @@ def list_own_sensors(scenario: Scenario) -> list[str]:
     return [vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet if vehicle.autopilot in own]
 
 
-def find_unread(faults: Sequence[SensorFault], own_sensors: Sequence[str], where: str) -> list[Problem]:
+def find_unread(faults: Sequence[SensorHook], own_sensors: Sequence[str], where: str) -> list[Problem]:
     """What is wrong with parts that act on sensors which the range does not have."""
     unread = sorted({one for fault in faults for one in fault.vehicles if one in own_sensors})
     if not unread:

@@ -44,25 +44,25 @@ def apply_placing(scenario: Scenario, city: City | None) -> Scenario:
     order = [(o, v) for o, fleet in enumerate(fleets) for v, _ in enumerate(fleet)]
     order.sort(key=lambda place: fleets[place[0]][place[1]].placing == "clear")  # stable: the exact ones first
     taken = Airspace()
-    faults: list[Problem] = []
+    problems: list[Problem] = []
     for o, v in order:
         vehicle = fleets[o][v]
         where = spell_path(("operators", o, "vehicles", v), scenario)
         try:
             path = enu_points(make_flight_plan(datum, vehicle))
         except InputError as error:
-            faults += [Problem(f"{where}.plan.file: {f.where}", f.value, f.expected, f.hint) for f in error.problems]
+            problems += [Problem(f"{where}.plan.file: {f.where}", f.value, f.expected, f.hint) for f in error.problems]
             continue
         if vehicle.placing == "clear":
             shift = find_clear_shift(city, path, taken)
             if shift is None:
-                faults.append(_no_place(where, path[0]))
+                problems.append(_no_place(where, path[0]))
                 continue
             fleets[o][v] = _shifted(vehicle, shift)
             path = tuple(Point(east + shift[0], north + shift[1], up) for east, north, up in path)
         taken.add(path)
-    if faults:
-        raise InputError("scenario", faults)
+    if problems:
+        raise InputError("scenario", problems)
     operators = tuple(
         operator.model_copy(update={"vehicles": tuple(fleet)})
         for operator, fleet in zip(scenario.operators, fleets, strict=True)
@@ -107,7 +107,7 @@ def _receivers_placed(scenario: Scenario, city: City | None) -> Scenario:
     if radio is None or all(receiver.placing == "exact" for receiver in radio.receivers):
         return scenario
     found = [_outside(receiver, city) for receiver in radio.receivers]
-    faults = [
+    problems = [
         Problem(
             f"radio.receivers.{index}.placing",
             f"clear, from {list(receiver.place)} m",
@@ -117,8 +117,8 @@ def _receivers_placed(scenario: Scenario, city: City | None) -> Scenario:
         for index, receiver in enumerate(radio.receivers)
         if found[index] is None
     ]
-    if faults:
-        raise InputError("scenario", faults)
+    if problems:
+        raise InputError("scenario", problems)
     receivers = tuple(receiver for receiver in found if receiver is not None)
     return scenario.model_copy(update={"radio": radio.model_copy(update={"receivers": receivers})})
 

@@ -23,13 +23,13 @@ APART_M = 0.5
 
 
 def check_starts(scenario: Scenario, city: City | None, plans: Mapping[str, FlightPlan | InputError]) -> list[Problem]:
-    """All faults in how the vehicles of `plans` start, in a scenario that is placed, and in what they are to fly; an
+    """All problems in how the vehicles of `plans` start, in a scenario that is placed, and in what they are to fly; an
     empty list means that they can start. `plans` are those of `make_flight_plans`.
 
     Found: starts inside buildings or on top of each other, mission files that cannot be read, and what
     `gcs.checks` finds in a plan (points below the ground, NaN, no take-off…), items that the autopilot will reject.
     """
-    faults: list[Problem] = []
+    problems: list[Problem] = []
     for o, operator in enumerate(scenario.operators):
         for v, vehicle in enumerate(operator.vehicles):
             plan = plans.get(vehicle_id(operator.id, vehicle.id))
@@ -37,15 +37,17 @@ def check_starts(scenario: Scenario, city: City | None, plans: Mapping[str, Flig
                 continue
             where = spell_path(("operators", o, "vehicles", v), scenario)
             if city is not None:
-                faults += _walls(vehicle, city, where)
+                problems += _walls(vehicle, city, where)
             if isinstance(plan, InputError):
-                faults += [Problem(f"{where}.plan.file: {f.where}", f.value, f.expected, f.hint) for f in plan.problems]
+                problems += [
+                    Problem(f"{where}.plan.file: {f.where}", f.value, f.expected, f.hint) for f in plan.problems
+                ]
                 continue
             found = check_plan(plan, f"{where}.plan")
-            faults += found
+            problems += found
             if not found and not vehicle.plan.rejection_expected:
-                faults += _rejected_items(vehicle.autopilot, plan, f"{where}.plan")
-    return [*faults, *_crowded(scenario)]
+                problems += _rejected_items(vehicle.autopilot, plan, f"{where}.plan")
+    return [*problems, *_crowded(scenario)]
 
 
 def _rejected_items(autopilot: str, plan: FlightPlan, where: str) -> Iterator[Problem]:

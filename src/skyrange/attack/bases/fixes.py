@@ -83,7 +83,7 @@ class FalseFixes(OnFixes):
     def build(self, context: AttackContext) -> Attack:
         """See `AltersSensors`. No other attack may falsify the same fixes."""
         exclusive = [Exclusive(fixes_of(vehicle)) for vehicle in self.vehicles]
-        return Attack(faults=super().build(context).faults, exclusive=exclusive)
+        return Attack(sensor_hooks=super().build(context).sensor_hooks, exclusive=exclusive)
 
     def on_sensors(self, now: Time, sensors: Sensors) -> list[SensorAct]:
         """Move the fixes. Returns an act for each vehicle whose alteration begins or changes its phase."""

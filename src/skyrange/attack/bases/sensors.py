@@ -35,7 +35,7 @@ class AltersSensors(Acting):
 
     needs: ClassVar[tuple[str, ...]] = ("on_sensors",)
     slow: ClassVar[bool] = False
-    """Whether it needs new readings alone: see `SensorFault`."""
+    """Whether it needs new readings alone: see `SensorHook`."""
 
     vehicles: Sequence[str]
     label: str
@@ -58,10 +58,10 @@ class AltersSensors(Acting):
     def build(self, context: AttackContext) -> Attack:
         """Itself as a sensor fault."""
         self.name = f"{self.id}.{self.label}"
-        return Attack(faults=[self])
+        return Attack(sensor_hooks=[self])
 
     def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct]:
-        """Write into the readings once it acts, and return the acts to be labelled: see `SensorFault`."""
+        """Write into the readings once it acts, and return the acts to be labelled: see `SensorHook`."""
         raise NotImplementedError
 
 

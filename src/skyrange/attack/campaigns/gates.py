@@ -12,7 +12,7 @@ import numpy as np
 
 from skyrange.attack.campaigns.course import Course
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.components import Agent, SensorAct, SensorFault, Sensors, Tap
+from skyrange.contracts.components import Agent, SensorAct, SensorHook, Sensors, Tap
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.verdicts import Verdict
@@ -84,7 +84,7 @@ class GatedAgent:
 class GatedFault:
     """A sensor fault that alters readings while its act acts, and copies of them else."""
 
-    inner: SensorFault
+    inner: SensorHook
     act: str
     course: Course
     name: str = field(init=False)

@@ -122,7 +122,7 @@ def make_parts(
                 for tap in act.taps
             ),
         ],
-        faults=[GatedFault(fault, name, course) for name, act in made.items() for fault in act.faults],
+        sensor_hooks=[GatedFault(fault, name, course) for name, act in made.items() for fault in act.sensor_hooks],
         links=[*links, *(one for act in made.values() for one in act.links)],
         radios=[*radios, *(radio for act in made.values() for radio in act.radios)],
         threat=ThreatModel(**params.threat.model_dump()) if params.threat.stated else None,

@@ -97,7 +97,7 @@ class GnssJam(OnReceivers):
 
     def build(self, context: AttackContext) -> Attack:
         """See `AltersSensors`."""
-        return Attack(faults=super().build(context).faults, shown={"GNSS jammer": self.transmitter_m})
+        return Attack(sensor_hooks=super().build(context).sensor_hooks, shown={"GNSS jammer": self.transmitter_m})
 
     def receive(self, rows: Ints, sensors: Sensors) -> None:
         """Decide by the noise at the antennas."""

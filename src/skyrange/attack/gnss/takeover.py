@@ -121,7 +121,7 @@ class Takeover(OnReceivers):
         """See `AltersSensors`. No other attack may falsify the fixes as far as the signals reach."""
         area = (self.emitter.place_enu_m, self.emitter.reach_m)
         exclusive = [Exclusive(fixes_of(vehicle), area=area) for vehicle in self.vehicles]
-        return Attack(faults=super().build(context).faults, shown=self.shown, exclusive=exclusive)
+        return Attack(sensor_hooks=super().build(context).sensor_hooks, shown=self.shown, exclusive=exclusive)
 
     def receive(self, rows: Ints, sensors: Sensors) -> None:
         """Decide who loses lock and who is captured."""

@@ -15,7 +15,7 @@ from skyrange.defence.contract import Defence, DefenceContext
 from skyrange.defence.fix_guard import FixGuard, name_fixes
 
 if TYPE_CHECKING:
-    from skyrange.contracts.components import SensorFault
+    from skyrange.contracts.components import SensorHook
 
 FIXES_PER_H: Final = 5 * 3600
 """ArduPilot asks its receivers for 5 Hz (GPS_RATE_MS 200)."""
@@ -55,7 +55,7 @@ class FixCheck(Protection):
 
     def build(self, context: DefenceContext) -> Defence:
         """Itself, as a check. With `reject` it takes fixes away from those after it."""
-        fixes, check = name_fixes(self.vehicles), cast("SensorFault", self)
+        fixes, check = name_fixes(self.vehicles), cast("SensorHook", self)
         return Defence(
             checks=[check], takes=fixes if self.action == "reject" else [], needs=fixes if self.needs_fixes else []
         )

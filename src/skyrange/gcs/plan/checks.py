@@ -34,11 +34,11 @@ def check(plan: FlightPlan, where: str) -> list[Problem]:
     themselves, and speeds and radii that are not positive. A mission that repeats for ever or waits for ever is none of
     these.
     """
-    faults = list(_check_numbers(plan, where))
-    faults += _check_guided(plan, where) if plan.kind == "guided" else _check_mission(plan, where)
-    if not faults and not is_bounded(plan):
-        faults.append(Problem(where, f"more than {MAX_LEGS} legs or jumps", "a mission whose jumps come to an end"))
-    return faults
+    problems = list(_check_numbers(plan, where))
+    problems += _check_guided(plan, where) if plan.kind == "guided" else _check_mission(plan, where)
+    if not problems and not is_bounded(plan):
+        problems.append(Problem(where, f"more than {MAX_LEGS} legs or jumps", "a mission whose jumps come to an end"))
+    return problems
 
 
 def _check_numbers(plan: FlightPlan, where: str) -> Iterator[Problem]:
@@ -85,9 +85,9 @@ def _check_mission(plan: FlightPlan, where: str) -> Iterator[Problem]:
         at = f"{where}: item {seq} (command {item.command})"
         yield from _check_params(at, item)
         if item.command in (mav.MAV_CMD_DO_JUMP, mav.MAV_CMD_DO_JUMP_TAG):
-            faults = [*_check_jump(at, item, len(items))]
-            yield from faults
-            if not faults and item.param2 == FOR_EVER and math.isfinite(item.param1) and never_leaves(items, seq):
+            problems = [*_check_jump(at, item, len(items))]
+            yield from problems
+            if not problems and item.param2 == FOR_EVER and math.isfinite(item.param1) and never_leaves(items, seq):
                 expected = "a navigation command between the target of the jump and the jump"
                 yield Problem(at, "jumps for ever to itself", expected, "Autopilots end the mission there.")
         elif item.command in LOCATED:

@@ -285,11 +285,11 @@ def wall_s() -> float:
 
 def check_free(ports: Sequence[int], where: str) -> None:
     """Raise `InputError` with the ports at which no process can listen on all interfaces; `where` asked for them."""
-    faults = []
+    problems = []
     for port in ports:
         # below, SITL counts from its first port (UARTDriver.cpp `_tcp_start_connection`)
         if not 1024 <= port <= 65_535:
-            faults.append(Problem(where, f"port {port}", "ports from 1024 to 65535, for all of them"))
+            problems.append(Problem(where, f"port {port}", "ports from 1024 to 65535, for all of them"))
             continue
         try:
             with socket.socket() as tried:
@@ -297,9 +297,9 @@ def check_free(ports: Sequence[int], where: str) -> None:
                 tried.bind(("", port))
                 tried.listen()
         except OSError as error:
-            faults.append(Problem(where, f"port {port}: {error.strerror}", "one that is free"))
-    if faults:
-        raise InputError("ardupilot", faults)
+            problems.append(Problem(where, f"port {port}: {error.strerror}", "one that is free"))
+    if problems:
+        raise InputError("ardupilot", problems)
 
 
 def _bound(kind: socket.SocketKind) -> socket.socket:

@@ -169,17 +169,17 @@ class ActStates:
 
 
 def _check_triggers(plans: Sequence[Act], vehicles: Sequence[str], world: World | None) -> None:
-    faults = []
+    problems = []
     for plan in plans:
         if plan.trigger is None:
             continue
         if world is None:
-            faults.append(Problem(f"{plan.id}.trigger", "no world", "a world whose truth it can read"))
+            problems.append(Problem(f"{plan.id}.trigger", "no world", "a world whose truth it can read"))
             continue
-        faults += [
+        problems += [
             Problem(f"{plan.id}.trigger", vehicle, "a vehicle", nearest(vehicle, vehicles))
             for vehicle in plan.trigger.vehicles
             if vehicle not in vehicles
         ]
-    if faults:
-        raise InputError("wiring", faults)
+    if problems:
+        raise InputError("wiring", problems)

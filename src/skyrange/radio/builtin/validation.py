@@ -18,24 +18,24 @@ if TYPE_CHECKING:
 
 def check_radios(radios: Sequence[RadioSpec], city: City | None, surroundings: RadioEnvironment) -> None:
     """Raise one `InputError` with everything that is wrong."""
-    faults = []
+    problems = []
     seen: set[str] = set()
     for radio in radios:
         if radio.name in seen:
-            faults.append(Problem(radio.name, "two radios", "names that are used once"))
+            problems.append(Problem(radio.name, "two radios", "names that are used once"))
         seen.add(radio.name)
-        faults += _faults_of(radio, city)
+        problems += _faults_of(radio, city)
     if not 0.0 < surroundings.horizon_m < math.inf:
-        faults.append(Problem("horizon_m", repr(surroundings.horizon_m), "a positive number of metres"))
+        problems.append(Problem("horizon_m", repr(surroundings.horizon_m), "a positive number of metres"))
     if not 0.0 <= surroundings.city_busy < 1.0:
-        faults.append(Problem("city_busy", repr(surroundings.city_busy), "a share of time, 0 to less than 1"))
+        problems.append(Problem("city_busy", repr(surroundings.city_busy), "a share of time, 0 to less than 1"))
     if not -200.0 < surroundings.city_dbm < 60.0:
-        faults.append(Problem("city_dbm", repr(surroundings.city_dbm), "a power in dBm, -200 to 60"))
+        problems.append(Problem("city_dbm", repr(surroundings.city_dbm), "a power in dBm, -200 to 60"))
     sense = surroundings.carrier_sense_dbm
     if sense is not None and not -200.0 < sense < 60.0:
-        faults.append(Problem("carrier_sense_dbm", repr(sense), "a power in dBm, -200 to 60, or None"))
-    if faults:
-        raise InputError("radio", faults)
+        problems.append(Problem("carrier_sense_dbm", repr(sense), "a power in dBm, -200 to 60, or None"))
+    if problems:
+        raise InputError("radio", problems)
 
 
 def _faults_of(radio: RadioSpec, city: City | None) -> Iterator[Problem]:

@@ -12,11 +12,11 @@ def check_rates(truth_hz: float, sensors_hz: float, features_hz: float) -> None:
     """Raise `InputError` for a rate outside 0 to 1000 Hz; features cannot be left out by a rate of 0."""
     rates = {"record.truth_hz": truth_hz, "record.sensors_hz": sensors_hz}
     expected = "a rate in Hz from 0 (not recorded) to 1000"
-    faults = [Problem(where, repr(rate), expected) for where, rate in rates.items() if not 0 <= rate <= 1000]
+    problems = [Problem(where, repr(rate), expected) for where, rate in rates.items() if not 0 <= rate <= 1000]
     if not 0 < features_hz <= 1000:
-        faults.append(Problem("record.features_hz", repr(features_hz), "a rate in Hz above 0, up to 1000"))
-    if faults:
-        raise InputError("recorder", faults)
+        problems.append(Problem("record.features_hz", repr(features_hz), "a rate in Hz above 0, up to 1000"))
+    if problems:
+        raise InputError("recorder", problems)
 
 
 def common_period_ns(truth_ns: Time, sensors_ns: Time) -> Time:

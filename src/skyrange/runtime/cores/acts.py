@@ -64,14 +64,14 @@ def keep_own_acts(wiring: Wiring, divisible: Container[str]) -> Wiring:
 
 def _is_divisible(plan: Act, taps: Sequence[TapPlacement]) -> bool:
     alone = plan.trigger is None and not plan.one_process and not plan.is_defence
-    return alone and not plan.faults and not plan.body_faults and all(tap.side != ORACLE for tap in taps)
+    return alone and not plan.sensor_hooks and not plan.body_hooks and all(tap.side != ORACLE for tap in taps)
 
 
 def _list_vehicles(plan: Act) -> Iterator[str]:
     """The vehicles that an attack has to do with beside its taps."""
-    for fault in plan.faults:
+    for fault in plan.sensor_hooks:
         yield from fault.vehicles
-    for body_fault in plan.body_faults:
+    for body_fault in plan.body_hooks:
         yield from body_fault.vehicles
     if plan.trigger is not None:
         yield from plan.trigger.vehicles

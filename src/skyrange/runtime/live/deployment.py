@@ -92,14 +92,14 @@ def assign_components(
     parts = {end: component_of(end) for end in ends}
     components = sorted({WORLD, *parts.values()})
     movable = [part for part in components if part != WORLD]
-    faults = [
+    problems = [
         Problem("external", name, "a component", nearest(name, movable)) for name in outside if name not in movable
     ]
     where, wrong = _placed(components, hosts or {})
     if group == "one" and len(set(where.values())) > 1:
-        faults.append(Problem("group", "one", "as many processes as hosts at least", "Choose --group host."))
-    if faults or wrong:
-        raise InputError("live", [*faults, *wrong])
+        problems.append(Problem("group", "one", "as many processes as hosts at least", "Choose --group host."))
+    if problems or wrong:
+        raise InputError("live", [*problems, *wrong])
     kind = group or usual_group(len(components))
     dealt: dict[tuple[str, str], set[str]] = {(WORLD, where[WORLD]): {ORACLE}}
     for end in ends:
@@ -120,11 +120,11 @@ def component_of(endpoint: str) -> str:
 
 def _placed(components: Sequence[str], hosts: Mapping[str, str]) -> tuple[dict[str, str], list[Problem]]:
     """The address of each component, and what is wrong with `hosts`."""
-    faults = []
+    problems = []
     base = LOOPBACK
     for pattern, address in hosts.items():
         if not any(fnmatchcase(part, pattern) for part in components):
-            faults.append(Problem("hosts", pattern, "a component of the scenario", nearest(pattern, components)))
+            problems.append(Problem("hosts", pattern, "a component of the scenario", nearest(pattern, components)))
         if fnmatchcase(WORLD, pattern):
             base = address
     where = {}
@@ -133,8 +133,8 @@ def _placed(components: Sequence[str], hosts: Mapping[str, str]) -> tuple[dict[s
         where[part] = fitting[-1] if fitting else base
     if ip_address(base).is_loopback and not all(ip_address(one).is_loopback for one in where.values()):
         hint = 'Say at which address the others reach this machine: hosts.world = "ADDRESS".'
-        faults.append(Problem("hosts.world", base, "an address that other machines reach", hint))
-    return where, faults
+        problems.append(Problem("hosts.world", base, "an address that other machines reach", hint))
+    return where, problems
 
 
 def _node_of(component: str, group: Group, where: Mapping[str, str]) -> str:

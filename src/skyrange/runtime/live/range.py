@@ -207,7 +207,7 @@ def _check_shared_state(built: BuiltScenario, planned: Deployment) -> None:
         if not plan.one_process:
             continue
         homes = {planned.home(end) or end for end in _tapped_ends(built, plan)}
-        if not plan.is_defence or plan.agents or plan.faults:
+        if not plan.is_defence or plan.agents or plan.sensor_hooks:
             homes.add(world)
         if len(homes) > 1:
             away = ", ".join(sorted(homes - {world}))

@@ -135,19 +135,19 @@ class ServiceConfig(_Table):
 
     @model_validator(mode="after")
     def _has_its_role(self) -> ServiceConfig:
-        faults = [
+        problems = [
             Problem(role, "a table", f"no table, because the role is {self.role!r}")
             for role in ("uss", "dss", "authorization", "authority")
             if role != self.role and getattr(self, role) is not None
         ]
         if getattr(self, self.role) is None:
-            faults.append(Problem(self.role, "none", f"a table, because the role is {self.role!r}"))
+            problems.append(Problem(self.role, "none", f"a table, because the role is {self.role!r}"))
         if self.role in ("uss", "dss") and self.tokens is None:
-            faults.append(Problem("tokens", "none", "a table with the keys of an authorization service"))
+            problems.append(Problem("tokens", "none", "a table with the keys of an authorization service"))
         if self.role == "uss" and self.tokens is not None and self.tokens.url is None:
-            faults.append(Problem("tokens.url", "none", "the token endpoint where the USS gets its own tokens"))
-        if faults:
-            raise refuse(*faults)
+            problems.append(Problem("tokens.url", "none", "the token endpoint where the USS gets its own tokens"))
+        if problems:
+            raise refuse(*problems)
         return self
 
     @property

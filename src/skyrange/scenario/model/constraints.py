@@ -33,11 +33,11 @@ class ConstraintTable(Model):
 
     @model_validator(mode="after")
     def _has_a_volume(self) -> ConstraintTable:
-        faults = []
+        problems = []
         if not self.lower_m < self.upper_m:
-            faults.append(Problem("upper_m", str(self.upper_m), f"more than lower_m, {self.lower_m}"))
+            problems.append(Problem("upper_m", str(self.upper_m), f"more than lower_m, {self.lower_m}"))
         if not self.start_s < self.end_s:
-            faults.append(Problem("end_s", str(self.end_s), f"more than start_s, {self.start_s}"))
-        if faults:
-            raise refuse(*faults)
+            problems.append(Problem("end_s", str(self.end_s), f"more than start_s, {self.start_s}"))
+        if problems:
+            raise refuse(*problems)
         return self

@@ -183,17 +183,17 @@ class Fleet(Model):
     @model_validator(mode="after")
     def _within_bounds(self) -> Fleet:
         refuse_anchored(self)
-        faults = []
+        problems = []
         last_s = self.depart_s + self.every_s * (self.count - 1)
         if last_s > LATEST_S:
             found = f"the last aircraft departs at {last_s:g} s"
-            faults.append(Problem("every_s", found, f"at most {LATEST_S} s", "Reduce every_s or count."))
+            problems.append(Problem("every_s", found, f"at most {LATEST_S} s", "Reduce every_s or count."))
         far_m = max(max(abs(start.east_m), abs(start.north_m)) for start in self.starts())
         if far_m > REACH_M:
             found = f"the farthest aircraft starts {far_m:g} m from the origin"
-            faults.append(Problem("spacing_m", found, f"at most {REACH_M} m", "Reduce spacing_m or count."))
-        if faults:
-            raise refuse(*faults)
+            problems.append(Problem("spacing_m", found, f"at most {REACH_M} m", "Reduce spacing_m or count."))
+        if problems:
+            raise refuse(*problems)
         return self
 
     def starts(self) -> list[Start]:

@@ -41,18 +41,20 @@ class Path(Model):
 
     @model_validator(mode="after")
     def _above_ground(self) -> Path:
-        faults = []
+        problems = []
         for index, point in enumerate(self.points):
             if len(point) == 3 and not 0 < point[2] <= 10_000:
-                faults.append(Problem(f"points.{index}", repr(list(point)), "an up_m more than 0 and at most 10000 m"))
+                problems.append(
+                    Problem(f"points.{index}", repr(list(point)), "an up_m more than 0 and at most 10000 m")
+                )
             elif len(point) == 2 and self.alt_m is None:
-                faults.append(
+                problems.append(
                     Problem(
                         f"points.{index}", repr(list(point)), "[east_m, north_m, up_m]", "Or set alt_m of the path."
                     )
                 )
-        if faults:
-            raise refuse(*faults)
+        if problems:
+            raise refuse(*problems)
         return self
 
     @property
@@ -199,20 +201,20 @@ class Plan(Model):
             if self.end is None:
                 object.__setattr__(self, "end", "rtl" if self.path is not None else "land")
             return self
-        faults = []
+        problems = []
         if self.mode != "auto":
-            faults.append(Problem("mode", self.mode, "auto, because the autopilot flies a mission file"))
+            problems.append(Problem("mode", self.mode, "auto, because the autopilot flies a mission file"))
         if self.end is not None:
-            faults.append(Problem("end", self.end, "no end, because the mission file sets it"))
+            problems.append(Problem("end", self.end, "no end, because the mission file sets it"))
         if self.speed_mps is not None:
             hint = "To change the speed, set the autopilot parameter WPNAV_SPEED, in cm/s."
-            faults.append(
+            problems.append(
                 Problem("speed_mps", repr(self.speed_mps), "no speed, because the mission file sets it", hint)
             )
         if not self.file.lower().endswith(FILE_SUFFIXES):
-            faults.append(Problem("file", self.file, f"a name that ends in {' or '.join(FILE_SUFFIXES)}"))
-        if faults:
-            raise refuse(*faults)
+            problems.append(Problem("file", self.file, f"a name that ends in {' or '.join(FILE_SUFFIXES)}"))
+        if problems:
+            raise refuse(*problems)
         if self.anchor is None:
             object.__setattr__(self, "anchor", "file")
         return self

@@ -349,9 +349,9 @@ class Scenario(Model):
     @model_validator(mode="after")
     def _as_a_whole(self) -> Scenario:
         object.__setattr__(self, "operators", name_operators(self.operators))
-        faults = cross_check(self)
-        if faults:
-            raise refuse(*faults)
+        problems = cross_check(self)
+        if problems:
+            raise refuse(*problems)
         for kind in sorted({operator.approval for operator in self.operators} - self.approvals.keys()):
             checked(ApprovalPlugin.find(kind), {}, f"approvals.{kind}")  # a kind may have required parameters
         return self

@@ -26,34 +26,34 @@ def cross_check(scenario: Any) -> list[Problem]:
 
     In a table, only the checks run that do not depend on validated values.
     """
-    faults: list[Problem] = []
+    problems: list[Problem] = []
     operators = _list(scenario, "operators")
     if operators is not None:
         if not operators:
-            faults.append(Problem("operators", "none", "at least one operator", "Add a table [[operators]]."))
-        faults += _twice("operators", operators, "id", "an id that no other operator has")
+            problems.append(Problem("operators", "none", "at least one operator", "Add a table [[operators]]."))
+        problems += _twice("operators", operators, "id", "an id that no other operator has")
         for index, operator in enumerate(operators):
-            faults += _fleet_faults(f"operators.{index}", operator)
+            problems += _find_fleet_problems(f"operators.{index}", operator)
     attacks = _list(scenario, "attacks") or ()
-    faults += _twice("attacks", attacks, "id", "an id that no other attack has")
-    faults += _fault_ids(attacks, _list(scenario, "faults") or ())
+    problems += _twice("attacks", attacks, "id", "an id that no other attack has")
+    problems += _find_shared_ids(attacks, _list(scenario, "faults") or ())
     constraints = _list(scenario, "constraints") or ()
-    faults += _twice("constraints", constraints, "id", "an id that no other constraint has")
+    problems += _twice("constraints", constraints, "id", "an id that no other constraint has")
     detectors = _list(scenario, "detectors") or ()
-    faults += _twice("detectors", detectors, "id", "an id that no other detector has")
-    faults += _defence_ids(scenario, detectors)
+    problems += _twice("detectors", detectors, "id", "an id that no other detector has")
+    problems += _defence_ids(scenario, detectors)
     if not isinstance(scenario, Mapping):
-        faults += _rule_faults(scenario)
-        faults += _processing_faults(scenario)
-        faults += _authentication_faults(scenario)
-        faults += _signing_faults(scenario)
+        problems += _find_rule_problems(scenario)
+        problems += _find_processing_problems(scenario)
+        problems += _find_authentication_problems(scenario)
+        problems += _find_signing_problems(scenario)
         vehicles = [vehicle_id(o.id, v.id) for o, v in scenario.fleet]
-        faults += check_act_vehicles("attacks", scenario.attacks, vehicles)
-        faults += check_act_vehicles("faults", scenario.faults, vehicles)
-    return faults
+        problems += check_act_vehicles("attacks", scenario.attacks, vehicles)
+        problems += check_act_vehicles("faults", scenario.faults, vehicles)
+    return problems
 
 
-def _fault_ids(attacks: Sequence[Any], declared: Sequence[Any]) -> Iterator[Problem]:
+def _find_shared_ids(attacks: Sequence[Any], declared: Sequence[Any]) -> Iterator[Problem]:
     """Ids of benign faults that another fault or an attack has."""
     yield from _twice("faults", declared, "id", "an id that no other fault has")
     taken = [_get(attack, "id") for attack in attacks]
@@ -78,7 +78,7 @@ def _defence_ids(scenario: Any, detectors: Sequence[Any]) -> Iterator[Problem]:
                 yield Problem(f"defences.{index}.id", id_, expected, f"{where}.{taken.index(id_)} already has it.")
 
 
-def _fleet_faults(where: str, operator: Any) -> Iterator[Problem]:
+def _find_fleet_problems(where: str, operator: Any) -> Iterator[Problem]:
     here = f"{where}.vehicles"
     if isinstance(operator, (Mapping, Operator)) and all(
         _get(operator, key) in _NONE for key in ("vehicles", "fleets")
@@ -123,7 +123,7 @@ def _addressed_twice(where: str, vehicles: Sequence[Any]) -> Iterator[Problem]:
             )
 
 
-def _rule_faults(scenario: Any) -> Iterator[Problem]:
+def _find_rule_problems(scenario: Any) -> Iterator[Problem]:
     names = link_names(scenario.operators, scenario.radio is not None)
     for index, rule in enumerate(scenario.links):
         if not any(fnmatchcase(name, rule.match) for name in names):
@@ -133,7 +133,7 @@ def _rule_faults(scenario: Any) -> Iterator[Problem]:
             )
 
 
-def _processing_faults(scenario: Any) -> Iterator[Problem]:
+def _find_processing_problems(scenario: Any) -> Iterator[Problem]:
     """Tables that match no endpoint, and endpoints that two tables match."""
     names = list(endpoint_names(scenario.operators)) if scenario.processing else []
     taken: dict[str, int] = {}
@@ -155,7 +155,7 @@ _LAST_SIGNING = datetime(2154, 1, 1, tzinfo=UTC)
 """Times in signatures count seconds from 2019 in 32 bits; endorsements begin an hour before the run."""
 
 
-def _authentication_faults(scenario: Any) -> Iterator[Problem]:
+def _find_authentication_problems(scenario: Any) -> Iterator[Problem]:
     """Aircraft that sign or verify Remote ID without a radio medium, or at a time that signatures cannot have."""
     needs = False
     for row, operator in enumerate(scenario.operators):
@@ -188,7 +188,7 @@ _FIRST_TIMESTAMP = datetime(2015, 1, 1, tzinfo=UTC)
 """Timestamps of MAVLink signatures count from here (https://mavlink.io/en/guide/message_signing.html)."""
 
 
-def _signing_faults(scenario: Any) -> Iterator[Problem]:
+def _find_signing_problems(scenario: Any) -> Iterator[Problem]:
     """A problem for MAVLink signatures at a time before their first timestamp, where all would have the same."""
     signs = any(operator.signing != "off" for operator in scenario.operators)
     signs |= any(table.kind == "mavlink.signing" for table in scenario.defences)

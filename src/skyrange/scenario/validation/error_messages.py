@@ -59,31 +59,31 @@ def explain_errors(
 def _explain(
     details: Sequence[ErrorDetails], model: type[BaseModel], data: Any, between: Between | None
 ) -> list[Problem]:
-    faults = []
+    problems = []
     renamed: set[Loc] = set()
     for detail in details:
         if detail["type"] == "extra_forbidden":
             found, instead = _unknown_key(detail, model, data)
-            faults.append(found)
+            problems.append(found)
             if instead:
                 renamed.add((*detail["loc"][:-1], instead))
     if between is not None and not any(d["type"] == "skyrange" and not d["loc"] for d in details):
-        faults += [Problem(spell_path(_path(fault.where), data), *_rest(fault)) for fault in between(data)]
+        problems += [Problem(spell_path(_path(fault.where), data), *_rest(fault)) for fault in between(data)]
     for detail in details:
         if detail["type"] == "skyrange":
-            faults += [
+            problems += [
                 Problem(
                     spell_path((*_trim(detail["loc"], model), *_path(fault.where)), data) or "scenario", *_rest(fault)
                 )
-                for fault in detail["ctx"]["faults"]
+                for fault in detail["ctx"]["problems"]
             ]
         elif detail["type"] == "missing" and detail["loc"] in renamed:
             continue
         elif detail["type"] == "too_short" and any(_below(other["loc"], detail["loc"]) for other in details):
             continue  # pydantic counts only the valid elements
         elif detail["type"] != "extra_forbidden":
-            faults.append(_fault(detail, model, data))
-    return list(dict.fromkeys(faults))
+            problems.append(_fault(detail, model, data))
+    return list(dict.fromkeys(problems))
 
 
 def spell_path(loc: Loc, data: Any) -> str:

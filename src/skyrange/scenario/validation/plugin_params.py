@@ -32,8 +32,8 @@ def params_of(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "
     except ValidationError as error:
         prefix = f"{where}." if where else ""
         found = explain_errors(error, plugin.params, given)
-        faults = [Problem(f"{prefix}{f.where}", f.value, f.expected, f.hint) for f in found]
-        raise InputError("scenario", faults) from None
+        problems = [Problem(f"{prefix}{f.where}", f.value, f.expected, f.hint) for f in found]
+        raise InputError("scenario", problems) from None
 
 
 def checked(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "") -> Params:

@@ -65,11 +65,11 @@ def select_receivers(record: RunRecord, names: Iterable[str]) -> list[str]:
     """`names` without duplicates, or all receivers if empty; `InputError` for a name that is not a receiver."""
     known = receivers_of(record)
     wanted = list(dict.fromkeys(names)) or known
-    faults = [
+    problems = [
         Problem("receiver", name, "a receiver of the run", nearest(name, known)) for name in wanted if name not in known
     ]
-    if faults:
-        raise InputError(str(record.path), faults)
+    if problems:
+        raise InputError(str(record.path), problems)
     return wanted
 
 

@@ -56,23 +56,23 @@ class MapLayout:
     def check(self) -> None:
         """Raise one `InputError` with everything that is wrong."""
         west, south, east, north = self.area
-        faults = []
+        problems = []
         if not (all(map(math.isfinite, self.area)) and west < east and south < north):
-            faults.append(Problem("area", repr(list(self.area)), "[west, south, east, north] in metres"))
+            problems.append(Problem("area", repr(list(self.area)), "[west, south, east, north] in metres"))
         for name, value in (("spacing", self.spacing_m), ("transmitter spacing", self.transmitter_spacing_m)):
             if not 1.0 <= value <= 10_000.0:
-                faults.append(Problem(name, f"{value:g}", "1 to 10000 m"))
+                problems.append(Problem(name, f"{value:g}", "1 to 10000 m"))
         for name, heights in (("heights", self.heights_m), ("transmitter heights", self.transmitter_heights_m)):
             rising = all(low < high for low, high in pairwise(heights))
             if not rising or not all(0.5 <= height <= 1_000.0 for height in heights):
-                faults.append(Problem(name, repr(list(heights)), "ascending heights from 0.5 to 1000 m"))
+                problems.append(Problem(name, repr(list(heights)), "ascending heights from 0.5 to 1000 m"))
         if not 1 <= len(self.heights_m) <= 20:
-            faults.append(Problem("heights", f"{len(self.heights_m)} heights", "1 to 20 of them"))
-        if not faults and math.prod(self.grid.shape) > MAX_RECEIVERS:
+            problems.append(Problem("heights", f"{len(self.heights_m)} heights", "1 to 20 of them"))
+        if not problems and math.prod(self.grid.shape) > MAX_RECEIVERS:
             hint = "Take a wider spacing, fewer heights or a smaller area."
-            faults.append(Problem("receivers", f"{math.prod(self.grid.shape):,}", f"at most {MAX_RECEIVERS:,}", hint))
-        if faults:
-            raise InputError("radio map", faults)
+            problems.append(Problem("receivers", f"{math.prod(self.grid.shape):,}", f"at most {MAX_RECEIVERS:,}", hint))
+        if problems:
+            raise InputError("radio map", problems)
 
 
 def transmitter_places(

@@ -127,8 +127,8 @@ class AttackCase:
         wiring = build(self.scenario).wiring
         attack, schedule = self.made(sham)
         plan = Act(
-            ID, self.start_ns, self.stop_ns, muted, sham, attack.agents, attack.faults, schedule=schedule,
-            role="fault" if isinstance(self.kind, FaultPlugin) else "attack", body_faults=attack.body_faults,
+            ID, self.start_ns, self.stop_ns, muted, sham, attack.agents, attack.sensor_hooks, schedule=schedule,
+            role="fault" if isinstance(self.kind, FaultPlugin) else "attack", body_hooks=attack.body_hooks,
         )  # fmt: skip
         taps = [replace(tap, attack=ID) for tap in attack.taps]
         wiring = replace(wiring, links=[*wiring.links, *attack.links], taps=taps, acts=[plan])
@@ -299,7 +299,7 @@ def _makes(case: AttackCase) -> None:
 def _named(case: AttackCase) -> None:
     attack, _ = case.made()
     names = [agent.name for agent in attack.agents]
-    names += [fault.name for faults in (attack.faults, attack.body_faults) for fault in faults]
+    names += [fault.name for faults in (attack.sensor_hooks, attack.body_hooks) for fault in faults]
     names += [spec.name.partition(":")[2] for spec in attack.links]
     for name in names:
         need(name == ID or name.startswith(f"{ID}."), f"is called {name!r}", f"{ID!r} or {ID + '.'!r} and more")
@@ -307,7 +307,7 @@ def _named(case: AttackCase) -> None:
 
 @ATTACK.rule("forces", "Acts on no bodies: it has no body faults, which nature has.")
 def _forces(case: AttackCase) -> None:
-    need(not case.made()[0].body_faults, "has body faults", "agents, taps, sensor faults, links and radios")
+    need(not case.made()[0].body_hooks, "has body faults", "agents, taps, sensor faults, links and radios")
 
 
 @ATTACK.rule("muted", "Muted, leaves every frame, note and truth as without it, but on links of its own.")
@@ -376,7 +376,7 @@ def _sham(case: AttackCase) -> None:
 def _silent(case: AttackCase) -> None:
     assert isinstance(case.kind, AttackPlugin)
     attack, _ = case.made()
-    if case.kind.counterfactual != "mute" or not attack.faults or attack.taps or attack.agents or attack.radios:
+    if case.kind.counterfactual != "mute" or not attack.sensor_hooks or attack.taps or attack.agents or attack.radios:
         return
     without, sham = case.nominal, case.fly(sham=True)
     expected = "a run that is the same to the byte"

@@ -136,19 +136,19 @@ def _values(
         found = resolve_parameter(name, value, listed) or resolve_parameter(_OLD.get(name, name), value, listed)
         if found is not None:  # versions differ in what they simulate
             values[found[0]] = found[1]
-    faults = []
+    problems = []
     for name, value in given.items():
         found = resolve_parameter(name, value, listed)
         if found is None:
-            faults.append(Problem(name, f"{value:g}", "a parameter that this firmware lists", nearest(name, listed)))
+            problems.append(Problem(name, f"{value:g}", "a parameter that this firmware lists", nearest(name, listed)))
         elif found[0] in RESERVED_PARAMETERS:
-            faults.append(Problem(name, f"{value:g}", "a parameter that the range does not set itself"))
+            problems.append(Problem(name, f"{value:g}", "a parameter that the range does not set itself"))
         elif not math.isfinite(value):
-            faults.append(Problem(name, f"{value}", "a finite number"))
+            problems.append(Problem(name, f"{value}", "a finite number"))
         else:
             values[found[0]] = found[1]
-    if faults:
-        raise InputError(f"params of {who}", faults)
+    if problems:
+        raise InputError(f"params of {who}", problems)
     return values
 
 

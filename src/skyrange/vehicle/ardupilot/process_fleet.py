@@ -157,16 +157,16 @@ class ProcessFleet(EngineBase, ABC):
 
     def _check(self) -> None:
         """Raise `InputError` with every parameter of every aircraft that is wrong, or that the firmware refuses."""
-        faults = []
+        problems = []
         for spec in self._specs:
             try:
                 text = parameters.defaults_text(self._values(spec, 0))
                 found = [*self._refused(spec, text)] if spec.params else []
             except InputError as error:
                 found = list(error.problems)
-            faults += [Problem(f"{spec.vehicle}.params.{f.where}", f.value, f.expected, f.hint) for f in found]
-        if faults:
-            raise InputError(f"autopilot {self.name}", faults)
+            problems += [Problem(f"{spec.vehicle}.params.{f.where}", f.value, f.expected, f.hint) for f in found]
+        if problems:
+            raise InputError(f"autopilot {self.name}", problems)
 
     def _refused(self, spec: VehicleSpec, text: str) -> Iterator[Problem]:
         reported = list_parameters(self.binary.path, self.binary.sha256, text)

@@ -40,21 +40,21 @@ class Options(Params):
 
     @model_validator(mode="after")
     def _check_addresses(self) -> Options:
-        faults: list[Problem] = []
+        problems: list[Problem] = []
         held: dict[Address, str] = {}
         for vehicle, text in self.connect.items():
             try:
                 address = Address.of(text, f"connect.{vehicle}")
             except InputError as error:
-                faults += error.problems
+                problems += error.problems
                 continue
             other = held.setdefault(address, vehicle)
             if other != vehicle:
-                faults.append(
+                problems.append(
                     Problem(f"connect.{vehicle}", text, f"an address that no other vehicle has; {other} already has it")
                 )
-        if faults:
-            raise refuse(*faults)
+        if problems:
+            raise refuse(*problems)
         return self
 
     def addresses(self, vehicles: Sequence[str]) -> list[Address]:
@@ -62,12 +62,12 @@ class Options(Params):
         ones.
         """
         known = "autopilots.options.external.connect"
-        faults = [
+        problems = [
             Problem(f"{known}.{name}", text, "an external vehicle of the scenario", nearest(name, vehicles))
             for name, text in self.connect.items()
             if name not in vehicles
         ]
-        faults += [
+        problems += [
             Problem(
                 known,
                 f"no address for {vehicle}",
@@ -77,6 +77,6 @@ class Options(Params):
             for vehicle in vehicles
             if vehicle not in self.connect
         ]
-        if faults:
-            raise InputError("external vehicles", faults)
+        if problems:
+            raise InputError("external vehicles", problems)
         return [Address.of(self.connect[vehicle]) for vehicle in vehicles]

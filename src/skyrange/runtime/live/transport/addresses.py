@@ -64,18 +64,20 @@ def crossings(links: Sequence[LinkSpec], planned: Deployment, offset: int = 0) -
         name = spec.name.partition(":")[0]
         places[spec.name] = numbered.get(name, 0)
         numbered[name] = places[spec.name] + 1
-    found, faults = [], []
+    found, problems = [], []
     for spec in planned.crossing(links):
         kind = KINDS[spec.name.partition(":")[0]]
         port = kind.port + STEP * places[spec.name] + offset
         listener = next(end for end in (spec.a, spec.b) if end.rpartition(".")[2] == kind.listens)
         if not 1 <= port <= 65_535:
-            faults.append(Problem(spec.name, f"port {port}", "a port from 1 to 65535", "Choose another --port-offset."))
+            problems.append(
+                Problem(spec.name, f"port {port}", "a port from 1 to 65535", "Choose another --port-offset.")
+            )
         hosts = {planned.host(spec.a), planned.host(spec.b)}
         host = planned.host(listener) if len(hosts) > 1 else LOOPBACK
         found.append(Crossing(LinkEnds(spec.name, spec.a, spec.b), kind.transport, listener, (host, port)))
-    if faults:
-        raise InputError("live", faults)
+    if problems:
+        raise InputError("live", problems)
     return found
 
 
@@ -99,7 +101,7 @@ def check_own_addresses(base: str) -> None:
 
 def check_free(places: Sequence[Crossing]) -> None:
     """Raise `InputError` with every address that is in use, is not this machine's, or belongs to two links."""
-    faults = []
+    problems = []
     held: dict[tuple[str, tuple[str, int]], str] = {}
     for one in places:
         family = "udp" if one.transport == "udp" else "tcp"
@@ -107,7 +109,7 @@ def check_free(places: Sequence[Crossing]) -> None:
         where = f"{one.link.name} at {one.address[0]}:{one.address[1]}/{family}"
         hint = "Move all ports with --port-offset, or end what uses it."
         if other != one.link.name:
-            faults.append(Problem(where, f"taken by {other}", "an address of its own", hint))
+            problems.append(Problem(where, f"taken by {other}", "an address of its own", hint))
             continue
         kind = socket.SOCK_DGRAM if family == "udp" else socket.SOCK_STREAM
         with socket.socket(socket.AF_INET6 if ":" in one.address[0] else socket.AF_INET, kind) as tried:
@@ -118,6 +120,6 @@ def check_free(places: Sequence[Crossing]) -> None:
             except OSError as error:
                 if error.errno == errno.EADDRNOTAVAIL:
                     hint = "Start the range on the machine that hosts.world names."
-                faults.append(Problem(where, error.strerror or str(error), "an address that is free", hint))
-    if faults:
-        raise InputError("live", faults)
+                problems.append(Problem(where, error.strerror or str(error), "an address that is free", hint))
+    if problems:
+        raise InputError("live", problems)

@@ -12,12 +12,12 @@ from collections.abc import Container, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.components import BodyFault, Disturbances, World
+from skyrange.contracts.components import BodyHook, Disturbances, World
 from skyrange.core.errors import InputError, Problem, attribute_error
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
 from skyrange.kernel.acts.act_states import ActState, takes_effect
-from skyrange.kernel.acts.fault_acts import ActCounter, check_faults
+from skyrange.kernel.acts.hook_acts import ActCounter, check_faults
 
 
 class BodyFaultInjector:
@@ -29,7 +29,7 @@ class BodyFaultInjector:
         Raises `InputError` for a body fault of an attack, a name used twice, or a vehicle that the world does not have
         or does not move.
         """
-        owned = [(attack, fault) for attack in attacks for fault in attack.plan.body_faults]
+        owned = [(attack, fault) for attack in attacks for fault in attack.plan.body_hooks]
         owned.sort(key=lambda pair: (pair[0].id, pair[1].name))
         vehicles = list(world.vehicles) if world is not None else []
         check_faults("body fault", owned, vehicles)
@@ -53,7 +53,7 @@ class BodyFaultInjector:
         """Whether none acts at `now`, and the world is undisturbed."""
         return not self._told and not any(takes_effect(attack, now) for attack, _, _ in self._owned)
 
-    def apply(self, now: Time, world: World) -> list[tuple[ActState, BodyFault, FrameId]]:
+    def apply(self, now: Time, world: World) -> list[tuple[ActState, BodyHook, FrameId]]:
         """Ask every body fault that acts, and disturb the world by what they write; returns each act with its own
         id.
         """
@@ -105,9 +105,9 @@ def _run_of(places: list[int]) -> slice | NDArray[np.int64]:
     return np.array(places, dtype=np.int64)
 
 
-def _check_bodies(owned: Sequence[tuple[ActState, BodyFault]], imposed: Container[str]) -> None:
+def _check_bodies(owned: Sequence[tuple[ActState, BodyHook]], imposed: Container[str]) -> None:
     problems = [
-        Problem(f"{attack.id}.body_faults", repr(fault.name), "none: only a benign fault acts on bodies")
+        Problem(f"{attack.id}.body_hooks", repr(fault.name), "none: only a benign fault acts on bodies")
         for attack, fault in owned
         if not attack.plan.is_fault
     ]

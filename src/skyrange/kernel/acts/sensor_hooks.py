@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.components import READINGS_NS, Floats, ReceivedSensors, SensorFault, Sensors, World
+from skyrange.contracts.components import READINGS_NS, Floats, ReceivedSensors, SensorHook, Sensors, World
 from skyrange.core.arrays import as_read_only
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel.acts.act_states import ActState, note_withheld, takes_effect
-from skyrange.kernel.acts.fault_acts import ActCounter, check_faults
+from skyrange.kernel.acts.hook_acts import ActCounter, check_faults
 
 _ARRAYS = tuple(field.name for field in fields(Sensors))
 _arrays_of = attrgetter(*_ARRAYS)
@@ -41,7 +41,7 @@ class SensorFaultInjector:
 
     def __init__(self, attacks: Sequence[ActState], world: World | None) -> None:
         """Raises `InputError` for a vehicle that the world does not have, or a name used twice."""
-        owned = [(attack, fault) for attack in attacks for fault in attack.plan.faults]
+        owned = [(attack, fault) for attack in attacks for fault in attack.plan.sensor_hooks]
         owned.sort(key=_order_of)
         vehicles = list(world.vehicles) if world is not None else []
         check_faults("sensor fault", owned, vehicles)
@@ -56,7 +56,7 @@ class SensorFaultInjector:
         self._place[self._rows] = np.arange(len(altered))
         if altered and altered[-1] - altered[0] + 1 == len(altered):
             self._rows = slice(altered[0], altered[-1] + 1)
-        self._owned: list[tuple[ActState, SensorFault, NDArray[np.int64] | None]] = []
+        self._owned: list[tuple[ActState, SensorHook, NDArray[np.int64] | None]] = []
         """With the places of its vehicles among the altered ones; `None` if these are all of them, in order."""
         for attack, fault in owned:
             places = self._place[np.array([vehicles.index(v) for v in fault.vehicles], dtype=np.int64)]
@@ -75,7 +75,7 @@ class SensorFaultInjector:
             self._integrals = _Integrals(len(altered))
         self._slots: list[_Slot] = []
 
-    def apply(self, now: Time, world: World) -> list[tuple[ActState, SensorFault, FrameId | Alert]]:
+    def apply(self, now: Time, world: World) -> list[tuple[ActState, SensorHook, FrameId | Alert]]:
         """Apply every sensor fault to this tick's readings; returns each act that takes effect, by an id of its own.
 
         Alerts are among them. The order of the checks of defences is that of their plans.
@@ -85,7 +85,7 @@ class SensorFaultInjector:
             return []
         sensors = world.sensors(self._rows)
         table = self._readings.fill(sensors)
-        found: list[tuple[ActState, SensorFault, FrameId | Alert]] = []
+        found: list[tuple[ActState, SensorHook, FrameId | Alert]] = []
         acted = False
         for place, (attack, fault, places) in enumerate(self._owned):
             if place == self._first_check and self._integrals is not None:
@@ -277,7 +277,7 @@ class _Slot(NamedTuple):
     """Whether the engine's vehicles are all that is altered, and nothing else is."""
 
 
-def _order_of(owned: tuple[ActState, SensorFault]) -> tuple[bool, str, str]:
+def _order_of(owned: tuple[ActState, SensorHook]) -> tuple[bool, str, str]:
     """By attack and name; those of defences last, as they were given."""
     attack, fault = owned
     return (True, "", "") if attack.plan.is_defence else (False, attack.id, fault.name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from skyrange.contracts.components import BodyFault, SensorFault
+from skyrange.contracts.components import BodyHook, SensorHook
 from skyrange.core.errors import ComponentError, InputError, Problem, nearest
 from skyrange.core.ids import FrameId
 from skyrange.kernel.acts.act_states import ActState
@@ -18,7 +18,7 @@ class ActCounter:
         self._sort = sort
         self._counts: dict[tuple[str, str], int] = {}
 
-    def number(self, fault: SensorFault | BodyFault, vehicle: str, part: str) -> FrameId:
+    def number(self, fault: SensorHook | BodyHook, vehicle: str, part: str) -> FrameId:
         """The id of the next act of `fault` on a part of a vehicle. Raises `ComponentError` for another's vehicle."""
         if vehicle not in fault.vehicles:
             raise ComponentError(f"{self._sort} {fault.name}", f"reports an act on {vehicle}, which is not its own")
@@ -28,7 +28,7 @@ class ActCounter:
         return FrameId(link, "fwd", fault.name, serial)
 
 
-def check_faults(sort: str, owned: Sequence[tuple[ActState, SensorFault | BodyFault]], vehicles: Sequence[str]) -> None:
+def check_faults(sort: str, owned: Sequence[tuple[ActState, SensorHook | BodyHook]], vehicles: Sequence[str]) -> None:
     """Raise `InputError` for a name used twice, a vehicle named twice, or one that is not in `vehicles`."""
     problems = []
     seen: set[str] = set()
