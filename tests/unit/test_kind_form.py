@@ -239,9 +239,24 @@ def test_a_kind_is_found_by_the_path_of_its_module() -> None:
         plugin_of(Acting)
 
 
+KIND_OF_A_PACKAGE = '''\
+"""A kind in a package of somebody else."""
+
+from skyrange.plugin import Delay, Frame, OnPath, Time, Verdicts, attack
+
+
+@attack("NAME")
+class Lag(OnPath):
+    """Delays all frames."""
+
+    def act(self, now: Time, frame: Frame) -> Verdicts:
+        return (Delay(now + 1_000_000),)
+'''
+
+
 def test_a_package_offers_its_kinds_by_one_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "acme_sky" / "deep").mkdir(parents=True)
-    text = Path(__file__).with_name("kind_of_a_package.txt").read_text()
+    text = KIND_OF_A_PACKAGE
     for place in ("__init__.py", "deep/__init__.py"):
         (tmp_path / "acme_sky" / place).write_text('"""Kinds."""\n')
     (tmp_path / "acme_sky" / "lag.py").write_text(text.replace("NAME", "acme.lag"))
