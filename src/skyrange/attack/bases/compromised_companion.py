@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar, Final, Literal
 
+from skyrange.attack.bases.compromised_sender import SenderStream, redirect_order
 from skyrange.attack.bases.mavlink_orders import NOBODY, Sender
 from skyrange.attack.bases.on_path import CopyForLink, LinkTap
-from skyrange.attack.compromised_sender import SenderStream, redirect_order
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.on_path import ends_of

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from typing import Final
 
+from skyrange.attack.bases.compromised_sender import SenderStream, command_of, redirect_order, without_signature
 from skyrange.attack.bases.leading import Leader
 from skyrange.attack.bases.mavlink_orders import NOBODY, STATION, Sender
 from skyrange.attack.bases.message_fields import read_fields, write_alteration
 from skyrange.attack.bases.on_path import CopyForLink, LinkTap
 from skyrange.attack.bases.telemetry import AUTOPILOT, exclusive_messages
-from skyrange.attack.compromised_sender import SenderStream, command_of, redirect_order, without_signature
 from skyrange.attack.contract import Aircraft, Attack, AttackContext, Controls, ThreatModel
 from skyrange.attack.declaration import attack
 from skyrange.attack.exclusive import Exclusive
