@@ -32,16 +32,20 @@ TOPICS: dict[str, dict[str, str]] = {
     },
     "skyrange.plugin": {
         "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu refuse",
-        "Kinds that act or listen": "attack fault param state",
-        "Bases of attacks and faults": "OnPath OnLinks LinkTap Composite",
-        "Attacks": """AttackPlugin AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
+        "Kinds that act or listen": "attack defence detector fault param state",
+        "Bases of attacks and faults": """OnPath OnMessages OnLinks LinkTap drop delay Injection Order mode_order
+            CopterMode copter_mode AlteredTelemetry put OnSensors AddsSignal Signal FalseFixes offset_fixes OnBodies
+            Transmission Periodic Reception Jamming Noise OnApproval Composite""",
+        "Attacks": """AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
             AirLink ClaimedTrack SensorHook SensorAct
-            Schedule Act ThreatModel Controls Exclusive""",
+            Schedule Act ThreatModel Controls on_path on_control_link adds_no_load benign_frames sham_to_nobody
+            Exclusive""",
         "Campaigns": "Adversary CampaignParams CampaignStage Knowledge Observation campaign_plugin",
-        "Defences": """DefencePlugin DefenceContext Defence PathRule PathEnd Sends Passes Signs Compares Holds
-            ExpectsOrder""",
-        "Faults": "FaultPlugin FaultContext FaultParts BodyHook BodyAct Disturbances",
-        "Detectors": """DetectorPlugin DetectorContext Monitor ObservedFrames ObservedFrame Alert MonitorPlacement
+        "Defences": """EndTap SpeakingTap FixCheck ChannelDefence DefenceContext Defence PathRule PathEnd Sends Passes
+            Signs Compares Holds ExpectsOrder""",
+        "Faults": "FaultContext FaultParts BodyHook BodyAct Disturbances",
+        "Detectors": """Detector ScoreDetector MessageDetector TelemetryDetector ReceptionDetector table
+            DetectorContext Monitor ObservedFrames ObservedFrame Alert MonitorPlacement
             read_messages read_receptions""",
         "Flight approvals": """ApprovalPlugin ApprovalContext ApprovalService ApprovalPolicy policy_plugin
             FlightApproval OperationalIntent Alternative ApprovalDecision Volume4D intent_id ApprovalRequest

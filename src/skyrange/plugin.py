@@ -11,7 +11,18 @@ from typing import TYPE_CHECKING
 from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
+    from skyrange.attack.bases.approval import OnApproval
+    from skyrange.attack.bases.fixes import FalseFixes, offset_fixes
+    from skyrange.attack.bases.frame_acts import delay, drop
+    from skyrange.attack.bases.injection import Injection
+    from skyrange.attack.bases.mavlink_orders import Order, mode_order
+    from skyrange.attack.bases.mavlink_params import CopterMode, copter_mode
+    from skyrange.attack.bases.message_fields import put
+    from skyrange.attack.bases.messages import OnMessages
     from skyrange.attack.bases.on_path import LinkTap, OnLinks, OnPath
+    from skyrange.attack.bases.sensors import AddsSignal, OnSensors, Signal
+    from skyrange.attack.bases.telemetry import AlteredTelemetry
+    from skyrange.attack.bases.transmission import Jamming, Noise, Periodic, Reception, Transmission
     from skyrange.attack.campaigns.adversary import Adversary, CampaignStage, Observation
     from skyrange.attack.campaigns.knowledge import Knowledge
     from skyrange.attack.campaigns.params import CampaignParams
@@ -21,13 +32,13 @@ if TYPE_CHECKING:
         AirLink,
         Attack,
         AttackContext,
-        AttackPlugin,
         Controls,
         ThreatModel,
         Transmitter,
     )
     from skyrange.attack.declaration import Composite, attack
     from skyrange.attack.exclusive import Exclusive
+    from skyrange.attack.presets import adds_no_load, benign_frames, on_control_link, on_path, sham_to_nobody
     from skyrange.attack.radio import Broadcaster, down_link, transmitter, up_link
     from skyrange.city.city import City
     from skyrange.codec.f3411 import BasicId, Location, MessagePack
@@ -62,7 +73,7 @@ if TYPE_CHECKING:
         WallEngine,
         World,
     )
-    from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
+    from skyrange.contracts.detectors import DetectorContext
     from skyrange.contracts.frames.blocks import FrameBlock
     from skyrange.contracts.frames.frame import Fate, Frame
     from skyrange.contracts.links import (
@@ -105,11 +116,22 @@ if TYPE_CHECKING:
     from skyrange.core.ids import FrameId, Port, endpoint, hash64, link_name, operator_of, owner_of, vehicle_id
     from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, NS_PER_US, Epoch, Time, from_seconds, to_seconds
     from skyrange.core.volumes import Volume4D
-    from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
+    from skyrange.defence.bases.channels import ChannelDefence
+    from skyrange.defence.bases.fix_checks import FixCheck
+    from skyrange.defence.bases.link_ends import EndTap, SpeakingTap
+    from skyrange.defence.contract import Defence, DefenceContext
+    from skyrange.defence.declaration import defence
     from skyrange.defence.path_rules import Compares, ExpectsOrder, Holds, Passes, PathEnd, PathRule, Sends, Signs
+    from skyrange.detect.bases.messages import MessageDetector
+    from skyrange.detect.bases.receptions import ReceptionDetector
+    from skyrange.detect.bases.scores import ScoreDetector
+    from skyrange.detect.bases.telemetry import TelemetryDetector
+    from skyrange.detect.declaration import Detector, detector
     from skyrange.detect.receptions import read_receptions
+    from skyrange.detect.streams import table
     from skyrange.detect.telemetry import read_messages
-    from skyrange.fault.contract import FaultContext, FaultParts, FaultPlugin
+    from skyrange.fault.bodies import OnBodies
+    from skyrange.fault.contract import FaultContext, FaultParts
     from skyrange.fault.declaration import fault
     from skyrange.radio.builtin.environment import RadioEnvironment
     from skyrange.radio.contract import MediumContext, MediumPlugin
@@ -153,12 +175,14 @@ __all__ = [
     "NS_PER_S",
     "NS_PER_US",
     "Act",
+    "AddsSignal",
     "Adversary",
     "Agent",
     "AirLink",
     "Aircraft",
     "Airframe",
     "Alert",
+    "AlteredTelemetry",
     "Alternative",
     "ApprovalContext",
     "ApprovalDecision",
@@ -170,7 +194,6 @@ __all__ = [
     "Arrival",
     "Attack",
     "AttackContext",
-    "AttackPlugin",
     "AutopilotContext",
     "AutopilotPlugin",
     "Avoidance",
@@ -188,6 +211,7 @@ __all__ = [
     "CampaignStage",
     "Chance",
     "Channel",
+    "ChannelDefence",
     "City",
     "ClaimedTrack",
     "Compares",
@@ -195,17 +219,18 @@ __all__ = [
     "Composite",
     "Contacts",
     "Controls",
+    "CopterMode",
     "DecodeError",
     "Defence",
     "DefenceContext",
-    "DefencePlugin",
     "Delay",
     "Departure",
+    "Detector",
     "DetectorContext",
-    "DetectorPlugin",
     "Disturbances",
     "Drop",
     "EmitterTable",
+    "EndTap",
     "Engine",
     "EngineBase",
     "Enu",
@@ -214,11 +239,12 @@ __all__ = [
     "Exclusive",
     "ExpectsOrder",
     "ExternalMedium",
+    "FalseFixes",
     "Fate",
     "FaultContext",
     "FaultParts",
-    "FaultPlugin",
     "Finished",
+    "FixCheck",
     "FlightApproval",
     "Frame",
     "FrameBlock",
@@ -227,8 +253,10 @@ __all__ = [
     "Holds",
     "Inbox",
     "Inject",
+    "Injection",
     "InputError",
     "InstanceStatus",
+    "Jamming",
     "Knowledge",
     "Label",
     "LinkSpec",
@@ -239,10 +267,12 @@ __all__ = [
     "MediumBase",
     "MediumContext",
     "MediumPlugin",
+    "MessageDetector",
     "MessagePack",
     "Monitor",
     "MonitorPlacement",
     "NoParams",
+    "Noise",
     "Note",
     "Number",
     "Observation",
@@ -250,10 +280,15 @@ __all__ = [
     "ObservedFrames",
     "Observer",
     "OnAir",
+    "OnApproval",
+    "OnBodies",
     "OnLinks",
+    "OnMessages",
     "OnPath",
+    "OnSensors",
     "OpenChannel",
     "OperationalIntent",
+    "Order",
     "Origin",
     "Outbox",
     "Own",
@@ -262,6 +297,7 @@ __all__ = [
     "Passes",
     "PathEnd",
     "PathRule",
+    "Periodic",
     "Plugin",
     "Port",
     "Poses",
@@ -270,6 +306,8 @@ __all__ = [
     "RadioEnvironment",
     "RadioSpec",
     "RadioTable",
+    "Reception",
+    "ReceptionDetector",
     "ReceptionOutcome",
     "Replace",
     "RequestOrder",
@@ -278,20 +316,25 @@ __all__ = [
     "ScanSchedule",
     "ScanStep",
     "Schedule",
+    "ScoreDetector",
     "Sends",
     "SensorAct",
     "SensorHook",
     "Sensors",
     "Sent",
+    "Signal",
     "Signs",
     "SimulatorEngine",
     "SkyrangeError",
     "Source",
+    "SpeakingTap",
     "Tap",
     "TapPlacement",
+    "TelemetryDetector",
     "ThreatModel",
     "Time",
     "Tracks",
+    "Transmission",
     "TransmissionFate",
     "Transmitter",
     "TxBatch",
@@ -305,13 +348,20 @@ __all__ = [
     "Waveform",
     "Whole",
     "World",
+    "adds_no_load",
     "attack",
+    "benign_frames",
     "campaign_plugin",
+    "copter_mode",
     "decode_approval_request",
     "decode_approval_response",
     "decode_mavlink",
     "decode_remote_id",
+    "defence",
+    "delay",
+    "detector",
     "down_link",
+    "drop",
     "encode_approval",
     "encode_remote_id",
     "endpoint",
@@ -322,17 +372,24 @@ __all__ = [
     "intent_id",
     "link_name",
     "mavlink",
+    "mode_order",
     "name_mavlink",
     "nearest",
+    "offset_fixes",
+    "on_control_link",
+    "on_path",
     "operator_of",
     "owner_of",
     "param",
     "policy_plugin",
+    "put",
     "read_messages",
     "read_receptions",
     "refuse",
     "register",
+    "sham_to_nobody",
     "state",
+    "table",
     "to_seconds",
     "transmitter",
     "up_link",

@@ -177,7 +177,7 @@ def test_broken_attacks_are_found(kind: AttackPlugin, rule: str) -> None:
 
 
 class Lag(Params):
-    """As in docs/how-to/add-an-attack.md: delays the frames to an aircraft."""
+    """Delays the frames to an aircraft."""
 
     vehicle: str = Field(description="The aircraft.")
     by_s: Number = Field(default=2.0, description="Delay in seconds.")

@@ -67,7 +67,7 @@ Plugins = Annotated[
     typer.Option(
         "--plugin",
         metavar="FILE",
-        help="Run this Python file first, which calls skyrange.register for each of its plugins. May be repeated.",
+        help="Run this Python file first, which has kinds or calls skyrange.register. May be repeated.",
     ),
 ]
 Qgc = Annotated[

@@ -75,3 +75,8 @@ SensorNames = Annotated[
     tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str]), AfterValidator(_known_sensors)
 ]
 """Names of sensors in SYS_STATUS."""
+
+
+def copter_mode(name: str) -> int:
+    """The number of a mode of ArduCopter."""
+    return COPTER_MODE_NUMBERS[name]

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from skyrange.attack.bases.injection import Injection
 from skyrange.attack.bases.mavlink_orders import AUTOPILOT, Order, mode_order
-from skyrange.attack.bases.mavlink_params import CopterMode
+from skyrange.attack.bases.mavlink_params import CopterMode, copter_mode
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import CONTROL_LINKS, on_control_link, sham_to_nobody
 from skyrange.codec.mavlink import Message
-from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.fields import param
 from skyrange.core.time import Time
@@ -47,5 +46,5 @@ class HeldMode(Injection):
 
     def orders(self, now: Time) -> list[Order]:
         """The mode, if the aircraft is in another one."""
-        mode = COPTER_MODE_NUMBERS[self.mode]
+        mode = copter_mode(self.mode)
         return [] if self.shown == mode else [mode_order(mode)]

@@ -162,7 +162,7 @@ def _find_registered(group: str, kind: str) -> Plugin[Any, Any] | None:
 
 
 def load_file(file: str | Path) -> tuple[tuple[str, str], ...]:
-    """Run a Python file that calls `register`; returns (group, kind) of each plugin that it offers.
+    """Run a Python file with kinds or calls of `register`; returns (group, kind) of each plugin that it offers.
 
     A file that was loaded or imported before is not run again. Raises InputError for a file that is missing, that
     raises an error, or that registers nothing.
@@ -186,10 +186,8 @@ def load_file(file: str | Path) -> tuple[tuple[str, str], ...]:
         spec.loader.exec_module(module)
         added = tuple(sorted(set(_registered) - before))
         if not added:
-            hint = "Such as skyrange.register('skyrange.attacks', 'acme.lag', LAG)."
-            raise InputError.one(
-                str(file), "file", "registers no plugin", "at least one call of skyrange.register", hint
-            )
+            expected = "a class with a decorator such as @attack('acme.lag'), or a call of skyrange.register"
+            raise InputError.one(str(file), "file", "registers no plugin", expected)
     except BaseException as error:
         del sys.modules[name]
         for key in set(_registered) - before:
@@ -211,7 +209,8 @@ def loaded_sources() -> list[tuple[str, bytes]]:
 def _offered_by(path: Path) -> tuple[tuple[str, str], ...]:
     """What a file offers that is imported already, under whatever name."""
     modules = [one for one in list(sys.modules.values()) if getattr(one, "__file__", None) == str(path)]
-    held = {id(value) for module in modules for value in vars(module).values()}
+    values = [value for module in modules for value in vars(module).values()]
+    held = {id(value) for value in values} | {id(vars(one).get("plugin")) for one in values if isinstance(one, type)}
     return tuple(sorted(key for key, plugin in _registered.items() if id(plugin) in held))
 
 
@@ -240,7 +239,7 @@ def _check_group(group: str) -> None:
 def _check_shape(group: str, kind: str, plugin: object) -> None:
     if not isinstance(plugin, Plugin) or plugin.group != group:
         shown = f"{type(plugin).__name__} {plugin!r}"
-        hint = "See skyrange.plugin: AttackPlugin, ApprovalPlugin, AutopilotPlugin and so on."
+        hint = "See skyrange.plugin: attack, defence, ApprovalPlugin, AutopilotPlugin and so on."
         raise InputError.one(f"plugin {kind}", "object", shown[:120], f"a plugin of {group}", hint)
 
 
