@@ -21,7 +21,7 @@ from skyrange.contracts.plugins import registry
 from skyrange.contracts.plugins.declaration import plugin_of
 from skyrange.contracts.plugins.fields import param, state
 from skyrange.contracts.plugins.form import Kind, KindType, check_copies, make_params_model
-from skyrange.core.errors import InputError, Problem
+from skyrange.core.errors import ComponentError, InputError, Problem
 from tests.registered_kinds import registered
 
 if TYPE_CHECKING:
@@ -127,6 +127,20 @@ def test_a_mutable_default_is_refused() -> None:
             """Shares."""
 
             seen: dict[str, int] = {}  # noqa: RUF012
+
+
+def test_a_class_attribute_that_hides_a_field_is_refused() -> None:
+    with pytest.raises(InputError, match=r"class .*Hiding in .*turns: 5 — expected an annotation"):
+
+        class Hiding(First):
+            """Hides."""
+
+            turns = 5
+
+
+def test_parameters_of_a_kind_can_be_pickled() -> None:
+    params = Lag.params_model(links=["gcs:*"])
+    assert _pickle(params) == params
 
 
 def test_state_that_cannot_be_copied_is_named() -> None:
@@ -261,6 +275,8 @@ def test_a_package_offers_its_kinds_by_one_entry_point(tmp_path: Path, monkeypat
         (tmp_path / "acme_sky" / place).write_text('"""Kinds."""\n')
     (tmp_path / "acme_sky" / "lag.py").write_text(text.replace("NAME", "acme.lag"))
     (tmp_path / "acme_sky" / "deep" / "lag.py").write_text(text.replace("NAME", "acme.deep.lag"))
+    (tmp_path / "acme_sky" / "broken.py").write_text("1 / 0\n")
+    (tmp_path / "acme_sky" / "__main__.py").write_text("raise SystemExit(7)\n")
     information = tmp_path / "acme_sky-1.dist-info"
     information.mkdir()
     (information / "METADATA").write_text("Metadata-Version: 2.1\nName: acme-sky\nVersion: 1\n")
@@ -270,6 +286,9 @@ def test_a_package_offers_its_kinds_by_one_entry_point(tmp_path: Path, monkeypat
 
     homes._offered.cache_clear()
     try:
+        with pytest.raises(ComponentError, match=r"package acme_sky: cannot import acme_sky.broken: ZeroDivisionError"):
+            AttackPlugin.find("acme.broken")
+        (tmp_path / "acme_sky" / "broken.py").unlink()
         assert AttackPlugin.find("acme.lag").about == "Delays all frames."
         assert "acme.deep.lag" in registry.kinds(registry.ATTACKS)
     finally:

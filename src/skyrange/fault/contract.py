@@ -1,8 +1,7 @@
 """Benign faults as plugins: made of the parts of an attack, with no adversary.
 
-A kind of fault is one file, as a kind of attack is: a model of its parameters, and a function that makes the parts from
-parameters and context. It is registered as a `FaultPlugin` under a dotted name, in the entry point group
-`skyrange.faults`. Its parts run, are muted and are labelled as those of an attack are, but every label and event says
+A kind of fault is a class with the decorator `fault` (`fault.declaration`), as a kind of attack is, and is kept as a
+`FaultPlugin` under a dotted name. Its parts run, are muted and are labelled as those of an attack are, but every label and event says
 "fault". Without it there would be nothing, so its counterfactual is to mute it; it has no sham.
 """
 

@@ -50,8 +50,12 @@ class KindType(type):
         fields = {key: hint for key, hint in namespace.get("__annotations__", {}).items() if not _is_class_var(hint)}
         values = {key: namespace.pop(key) for key in fields if key in namespace}
         inherited = {key for base in bases for one in base.__mro__ for key in getattr(one, "__slots__", ())}
+        hiding = sorted(inherited & namespace.keys() - {"__slots__"})
         namespace.setdefault("__slots__", tuple(key for key in fields if key not in inherited))
         made = super().__new__(mcs, name, bases, namespace, **options)
+        if hiding:
+            expected = f"an annotation, such as `{hiding[0]}: str = …`, because a base has it as a field"
+            raise InputError.one(place_of(made), hiding[0], namespace[hiding[0]], expected)
         made.declared_params, made.declared_state = {}, {}
         for base in reversed(made.__mro__[1:]):
             if isinstance(base, KindType):
@@ -124,6 +128,7 @@ def make_params_model(kind: type[Kind]) -> type[Params]:
         kind.__name__, __base__=Params, __module__=kind.__module__, __doc__=kind.__doc__, __validators__=validators,
         **fields,
     )  # fmt: skip
+    made.__qualname__ = f"{kind.__qualname__}.params_model"  # where pickle finds it
     return made
 
 

@@ -9,7 +9,10 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pkgutil import walk_packages
+from types import ModuleType
 from typing import Final
+
+from skyrange.core.errors import ComponentError, SkyrangeError
 
 HOMES: Final[Mapping[str, str]] = {
     "skyrange.attacks": "skyrange.attack",
@@ -35,7 +38,7 @@ def import_home(group: str, kind: str) -> None:
     """Import the module that has a kind of this name, if there is one."""
     for module in _modules_of(group, kind):
         if _exists(module):
-            import_module(module)
+            _import(module)
             return
 
 
@@ -64,9 +67,22 @@ def _exists(module: str) -> bool:
 
 @cache
 def _import_below(package: str) -> None:
-    home = import_module(package)
-    for found in walk_packages(home.__path__, f"{package}."):
-        import_module(found.name)
+    home = _import(package)
+    for found in walk_packages(getattr(home, "__path__", ()), f"{package}."):
+        if not found.name.endswith(".__main__"):
+            _import(found.name)
+
+
+def _import(module: str) -> ModuleType:
+    """Import a module. What it raises is the fault of its package; `InputError` says already what is wrong."""
+    try:
+        return import_module(module)
+    except SkyrangeError:
+        raise
+    except Exception as error:
+        package = module.partition(".")[0]
+        hint = f"Mend {package}, or remove it" if package != "skyrange" else "Reinstall skyrange"
+        raise ComponentError(f"package {package}", f"cannot import {module}: {error!r}", hint) from error
 
 
 @cache
