@@ -1,11 +1,11 @@
 """Attacks as plugins: the context that an attack is made from, and the parts that it consists of.
 
-A kind of attack is a class with the decorator `attack` (`attack.declaration`), which is kept as an `AttackPlugin` under a
-dotted name. Assembled in an `AttackContext`, an instance gives an `Attack`.
+A kind of attack is a class with the decorator `attack` (`attack.declaration`), which is kept as an `AttackPlugin`
+under a dotted name. Assembled in an `AttackContext`, an instance gives an `Attack`.
 
-An attack does not decide whether its output takes effect. Its agents, taps and sensor hooks run for the whole run. While the
-attack acts, the kernel passes their output on and labels every hostile act; at all other times it discards the output.
-So an attack can be muted, and a muted run is the nominal twin of the attacked run, to the byte.
+An attack does not decide whether its output takes effect. Its agents, taps and sensor hooks run for the whole run.
+While the attack acts, the kernel passes their output on and labels every hostile act; at all other times it discards
+the output. So an attack can be muted, and a muted run is the nominal twin of the attacked run, to the byte.
 """
 
 from __future__ import annotations

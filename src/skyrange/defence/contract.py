@@ -1,7 +1,7 @@
 """Defences as plugins: the parts that a defence consists of, and what a kind says of itself.
 
-A kind of defence is a class with the decorator `defence` (`defence.declaration`), as a kind of attack is, and is kept as a
-`DefencePlugin` under a dotted name.
+A kind of defence is a class with the decorator `defence` (`defence.declaration`), as a kind of attack is, and is kept
+as a `DefencePlugin` under a dotted name.
 
 A defence is at the ends of links, as a tap, between sensors and autopilot, as a sensor check, or in the radios of
 control links over Wi-Fi, as a policy for their channel. It acts by verdicts on frames, by writing into readings or by

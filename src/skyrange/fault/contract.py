@@ -1,8 +1,8 @@
 """Benign faults as plugins: made of the parts of an attack, with no adversary.
 
 A kind of fault is a class with the decorator `fault` (`fault.declaration`), as a kind of attack is, and is kept as a
-`FaultPlugin` under a dotted name. Its parts run, are muted and are labelled as those of an attack are, but every label and event says
-"fault". Without it there would be nothing, so its counterfactual is to mute it; it has no sham.
+`FaultPlugin` under a dotted name. Its parts run, are muted and are labelled as those of an attack are, but every label
+and event says "fault". Without it there would be nothing, so its counterfactual is to mute it; it has no sham.
 """
 
 from __future__ import annotations
