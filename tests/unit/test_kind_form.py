@@ -139,7 +139,7 @@ def test_a_class_attribute_that_hides_a_field_is_refused() -> None:
 
 
 def test_parameters_of_a_kind_can_be_pickled() -> None:
-    params = Lag.params_model(links=["gcs:*"])
+    params = Lag.params_model.model_validate({"links": ["gcs:*"]})
     assert _pickle(params) == params
 
 
