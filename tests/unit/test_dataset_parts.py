@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from collections import Counter
 from dataclasses import replace
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import pyarrow as pa
 import pytest
 
+from skyrange.attack.contract import AttackPlugin
+from skyrange.contracts.plugins.registry import ATTACKS, kinds
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import hash64
 from skyrange.record.schema import FORMAT
@@ -26,8 +27,8 @@ from skyrange.study.dataset.windows import SplitHashes, WindowHashes, by_whole_w
 
 def test_each_shipped_attack_kind_is_in_one_family() -> None:
     counts = Counter(kind for kinds in FAMILIES.values() for kind in kinds)
-    points = entry_points(group="skyrange.attacks")
-    assert set(counts) == {point.name for point in points if point.value.startswith("skyrange.")} == set(EXAMPLES)
+    shipped = {kind for kind in kinds(ATTACKS) if " in skyrange." in AttackPlugin.find(kind).source}
+    assert set(counts) == shipped == set(EXAMPLES)
     assert set(counts.values()) == {1}
     assert set(counts) >= TIMING_KINDS
     assert {family_of(kind) for kind in ("gnss.drift", "gnss.jump", "gnss.pull_off", "gnss.meacon")} == {
