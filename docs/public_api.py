@@ -40,7 +40,7 @@ TOPICS: dict[str, dict[str, str]] = {
             AirLink ClaimedTrack SensorHook SensorAct
             Schedule Act ThreatModel Controls on_path on_control_link adds_no_load benign_frames sham_to_nobody
             Exclusive""",
-        "Campaigns": "Adversary CampaignParams CampaignStage Knowledge Observation campaign_plugin",
+        "Campaigns": "campaign CampaignBase CampaignStage Knowledge Observation Adversary",
         "Defences": """EndTap SpeakingTap FixCheck ChannelDefence DefenceContext Defence PathRule PathEnd Sends Passes
             Signs Compares Holds ExpectsOrder""",
         "Faults": "FaultContext FaultParts BodyHook BodyAct Disturbances",

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from skyrange.attack.bases.transmission import Jamming, Noise, Periodic, Reception, Transmission
     from skyrange.attack.campaigns.adversary import Adversary, CampaignStage, Observation
     from skyrange.attack.campaigns.knowledge import Knowledge
-    from skyrange.attack.campaigns.params import CampaignParams
-    from skyrange.attack.campaigns.python_class import campaign_plugin
+    from skyrange.attack.campaigns.python_class import CampaignBase, campaign
     from skyrange.attack.contract import (
         Aircraft,
         AirLink,
@@ -207,7 +206,7 @@ __all__ = [
     "BodyHook",
     "BodyInputs",
     "Broadcaster",
-    "CampaignParams",
+    "CampaignBase",
     "CampaignStage",
     "Chance",
     "Channel",
@@ -351,7 +350,7 @@ __all__ = [
     "adds_no_load",
     "attack",
     "benign_frames",
-    "campaign_plugin",
+    "campaign",
     "copter_mode",
     "decode_approval_request",
     "decode_approval_response",

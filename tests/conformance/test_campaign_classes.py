@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
 from skyrange.assembly.build import build
-from skyrange.contracts.plugins.registry import register
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.kernel import Kernel
 from skyrange.plugin import (
     AttackContext,
-    CampaignParams,
+    CampaignBase,
     CampaignStage,
     Knowledge,
     Observation,
     Time,
-    campaign_plugin,
+    campaign,
+    state,
 )
 from skyrange.record import MemoryObserver
 from skyrange.scenario.model.scenario import Scenario
@@ -83,12 +85,41 @@ class Script:
         return next((one for until, one in self.stages if now < self.start_ns + from_seconds(until)), None)
 
 
-def lead(params: CampaignParams, context: AttackContext) -> Leader:
-    return Leader(Knowledge(context.origin))
+class Leading(CampaignBase):
+    """Does what `chain` declares."""
+
+    leader: Leader
+
+    def prepare(self, context: AttackContext) -> None:
+        self.leader = Leader(Knowledge(context.origin))
+
+    def observe(self, now: Time, observation: Observation) -> None:
+        self.leader.observe(now, observation)
+
+    def decide(self, now: Time) -> CampaignStage | None:
+        return self.leader.decide(now)
 
 
-def script(*stages: tuple[float, Any]) -> Any:
-    return campaign_plugin(CampaignParams, lambda params, context: Script(stages), "Goes through stages.")
+def kind_of(name: str, given: Any) -> type[CampaignBase]:
+    """A kind of campaign that does what an adversary decides."""
+
+    @campaign(name)
+    class Told(CampaignBase):
+        """Does what its adversary decides."""
+
+        adversary: Any = state(partial(deepcopy, given))
+
+        def observe(self, now: Time, observation: Observation) -> None:
+            self.adversary.observe(now, observation)
+
+        def decide(self, now: Time) -> Any:
+            return self.adversary.decide(now)
+
+    return Told
+
+
+def script(name: str, *stages: tuple[float, Any]) -> type[CampaignBase]:
+    return kind_of(name, Script(stages))
 
 
 GHOSTLY = CampaignStage("ghost", ("ghost",))
@@ -97,12 +128,12 @@ BOTH = CampaignStage("both", {"ghost", "jump"})
 
 @pytest.mark.catalogue
 def test_a_class_conforms() -> None:
-    check_attack(script((1.0, GHOSTLY), (3.0, BOTH)), MEANS, acts={"send", "sensor"})
+    check_attack(script("test.both", (1.0, GHOSTLY), (3.0, BOTH)), MEANS, acts={"send", "sensor"})
 
 
 @pytest.mark.catalogue
 def test_a_class_that_starts_nothing_does_nothing() -> None:
-    check_attack(script((9.0, CampaignStage("wait"))), MEANS, acts=False)
+    check_attack(script("test.waits", (9.0, CampaignStage("wait"))), MEANS, acts=False)
 
 
 def fly(scenario: Scenario, seconds: float) -> MemoryObserver:
@@ -119,7 +150,7 @@ def with_params(scenario: Scenario, kind: str, params: dict[str, Any]) -> Scenar
 
 
 def test_chain_as_a_class_is_the_same_run() -> None:
-    register("skyrange.attacks", "test.chain", campaign_plugin(CampaignParams, lead, "The campaign of chain."))
+    campaign("test.chain")(Leading)
     declared = load("chain")
     (attack,) = declared.attacks
     params = {name: value for name, value in attack.params.items() if name != "stages"}
@@ -158,7 +189,7 @@ def square() -> Scenario:
 
 
 def test_it_ends_after_its_longest_duration(square: Scenario) -> None:
-    register("skyrange.attacks", "test.endless", script((1e6, CampaignStage("jump", ("jump",)))))
+    script("test.endless", (1e6, CampaignStage("jump", ("jump",))))
     (attack,) = square.attacks
     seen = fly(with_params(square, "test.endless", {"acts": attack.params["acts"], "longest_s": 2.0}), 10)
     stages = [(one.time_ns, one.note.data["stage"]) for one in seen.notes if one.note.kind == "event.campaign_stage"]
@@ -167,7 +198,7 @@ def test_it_ends_after_its_longest_duration(square: Scenario) -> None:
 
 def test_a_class_without_a_longest_duration_is_refused() -> None:
     with pytest.raises(ValidationError, match="longest_s"):
-        CampaignParams.model_validate({"acts": {"ghost": GHOST}})
+        Leading(acts={"ghost": GHOST})
 
 
 JUMPS = CampaignStage("a", ["jump"])
@@ -202,9 +233,7 @@ def test_a_wrong_decision_is_blamed_on_the_adversary(
     square: Scenario, number: int, adversary: Any, blamed: str
 ) -> None:
     kind = f"test.wrong{number}"
-    register(
-        "skyrange.attacks", kind, campaign_plugin(CampaignParams, lambda params, context: adversary, "Decides wrongly.")
-    )
+    kind_of(kind, adversary)
     (attack,) = square.attacks
     drift = {"kind": "gnss.drift", "params": {"vehicles": ["blue/b1"], "rate_mps": [1, 0, 0]}}
     params = {"acts": {**attack.params["acts"], "drift": drift}, "longest_s": 9.0}
@@ -213,7 +242,7 @@ def test_a_wrong_decision_is_blamed_on_the_adversary(
 
 
 def test_a_campaign_is_no_act_of_a_campaign(square: Scenario) -> None:
-    register("skyrange.attacks", "test.inner", campaign_plugin(CampaignParams, lead, "An inner campaign."))
+    script("test.inner")
     (attack,) = square.attacks
     inner = {"kind": "test.inner", "params": {"acts": attack.params["acts"], "longest_s": 5.0}}
     params = {**attack.params, "acts": {"jump": inner}}

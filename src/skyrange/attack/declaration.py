@@ -52,7 +52,7 @@ class Acting(Kind):
         """Its parts: an `Attack`, or a `Defence`. A base for one sort of act builds them."""
         raise NotImplementedError
 
-    def acts(self, now: Time) -> bool:
+    def is_acting(self, now: Time) -> bool:
         """Whether it acts at `now`, unless it is muted, which it cannot know."""
         return self.schedule.start_ns <= now < self.schedule.stop_ns
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
+from skyrange.attack.contract import Controls, ThreatModel
+from skyrange.attack.declaration import Composite
 from skyrange.attack.on_path import Messages, Names
-from skyrange.contracts.params import Enu, Number, Params, Whole, refuse
-from skyrange.contracts.plugins.fields import Param
+from skyrange.contracts.params import Enu, Number, Params, Whole
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.errors import Problem
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"
@@ -90,37 +93,39 @@ class Stage(Params):
         )
 
 
-class Means(Params):
+class CampaignKind(Composite):
     """What an adversary can do and observe, however it decides."""
 
-    acts: dict[str, Act] = Field(description="Acts by name; a name is part of the names of radios and links.")
-    taps: Names = Field(
-        default=(), description="Links that the adversary reads from the start, such as ['gcs:blue/b1']."
-    )
-    receiver_m: Enu | None = Field(
+    acts: dict[str, Act] = param("Acts by name; a name is part of the names of radios and links.")
+    taps: Names = param("Links that the adversary reads from the start, such as ['gcs:blue/b1'].", default=())
+    receiver_m: Enu | None = param(
+        "Position of a radio that receives Remote ID, [east_m, north_m, up_m] in metres from the origin or the "
+        "campaign's anchor.",
         default=None,
-        description="Position of a radio that receives Remote ID, [east_m, north_m, up_m] in metres from the origin or "
-        "the campaign's anchor.",
     )
-    threat: Statement = Field(default=Statement(), description="The adversary's threat model, in words.")
+    threat: Statement = param("The adversary's threat model, in words.", default=Statement())
 
-    @model_validator(mode="after")
-    def _acts(self) -> Means:
+    def find_problems(self) -> Iterator[Problem]:
+        """No act."""
         if not self.acts:
-            raise refuse(Problem("acts", "{}", "one act or more"))
-        return self
+            yield Problem("acts", "{}", "one act or more")
 
 
-class CampaignParams(Means):
-    """Parameters that each campaign has whose adversary is a Python class. A kind adds its own."""
-
-    longest_s: Number = Field(
-        gt=0,
-        le=31_536_000,
-        description="Longest duration of the campaign in seconds: then it ends, whatever the adversary decides.",
-    )
-
-
-def param_of_means(name: str) -> Any:
-    """The parameter of a kind that `Means` declares under this name."""
-    return Param(Means.model_fields[name])
+CAMPAIGN_FACTS: Final[Mapping[str, Any]] = {
+    "places": ("receiver_m",),
+    "surface": ("gcs", "log", "autopilot", "medium", "gnss"),
+    "persists": "flight",
+    "effect": "those of its acts, one after the other, when the victims are where the adversary wants them",
+    "threat": ThreatModel(
+        knowledge="stated in its parameters, and what it observes",
+        position="that of its taps, radio and acts",
+        equipment="that of its acts",
+        budget="that of its acts",
+    ),
+    "controls": Controls(
+        load="the sham: the shams of its acts in the same stages",
+        content="those of its acts",
+        placement="those of its acts",
+    ),
+}
+"""Facts of campaigns, as arguments of the decorator."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Final, TypeVar
+from typing import Any, Final
 
 from pydantic import ValidationError
 
 from skyrange.attack.campaigns.adversary import Adversary, Observation
 from skyrange.attack.campaigns.course import Course
 from skyrange.attack.campaigns.gates import GatedAgent, GatedFault, GatedTapMaker
-from skyrange.attack.campaigns.params import Act, Means
+from skyrange.attack.campaigns.params import Act, CampaignKind
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Place, ThreatModel, moved
 from skyrange.attack.exclusive import common
 from skyrange.attack.on_path import TapMaker, place_taps
@@ -21,16 +21,14 @@ from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.params import Params
+from skyrange.contracts.plugins.declaration import MakeKind
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, NS_PER_MS, Time
 
-MeansT = TypeVar("MeansT", bound=Means)
 POLL_NS: Final = 50 * NS_PER_MS
 """How often the adversary looks at the clock; an observation moves it on at once."""
-CAMPAIGN: Final = "campaign"
-"""The kind of campaigns whose stages are declared."""
 _RECEIVER: Final = "receiver"
 _LISTENING_DBM: Final = -30.0
 """Power of a radio that never sends."""
@@ -86,7 +84,7 @@ class Controller:
 
 
 def make_parts(
-    params: Means,
+    kind: CampaignKind,
     context: AttackContext,
     adversary: Adversary,
     *,
@@ -98,20 +96,20 @@ def make_parts(
     `together` are the acts of each stage, as far as they are known. Raises `InputError` for acts whose kind or
     parameters are wrong, and for two that exclude each other in one stage.
     """
-    schedules = {name: Schedule() for name in params.acts}
+    schedules = {name: Schedule() for name in kind.acts}
     made = {name: _make_act(name, act, replace(context, id=f"{context.id}.{name}", schedule=schedules[name]))
-            for name, act in params.acts.items()}  # fmt: skip
+            for name, act in kind.acts.items()}  # fmt: skip
     excluded = _excluded(made)
     for place, acts in enumerate(together):
         _check_together(context.id, f"stages.{place}.acts", acts, excluded)
     course = Course(context.id, adversary, context.schedule, schedules, longest_ns, excluded)
     controller, links, radios = Controller(context.id, course), [], []
-    if params.receiver_m is not None:
+    if kind.receiver_m is not None:
         own = replace(context, id=f"{context.id}.{_RECEIVER}")
         controller = Controller(own.radio, course, [Port(own.radio, own.down), Port(own.radio, own.up)])
         links = [down_link(own), up_link(own)]
-        radios = [transmitter(own, params.receiver_m, _LISTENING_DBM, listens=True)]
-    readers = place_taps(params.taps, context, TapMaker(Reader, (course,)))
+        radios = [transmitter(own, kind.receiver_m, _LISTENING_DBM, listens=True)]
+    readers = place_taps(kind.taps, context, TapMaker(Reader, (course,)))
     return Attack(
         agents=[controller, *(GatedAgent(agent, name, course) for name, act in made.items() for agent in act.agents)],
         taps=[
@@ -125,16 +123,20 @@ def make_parts(
         sensor_hooks=[GatedFault(fault, name, course) for name, act in made.items() for fault in act.sensor_hooks],
         links=[*links, *(one for act in made.values() for one in act.links)],
         radios=[*radios, *(radio for act in made.values() for radio in act.radios)],
-        threat=ThreatModel(**params.threat.model_dump()) if params.threat.stated else None,
+        threat=ThreatModel(**kind.threat.model_dump()) if kind.threat.stated else None,
         one_process=True,
         shown={f"{name}: {label}": at for name, act in made.items() for label, at in act.shown.items()},
         exclusive=[one for act in made.values() for one in act.exclusive],
     )  # fmt: skip
 
 
-def move_acts(params: MeansT, by: Place) -> MeansT:
+def move_acts(params: Any, by: Place) -> Any:
     """The parameters of a campaign with the places of its acts moved; an act that is wrong stays as it is."""
     return params.model_copy(update={"acts": {name: _moved_act(act, by) for name, act in params.acts.items()}})
+
+
+def _is_campaign(plugin: AttackPlugin) -> bool:
+    return isinstance(plugin.make, MakeKind) and issubclass(plugin.make.kind, CampaignKind)
 
 
 def _moved_act(act: Act, by: Place) -> Act:
@@ -166,7 +168,7 @@ def _check_together(who: str, where: str, acts: Sequence[str], excluded: Mapping
 def _make_act(name: str, act: Act, context: AttackContext) -> Attack:
     where = f"acts.{name}"
     plugin = _find(where, act.kind, context.id)
-    if act.kind == CAMPAIGN or issubclass(plugin.params, Means) or name == _RECEIVER:
+    if _is_campaign(plugin) or name == _RECEIVER:
         expected = f"a kind that is no campaign, and another name than {_RECEIVER}"
         raise InputError.one(context.id, where, act.kind, expected)
     if plugin.from_start:

@@ -1,33 +1,49 @@
-"""Campaigns whose adversary is a Python class, as kinds of attack."""
+"""Campaigns whose stages a Python class decides, as kinds of attack."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from typing import ClassVar, TypeVar
 
-from skyrange.attack.campaigns.adversary import Adversary
-from skyrange.attack.campaigns.params import CampaignParams
-from skyrange.attack.campaigns.parts import CAMPAIGN, make_parts, move_acts
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
-from skyrange.core.errors import ComponentError
-from skyrange.core.time import from_seconds
+from skyrange.attack.campaigns.adversary import CampaignStage, Observation
+from skyrange.attack.campaigns.params import CAMPAIGN_FACTS, CampaignKind
+from skyrange.attack.campaigns.parts import make_parts, move_acts
+from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.declaration import attack
+from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param
+from skyrange.core.time import Time, from_seconds
+
+CampaignT = TypeVar("CampaignT", bound="type[CampaignBase]")
 
 
-def campaign_plugin(
-    params: type[CampaignParams], make: Callable[[Any, AttackContext], Adversary], about: str
-) -> AttackPlugin:
-    """The kind of campaigns of which `make(params, context)` makes the adversary.
+class CampaignBase(CampaignKind):
+    """A campaign whose class is the adversary: it is shown what it observes, and decides the stage.
 
-    A parameter that is a place of its own is moved by `anchor` if its name is in `places` of the kind: use
-    `dataclasses.replace`.
+    `Adversary` says when both methods are called.
     """
 
-    def parts(given: CampaignParams, context: AttackContext) -> Attack:
-        adversary = make(given, context)
-        if not isinstance(adversary, Adversary):
-            raise ComponentError(f"adversary of {context.id}", f"is {adversary!r}, which has no observe or no decide")
-        return make_parts(given, context, adversary, longest_ns=from_seconds(given.longest_s))
+    needs: ClassVar[tuple[str, ...]] = ("observe", "decide")
+    move = move_acts
 
-    declared = AttackPlugin.find(CAMPAIGN)
-    return replace(declared, params=params, make=parts, about=about, move=move_acts, source="")
+    longest_s: Number = param(
+        "Longest duration of the campaign in seconds: then it ends, whatever the adversary decides.",
+        gt=0, le=31_536_000,
+    )  # fmt: skip
+
+    def build(self, context: AttackContext) -> Attack:
+        """The campaign. Raises `InputError` for acts whose kind or parameters are wrong."""
+        return make_parts(self, context, self, longest_ns=from_seconds(self.longest_s))
+
+    def observe(self, now: Time, observation: Observation) -> None:
+        """Learn from a frame on a tapped link, or from a broadcast that the radio has decoded."""
+        raise NotImplementedError
+
+    def decide(self, now: Time) -> CampaignStage | None:
+        """The stage that the adversary is in; `None` ends the campaign."""
+        raise NotImplementedError
+
+
+def campaign(name: str) -> Callable[[CampaignT], CampaignT]:
+    """Declare a class as the kind of attack `name`, a campaign: `attack` with the facts of campaigns."""
+    return attack(name, **CAMPAIGN_FACTS)

@@ -167,7 +167,7 @@ class MultiReceiver(SpeakingTap):
         if not other:
             return ()
         answer: list[Verdict] = []
-        if self.action == "land" and not self.commanded and self.acts(now):
+        if self.action == "land" and not self.commanded and self.is_acting(now):
             self.commanded = True
             answer.append(self.command(int(mav.MAV_CMD_NAV_LAND)))
         return [*answer, *self.alarm.raise_at(now, ALERT, 1.0, other=other, distance_m=round(away_m, 2))]

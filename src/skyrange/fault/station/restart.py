@@ -50,4 +50,4 @@ class Restart(LinkTap):
 
     def on_frame(self, now: Time, frame: Frame) -> Verdicts:
         """Drop it while the station is down."""
-        return (Drop(),) if self.acts(now) and now - self.schedule.start_ns < from_seconds(self.down_s) else ()
+        return (Drop(),) if self.is_acting(now) and now - self.schedule.start_ns < from_seconds(self.down_s) else ()
