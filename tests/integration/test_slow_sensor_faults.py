@@ -28,13 +28,13 @@ def test_called_at_new_readings_alone_they_give_the_same_run(
 ) -> None:
     calls = 0
 
-    class Counting(sensor_hooks.SensorFaultInjector):
+    class Counting(sensor_hooks.SensorHookInjector):
         def alter(self, *arguments: Any) -> Sensors:
             nonlocal calls
             calls += 1
             return super().alter(*arguments)
 
-    monkeypatch.setattr("skyrange.kernel.kernel.SensorFaultInjector", Counting)
+    monkeypatch.setattr("skyrange.kernel.kernel.SensorHookInjector", Counting)
     quick = flown(name, tmp_path / "quick")
     few, calls = calls, 0
 
@@ -47,7 +47,7 @@ def test_called_at_new_readings_alone_they_give_the_same_run(
         def slow(self, value: bool) -> None:
             pass
 
-    monkeypatch.setattr("skyrange.kernel.kernel.SensorFaultInjector", AtEveryTick)
+    monkeypatch.setattr("skyrange.kernel.kernel.SensorHookInjector", AtEveryTick)
     thorough = flown(name, tmp_path / "thorough")
     assert 2 * few < calls
     assert quick.manifest["digests"]["fingerprint"] == thorough.manifest["digests"]["fingerprint"]

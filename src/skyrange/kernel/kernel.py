@@ -40,8 +40,8 @@ from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port, originator_id
 from skyrange.core.time import NEVER, Time, ceil_to, to_seconds
 from skyrange.kernel.acts.act_states import ActState, ActStates, note_withheld, takes_effect
-from skyrange.kernel.acts.body_hooks import BodyFaultInjector
-from skyrange.kernel.acts.sensor_hooks import SensorFaultInjector
+from skyrange.kernel.acts.body_hooks import BodyHookInjector
+from skyrange.kernel.acts.sensor_hooks import SensorHookInjector
 from skyrange.kernel.directed_link import Mailbox, Transit
 from skyrange.kernel.event_heap import STEP, WAKEUP, postpone_events
 from skyrange.kernel.monitors import Monitors
@@ -112,14 +112,14 @@ class Kernel:
         variable = [(spec.name, spec.channel) for spec in wiring.links if not isinstance(spec.channel, Channel)]
         self._tunable = {name: channel for name, channel in variable if isinstance(channel, TunableChannel)}
         self._truth_subscribers = sorted(truth_subscriber.name for truth_subscriber in wiring.truth_subscribers)
-        self._sensor_faults = SensorFaultInjector(self._attacks.each, wiring.world)
+        self._sensor_hooks = SensorHookInjector(self._attacks.each, wiring.world)
         moved = [
             vehicle
             for mount in wiring.engines
             if not isinstance(mount.engine, SimulatorEngine)
             for vehicle in mount.engine.moves
         ]
-        self._body_faults = BodyFaultInjector(self._attacks.each, wiring.world, moved)
+        self._body_hooks = BodyHookInjector(self._attacks.each, wiring.world, moved)
         self._policies = (wiring.on_silent, wiring.on_unready)
         self._wall_deadline_s = wiring.wall_deadline_s
         self._ended = False
@@ -145,7 +145,7 @@ class Kernel:
         """Everything up to and including this instant has happened."""
         self._quantum = quantum
         self._batch = self._make_batch()
-        self._sensor_faults.slow &= self._batch is not None
+        self._sensor_hooks.slow &= self._batch is not None
         self._next_tick: Time = start if quantum else NEVER
         self._next_truth: Time = 0
         for slot in slots:
@@ -290,7 +290,7 @@ class Kernel:
         """The ticks of the world with its only engine; `None` where something else belongs to each tick."""
         if len(self._engines) != 1 or self._world is None:
             return None
-        if self._sensor_faults.present and not self._sensor_faults.slow:
+        if self._sensor_hooks.present and not self._sensor_hooks.slow:
             return None
         (slot,) = self._engines
         batch = slot.engine.batch_ticks(self._world, slot.rows) if isinstance(slot.engine, BatchingEngine) else None
@@ -307,7 +307,7 @@ class Kernel:
             return None
         period = first - first % batch.period_ns + batch.period_ns
         last = min(until, period - 1, self._next_truth - 1, self._attacks.next_change - 1)
-        if last < first or not self._body_faults.is_idle(first):
+        if last < first or not self._body_hooks.is_idle(first):
             return None
         count = (last - first) // self._quantum + 1
         after = first + count * self._quantum
@@ -331,15 +331,15 @@ class Kernel:
         if now >= self._attacks.next_change:
             for note in self._attacks.update(now, world):
                 self._observers.report_note(now, "kernel", note)
-        faults = self._sensor_faults
+        faults = self._sensor_hooks
         if faults.present:
             for attack, fault, act in faults.apply(now, world):
                 if isinstance(act, Alert):
                     self._observers.raise_alarm(now, attack, f"sensor check {fault.name}", act)
                 else:
                     self._observers.label_fault_act(now, attack, fault.name, "sensor", act)
-        if self._body_faults.present:
-            for attack, cause, act in self._body_faults.apply(now, world):
+        if self._body_hooks.present:
+            for attack, cause, act in self._body_hooks.apply(now, world):
                 self._observers.label_fault_act(now, attack, cause.name, "body", act)
         for slot in self._engines:
             box = slot.box

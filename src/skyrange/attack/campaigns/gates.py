@@ -81,7 +81,7 @@ class GatedAgent:
 
 
 @dataclass(slots=True)
-class GatedFault:
+class GatedHook:
     """A sensor fault that alters readings while its act acts, and copies of them else."""
 
     inner: SensorHook

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from skyrange.attack.campaigns.adversary import Adversary, Observation
 from skyrange.attack.campaigns.course import Course
-from skyrange.attack.campaigns.gates import GatedAgent, GatedFault, GatedTapMaker
+from skyrange.attack.campaigns.gates import GatedAgent, GatedHook, GatedTapMaker
 from skyrange.attack.campaigns.params import Act, CampaignKind
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Place, ThreatModel, moved
 from skyrange.attack.exclusive import common
@@ -120,7 +120,7 @@ def make_parts(
                 for tap in act.taps
             ),
         ],
-        sensor_hooks=[GatedFault(fault, name, course) for name, act in made.items() for fault in act.sensor_hooks],
+        sensor_hooks=[GatedHook(fault, name, course) for name, act in made.items() for fault in act.sensor_hooks],
         links=[*links, *(one for act in made.values() for one in act.links)],
         radios=[*radios, *(radio for act in made.values() for radio in act.radios)],
         threat=ThreatModel(**kind.threat.model_dump()) if kind.threat.stated else None,

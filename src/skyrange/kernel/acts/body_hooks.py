@@ -20,7 +20,7 @@ from skyrange.kernel.acts.act_states import ActState, takes_effect
 from skyrange.kernel.acts.hook_acts import ActCounter, check_faults
 
 
-class BodyFaultInjector:
+class BodyHookInjector:
     """The body faults of one kernel."""
 
     def __init__(self, attacks: Sequence[ActState], world: World | None, imposed: Container[str]) -> None:

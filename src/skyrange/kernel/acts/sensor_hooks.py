@@ -36,7 +36,7 @@ _INTEGRALS = ("delta_angle_rad", "delta_velocity_mps")
 Rows = slice | NDArray[np.int64]
 
 
-class SensorFaultInjector:
+class SensorHookInjector:
     """The sensor faults of all attacks of one kernel."""
 
     def __init__(self, attacks: Sequence[ActState], world: World | None) -> None:
