@@ -401,7 +401,14 @@ def _listed(value: Any) -> Any:
     return value
 
 
-_BOUNDS = {"ge": "minimum", "gt": "exclusiveMinimum", "le": "maximum", "lt": "exclusiveMaximum"}
+_OF_NUMBERS = {"ge": "minimum", "gt": "exclusiveMinimum", "le": "maximum", "lt": "exclusiveMaximum"}
+_BOUNDS = {
+    "number": _OF_NUMBERS,
+    "integer": _OF_NUMBERS,
+    "array": {"minLength": "minItems", "maxLength": "maxItems"},
+    "object": {"minLength": "minProperties", "maxLength": "maxProperties"},
+}
+"""By type: pydantic's names of bounds where validators come first, and those of JSON Schema."""
 
 
 def json_schema() -> dict[str, Any]:
@@ -422,10 +429,11 @@ def json_schema() -> dict[str, Any]:
 
 
 def _bounded(part: Any) -> Any:
-    """The schema with JSON Schema's names for bounds; pydantic uses its own names in bounds of optional numbers."""
+    """The schema with JSON Schema's names for bounds."""
     if isinstance(part, list):
         return [_bounded(item) for item in part]
     if not isinstance(part, dict):
         return part
-    names = _BOUNDS if part.get("type") in ("number", "integer") else {}
+    kind = part.get("type")
+    names = _BOUNDS.get(kind, {}) if isinstance(kind, str) else {}
     return {names.get(key, key): _bounded(value) for key, value in part.items()}
