@@ -65,7 +65,7 @@ def range_wiring(gcs: Channel | None, tapped: bool = False, **more: Any) -> Wiri
     if tapped:
         sides = [("gcs:*", "gcs"), ("gcs:*", "companion"), ("log:*", "proxy")]
         more["taps"] = [TapPlacement(match, side, test_taps.Meddler, "mitm") for match, side in sides]
-        more["attacks"] = [Act("mitm", start_ns=300 * MS)]
+        more["acts"] = [Act("mitm", start_ns=300 * MS)]
     agents: list[Agent] = [Station("blue", VEHICLES), Fleet("fleet", VEHICLES)]
     return Wiring(5, links, agents, routes, **more)
 

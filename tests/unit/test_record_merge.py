@@ -41,7 +41,7 @@ SHUFFLED = replace(ROUGH, duplicate=0.0, reorder=0.3)
 def meddled(*sides: str) -> dict[str, Any]:
     return {
         "taps": [TapPlacement("gcs:blue/b1", side, Meddler, "mitm") for side in sides],
-        "attacks": [Act("mitm")],
+        "acts": [Act("mitm")],
     }
 
 
