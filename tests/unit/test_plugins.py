@@ -124,6 +124,15 @@ def test_a_file_offers_what_it_registers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        (
+            "from skyrange.plugin import OnPath, attack\n@attack('acme.bad')\nclass Bad(OnPath):\n    'Drops.'\n",
+            "class Bad, methods: missing — expected act, which every OnLinks defines",
+        ),
+        (
+            "from skyrange.plugin import OnPath, attack, drop\n@attack('link.drop')\nclass Bad(OnPath):\n    'Drops.'\n"
+            "    act = drop()\n",
+            "class Loss in skyrange.attack.link.drop has it",
+        ),
         ("x = 1\n", "registers no plugin — expected a class with a decorator"),
         ("import skyrange\n\nskyrange.regster('a')\n", "line 3: AttributeError: module 'skyrange' has no attribute"),
         ("import skyrange\ndef :\n", "line 2: SyntaxError"),

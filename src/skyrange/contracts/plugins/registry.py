@@ -14,7 +14,7 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -103,6 +103,8 @@ def register(group: str, kind: str, plugin: Plugin[Any, Any], *, at_home: bool =
             "plugin", "kind", kind, "lower-case words joined by '-', '_' or '.', such as 'remote_id.spoof'"
         )
     _check_shape(group, kind, plugin)
+    if not at_home:
+        import_home(group, kind)
     offered = _at_home if at_home else _registered
     known = _at_home.get((group, kind)) or offered.setdefault((group, kind), plugin)
     if known is plugin:
@@ -193,7 +195,7 @@ def load_file(file: str | Path) -> tuple[tuple[str, str], ...]:
         for key in set(_registered) - before:
             del _registered[key]
         if isinstance(error, InputError):
-            raise InputError(str(file), error.problems) from error
+            raise InputError(str(file), _name_class(error)) from error
         if isinstance(error, Exception):
             raise InputError(str(file), [_import_fault(error, path)]) from error
         raise
@@ -218,6 +220,12 @@ def load_files(files: Iterable[str | Path]) -> None:
     """`load_file` for each, in order."""
     for file in files:
         load_file(file)
+
+
+def _name_class(error: InputError) -> list[Problem]:
+    """The problems of a file, with the class that they are about."""
+    about = f"{error.who.partition(' in ')[0]}, " if error.who.startswith("class ") else ""
+    return [replace(one, where=f"{about}{one.where}") for one in error.problems]
 
 
 def _import_fault(error: Exception, path: Path) -> Problem:
