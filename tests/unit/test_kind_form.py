@@ -227,7 +227,7 @@ def test_two_classes_of_one_name_are_an_error_that_names_both() -> None:
             attack("test.nothing")(Other)
 
 
-def test_a_cell_of_a_notebook_may_run_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cell_of_a_notebook_may_run_again() -> None:
     def run_cell() -> Any:
         return KindType("Cell", (Nothing,), {"__doc__": "Does it.", "__module__": "__main__"})
 

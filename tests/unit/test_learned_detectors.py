@@ -244,7 +244,8 @@ def test_a_window_of_several_points_with_one_seed_counts_once() -> None:
     windows = pa.table({"time_ns": [at for at, _ in rows], "vehicle": ["blue/b1"] * len(rows), **columns})
     clusters = ["seed-1", "seed-1", "seed-1", "seed-1", "seed-1", "seed-2"]
     nominal = np.array([False, True, True, True, True, True])
-    assert find_distinct(clusters, windows, nominal).tolist() == [False, True, False, True, True, True]
+    features = np.array([[value] * len(NAMES) for _, value in rows])
+    assert find_distinct(clusters, windows, features, nominal).tolist() == [False, True, False, True, True, True]
 
 
 def test_labels_are_of_attacks_on_the_aircraft_within_the_window() -> None:

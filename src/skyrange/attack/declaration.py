@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, TypeVar
+from copy import deepcopy
+from typing import Any, ClassVar, Self, TypeVar
 
 from skyrange.attack.contract import (
     AttackContext,
@@ -28,6 +29,8 @@ class Acting(Kind):
     """A kind that acts: it knows its name, when it acts, and whether it is the sham of itself."""
 
     needs: ClassVar[tuple[str, ...]] = ("build",)
+    shares: ClassVar[tuple[str, ...]] = ()
+    """Fields that copies of an instance share, besides its schedule."""
     move: ClassVar[Callable[[Any, Place], Params] | None] = None
     """Moves places within other parameters, in metres east, north and up: `move(params, by)` returns the new ones."""
 
@@ -51,6 +54,12 @@ class Acting(Kind):
     def build(self, context: AttackContext) -> Any:
         """Its parts: an `Attack`, or a `Defence`. A base for one sort of act builds them."""
         raise NotImplementedError
+
+    def copy(self) -> Self:
+        """A copy with state of its own; it shares the schedule, which the kernel fills in, and what it `shares`."""
+        return deepcopy(
+            self, {id(part): part for part in (self.schedule, *(getattr(self, one) for one in self.shares))}
+        )
 
     def is_acting(self, now: Time) -> bool:
         """Whether it acts at `now`, unless it is muted, which it cannot know."""

@@ -31,8 +31,8 @@ class RoundsOnLink(LinkTap):
 
     every_s: float
     """Time between two rounds, in seconds: a parameter of the kind, or set in `prepare`."""
-    times: int
-    """Most rounds, 0 for any number: a parameter of the kind; without it any number."""
+    times: int = 0
+    """Most rounds, 0 for any number: a parameter of some kinds."""
     way: Direction = "fwd"
     """The direction of its frames."""
     ends: tuple[str, str]
@@ -42,7 +42,7 @@ class RoundsOnLink(LinkTap):
     def begin(self) -> None:
         """See `LinkTap`."""
         self.ends = ends_of(self.link, self.way)
-        self.clock = Repetition(self.schedule, self.period_ns(), getattr(self, "times", 0))
+        self.clock = Repetition(self.schedule, self.period_ns(), self.times)
 
     def period_ns(self) -> Time:
         """Time between two rounds."""

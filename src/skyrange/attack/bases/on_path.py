@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Final, Literal, cast
 
@@ -32,14 +31,13 @@ LinkNames = Annotated[Names, Field(min_length=1)]
 
 @dataclass(frozen=True, slots=True)
 class CopyForLink:
-    """Makes the tap of a link: a copy of an instance that shares its schedule and chance alone."""
+    """Makes the tap of a link: a copy of an instance."""
 
     prototype: LinkTap
 
     def __call__(self, link: str) -> LinkTap:
         """The tap of a link."""
-        one = self.prototype
-        made = deepcopy(one, {id(one.schedule): one.schedule, id(one.chance): one.chance})
+        made = self.prototype.copy()
         made.link = link
         made.begin()
         return made
@@ -52,6 +50,7 @@ class LinkTap(Acting):
     """
 
     needs: ClassVar[tuple[str, ...]] = ("on_frame",)
+    shares: ClassVar[tuple[str, ...]] = ("chance",)
 
     link: str
     """Of a tap: the name of its link."""

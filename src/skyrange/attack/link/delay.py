@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from skyrange.attack.bases.frame_acts import delay
+from skyrange.attack.bases.frame_acts import SHAM_NS, delay
 from skyrange.attack.bases.on_path import OnPath
+from skyrange.attack.contract import AttackContext
 from skyrange.attack.declaration import attack
 from skyrange.attack.on_path import EVERY_LINK
 from skyrange.attack.presets import FORWARDS_AND_HOLDS, adds_no_load, on_path
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.fields import param, state
-from skyrange.core.time import Time
+from skyrange.core.time import Time, from_seconds
 
 
 @attack(
@@ -35,6 +36,14 @@ class Lag(OnPath):
     jitter_s: Number = param(
         "Range of the extra delay in seconds, uniform from 0 to this value.", default=0.0, ge=0, le=600
     )
+    delay_ns: Time
+    jitter_ns: Time
     last: dict[str, Time] = state(dict)
 
-    act = delay("delay_s", "jitter_s")
+    act = delay("delay_ns", "jitter_ns")
+
+    def prepare(self, context: AttackContext) -> None:
+        """Set the times; the sham delays by 1 µs."""
+        self.delay_ns, self.jitter_ns = from_seconds(self.delay_s), from_seconds(self.jitter_s)
+        if self.sham:
+            self.delay_ns, self.jitter_ns = SHAM_NS, 0

@@ -6,6 +6,7 @@ from heapq import heappop, heappush
 
 from skyrange.attack.bases.on_path import MAX_INJECTS, OnPath, inject_again
 from skyrange.attack.bases.shams import benign_payload
+from skyrange.attack.contract import AttackContext
 from skyrange.attack.declaration import attack
 from skyrange.attack.on_path import EVERY_LINK
 from skyrange.attack.presets import benign_frames, on_path
@@ -40,10 +41,15 @@ class Duplication(OnPath):
     probability: Number = param(
         "Probability that a selected frame is copied, more than 0 and at most 1.", default=1.0, gt=0, le=1
     )
+    after_ns: Time
     waiting: list[tuple[Time, int, Inject]] = state(list)
     """A heap: when a copy is due, its number, and the copy."""
     made: int = 0
     woken_ns: Time = -NEVER
+
+    def prepare(self, context: AttackContext) -> None:
+        """Set the time from copy to copy."""
+        self.after_ns = from_seconds(self.after_s)
 
     def act(self, now: Time, frame: Frame) -> Verdicts:
         """Let it pass, and keep copies."""
@@ -51,7 +57,7 @@ class Duplication(OnPath):
             return ()
         copy = inject_again(frame, benign_payload(frame.payload) if self.sham else frame.payload)
         for turn in range(1, self.copies + 1):
-            heappush(self.waiting, (now + turn * from_seconds(self.after_s), self.made, copy))
+            heappush(self.waiting, (now + turn * self.after_ns, self.made, copy))
             self.made += 1
         return ()
 

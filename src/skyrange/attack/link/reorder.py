@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from skyrange.attack.bases.on_path import OnPath
+from skyrange.attack.contract import AttackContext
 from skyrange.attack.declaration import attack
 from skyrange.attack.on_path import EVERY_LINK
 from skyrange.attack.presets import FORWARDS_AND_HOLDS, adds_no_load, on_path
@@ -40,10 +41,15 @@ class Reordering(OnPath):
         default=1.0, ge=0.001, le=600,
     )  # fmt: skip
 
+    hold_ns: Time
+
+    def prepare(self, context: AttackContext) -> None:
+        """Set the time."""
+        self.hold_ns = 1 if self.sham else from_seconds(self.hold_s)
+
     def act(self, now: Time, frame: Frame) -> Verdicts:
         """Hold it back, or let it pass."""
         chosen, share, _, _ = self.draw(frame)
         if chosen >= self.probability:
             return ()
-        hold_ns = 1 if self.sham else from_seconds(self.hold_s)
-        return (Delay(now + max(1, int(hold_ns * (0.5 + 0.5 * share)))),)
+        return (Delay(now + max(1, int(self.hold_ns * (0.5 + 0.5 * share)))),)

@@ -8,6 +8,7 @@ from typing import Final, Literal
 
 from skyrange.attack.bases.on_path import MAX_INJECTS, OnPath, inject_again
 from skyrange.attack.bases.shams import benign_payload
+from skyrange.attack.contract import AttackContext
 from skyrange.attack.declaration import attack
 from skyrange.attack.on_path import EVERY_LINK
 from skyrange.attack.presets import benign_frames, on_path
@@ -58,11 +59,16 @@ class FrameReplay(OnPath):
         "Whether the selected frames that pass meanwhile are dropped, so that receivers get the record alone.",
         default=False,
     )
+    record_ns: Time
     record: deque[tuple[Time, Inject]] = state(partial(deque, maxlen=MAX_FRAMES))
     """When each frame passed, and its copy; the oldest first."""
     played: int = 0
     """Number of copies put on the link."""
     woken_ns: Time = -NEVER
+
+    def prepare(self, context: AttackContext) -> None:
+        """Set the length of the record."""
+        self.record_ns = from_seconds(self.record_s)
 
     def on_frame(self, now: Time, frame: Frame) -> Verdicts:
         """Record it before the attack starts."""
@@ -71,7 +77,7 @@ class FrameReplay(OnPath):
         if self.selects(frame):
             copy = inject_again(frame, benign_payload(frame.payload) if self.sham else frame.payload)
             self.record.append((now, copy))
-            self._discard_before(now - from_seconds(self.record_s))
+            self._discard_before(now - self.record_ns)
         return ()
 
     def act(self, now: Time, frame: Frame) -> Verdicts:
@@ -84,7 +90,7 @@ class FrameReplay(OnPath):
         if start == NEVER:
             return None
         if self.played == 0:
-            self._discard_before(start - from_seconds(self.record_s))
+            self._discard_before(start - self.record_ns)
         due = self._due(start)
         return max(due, self.woken_ns + 1) if due is not None and due < self.schedule.stop_ns else None
 
@@ -106,7 +112,7 @@ class FrameReplay(OnPath):
         if count == 0 or (self.played >= count and not self.loop):
             return None
         turn, place = divmod(self.played, count)
-        return self.record[place][0] + (turn + 1) * from_seconds(self.record_s)
+        return self.record[place][0] + (turn + 1) * self.record_ns
 
     def _discard_before(self, oldest: Time) -> None:
         while self.record and self.record[0][0] < oldest:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 from skyrange.contracts.plugins.form import Kind, describe_kind, make_params_model, place_of
 from skyrange.contracts.plugins.homes import name_of_module
 from skyrange.contracts.plugins.registry import Plugin, register
 from skyrange.core.errors import InputError
-
-_MAKES: Final = "assemble"
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +20,7 @@ class MakeKind:
 
     def __call__(self, params: Any, context: Any) -> Any:
         """The parts. Raises `InputError` for what does not fit the scenario."""
-        return getattr(self.kind.of(params), _MAKES)(context)
+        return self.kind.of(params).assemble(context)
 
 
 def declare(

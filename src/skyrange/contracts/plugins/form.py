@@ -103,6 +103,10 @@ class Kind(metaclass=KindType):
         for name, make in type(self).declared_state.items():
             setattr(self, name, make())
 
+    def assemble(self, context: Any) -> Any:
+        """What it makes in a context. Raises `InputError` for what does not fit the scenario."""
+        raise NotImplementedError
+
     def find_problems(self) -> Iterable[Problem]:
         """What is wrong with the parameters beside each other; the place of a problem is the parameter's name."""
         return ()

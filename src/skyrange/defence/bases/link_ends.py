@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal
 
@@ -30,7 +29,7 @@ Inspects = Callable[[Frame], bool]
 
 @dataclass(frozen=True, slots=True)
 class CopyForEnd:
-    """Makes the tap at an end of a link: a copy of an instance, which shares its schedule and what it `shares`."""
+    """Makes the tap at an end of a link: a copy of an instance."""
 
     prototype: EndTap
     side: str
@@ -39,9 +38,7 @@ class CopyForEnd:
 
     def __call__(self, link: str) -> EndTap:
         """The tap of a link."""
-        one = self.prototype
-        shared = (one.schedule, *(getattr(one, name) for name in one.shares))
-        made = deepcopy(one, {id(part): part for part in shared})
+        made = self.prototype.copy()
         made.link, made.side, made.vehicle, made.system = link, self.side, self.vehicle, self.aircraft.system_id
         made.alarm = Alarm(self.vehicle)
         made.begin(self.aircraft)
@@ -58,8 +55,6 @@ class EndTap(Protection):
     needs: ClassVar[tuple[str, ...]] = ("on_frame",)
     decides: ClassVar[str] = ""
     """What it decides as the only one about an aircraft, such as "sequence check"."""
-    shares: ClassVar[tuple[str, ...]] = ()
-    """Fields that its taps share."""
 
     link: str
     """Of a tap: the name of its link."""

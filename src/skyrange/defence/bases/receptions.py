@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -43,8 +42,6 @@ class ReceptionTap(Protection):
     needs: ClassVar[tuple[str, ...]] = ("on_frame",)
     decides: ClassVar[str] = ""
     """What it decides as the only one about an aircraft, such as "motion check"."""
-    shares: ClassVar[tuple[str, ...]] = ()
-    """Fields that the copies share."""
 
     vehicle: str
     """The aircraft that receives."""
@@ -55,10 +52,9 @@ class ReceptionTap(Protection):
     def build(self, context: DefenceContext) -> Defence:
         """Taps. Raises `InputError` for aircraft that are not in the scenario, and without a radio medium."""
         vehicles = self.find_protected(context)
-        shared = {id(part): part for part in (self.schedule, *(getattr(self, name) for name in self.shares))}
         placed: list[TapPlacement] = []
         for vehicle in vehicles:
-            tap, aircraft = deepcopy(self, dict(shared)), context.vehicles[vehicle]
+            tap, aircraft = self.copy(), context.vehicles[vehicle]
             tap.vehicle, tap.alarm = vehicle, Alarm(vehicle)
             tap.own, tap.reader = OwnAircraft(context.origin, aircraft.system_id), Reader(context.origin)
             tap.begin(aircraft)

@@ -20,6 +20,7 @@ from skyrange.core.time import Time, from_seconds
 from skyrange.detect.episodes import subject_of_link
 from skyrange.detect.series import Floats
 from skyrange.detect.window_features import NAMES, WindowFeatures
+from skyrange.study.inference.clusters import keep_first
 
 WINDOWS: Final = "windows"
 """Name of the table."""
@@ -83,20 +84,18 @@ def make_collector(window_s: float) -> WindowCollector:
     return WindowCollector(from_seconds(window_s))
 
 
-def find_distinct(clusters: Sequence[str], windows: pa.Table, nominal: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def find_distinct(
+    clusters: Sequence[str], windows: pa.Table, features: Floats, nominal: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
     """(n,) whether a window is the only one of its content, or the one that counts; of nominal windows the first does.
 
     Windows of one cluster, aircraft and time with equal features are one observation: arms of a block are equal until
     something acts, and the nominal runs of points with one seed may be one flight. `clusters` are those of the blocks.
     """
-    features = np.column_stack([windows.column(name).to_numpy() for name in NAMES])
     ends, vehicles = windows.column("time_ns").to_pylist(), windows.column("vehicle").to_pylist()
+    order = np.argsort(~nominal, kind="stable").tolist()
     distinct = np.zeros(len(clusters), dtype=np.bool_)
-    seen: set[tuple[str, int, str, bytes]] = set()
-    for row in np.argsort(~nominal, kind="stable").tolist():
-        key = (clusters[row], ends[row], vehicles[row], features[row].tobytes())
-        distinct[row] = key not in seen
-        seen.add(key)
+    distinct[order] = keep_first([(clusters[row], ends[row], vehicles[row], features[row].tobytes()) for row in order])
     return distinct
 
 

@@ -56,7 +56,7 @@ def learn_detectors(folder: StudyFolder, tables: StudyTables) -> Learned:
     names = windows.column("run").to_pylist()
     nominal = np.array([runs[run]["arm"] == NOMINAL for run in names], dtype=np.bool_)
     training = np.array([runs[run]["split"] == "train" for run in names], dtype=np.bool_)
-    training &= find_distinct([runs[run]["cluster"] for run in names], windows, nominal)
+    training &= find_distinct([runs[run]["cluster"] for run in names], windows, features, nominal)
     seed = folder.study.first_seed
     models, alerts = {}, []
     for name, algorithm in learned.names.items():
