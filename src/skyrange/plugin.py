@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from skyrange.attack.bases.approval import OnApproval
     from skyrange.attack.bases.fixes import FalseFixes, offset_fixes
     from skyrange.attack.bases.frame_acts import delay, drop
-    from skyrange.attack.bases.injection import Injection
-    from skyrange.attack.bases.mavlink_orders import Order, mode_order
-    from skyrange.attack.bases.mavlink_params import CopterMode, copter_mode
-    from skyrange.attack.bases.message_fields import put
-    from skyrange.attack.bases.messages import OnMessages
+    from skyrange.attack.bases.mavlink.injection import Injection
+    from skyrange.attack.bases.mavlink.message_fields import put
+    from skyrange.attack.bases.mavlink.messages import OnMessages
+    from skyrange.attack.bases.mavlink.orders import Order, mode_order
+    from skyrange.attack.bases.mavlink.params import CopterMode, copter_mode
+    from skyrange.attack.bases.mavlink.telemetry import AlteredTelemetry
     from skyrange.attack.bases.on_path import LinkTap, OnLinks, OnPath
     from skyrange.attack.bases.sensors import AddsSignal, OnSensors, Signal
-    from skyrange.attack.bases.telemetry import AlteredTelemetry
     from skyrange.attack.bases.transmission import Jamming, Noise, Periodic, Reception, Transmission
     from skyrange.attack.campaigns.adversary import Adversary, CampaignStage, Observation
     from skyrange.attack.campaigns.knowledge import Knowledge

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from skyrange.attack.bases.mavlink_orders import read
-from skyrange.attack.on_path import TapMaker
+from skyrange.attack.bases.mavlink.orders import read
+from skyrange.attack.tapped_links import TapMaker
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.plugins.registry import NoParams

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.attack.on_path import TapMaker
+from skyrange.attack.tapped_links import TapMaker
 from skyrange.contracts.plugins.registry import NoParams
 from skyrange.core.errors import InputError
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin

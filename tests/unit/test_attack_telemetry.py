@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
-from skyrange.attack.bases.message_fields import read_fields, write_fields
+from skyrange.attack.bases.mavlink.message_fields import read_fields, write_fields
 from skyrange.attack.contract import AttackContext, AttackPlugin
 from skyrange.codec.mavlink import Message, Packer, decode, dialect
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS

@@ -7,14 +7,14 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from skyrange.attack.bases.hostile_frames import (
+from skyrange.attack.bases.mavlink.hostile_frames import (
     FORMS,
     Draw,
     harmless_frame,
     hostile_frame,
 )
-from skyrange.attack.bases.injection import Injection
-from skyrange.attack.bases.mavlink_orders import NOBODY, stick_message
+from skyrange.attack.bases.mavlink.injection import Injection
+from skyrange.attack.bases.mavlink.orders import NOBODY, stick_message
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav

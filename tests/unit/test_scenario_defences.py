@@ -11,7 +11,7 @@ import pytest
 
 from skyrange.assembly.build import build
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
-from skyrange.attack.on_path import TapMaker
+from skyrange.attack.tapped_links import TapMaker
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.frames.frame import Frame

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from skyrange.attack.bases.mavlink_orders import STATION, mode_order
-from skyrange.attack.on_path import ends_of
+from skyrange.attack.bases.mavlink.orders import STATION, mode_order
+from skyrange.attack.tapped_links import ends_of
 from skyrange.codec.mavlink import Packer, sender_system
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS

@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from skyrange.attack.bases.mavlink_orders import mode_order
+from skyrange.attack.bases.mavlink.orders import mode_order
 from skyrange.attack.gnss.drift import Drift
-from skyrange.attack.on_path import ends_of, side_of
+from skyrange.attack.tapped_links import ends_of, side_of
 from skyrange.codec.mavlink import Packer
 from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.frames.frame import Frame

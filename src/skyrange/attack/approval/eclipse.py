@@ -9,8 +9,8 @@ from skyrange.attack.bases.approval import OnApproval, check_member, check_other
 from skyrange.attack.bases.frame_acts import drop
 from skyrange.attack.contract import Attack, AttackContext, ThreatModel
 from skyrange.attack.declaration import attack
-from skyrange.attack.on_path import Names
 from skyrange.attack.presets import adds_no_load
+from skyrange.attack.tapped_links import Names
 from skyrange.contracts.plugins.fields import param
 from skyrange.core.errors import InputError
 

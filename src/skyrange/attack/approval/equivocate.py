@@ -11,8 +11,8 @@ from skyrange.attack.bases.approval import check_member, list_peers
 from skyrange.attack.bases.corridor import CorridorClaim
 from skyrange.attack.contract import Attack, AttackContext, Controls
 from skyrange.attack.declaration import attack
-from skyrange.attack.on_path import Repetition
 from skyrange.attack.presets import acts_as_member
+from skyrange.attack.tapped_links import Repetition
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.utm.hashgraph.events import NO_PARENT, Event
 from skyrange.utm.hashgraph.messages import EventMessage, Gossip, GossipBody, encode

@@ -10,8 +10,8 @@ from skyrange.attack.bases.approval import OnApproval, check_member, check_other
 from skyrange.attack.bases.frame_acts import SHAM_NS
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.declaration import attack
-from skyrange.attack.on_path import Names
 from skyrange.attack.presets import acts_as_member, adds_no_load
+from skyrange.attack.tapped_links import Names
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.fields import param

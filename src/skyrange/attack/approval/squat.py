@@ -8,8 +8,8 @@ from __future__ import annotations
 from skyrange.attack.bases.corridor import CorridorClaim
 from skyrange.attack.contract import AttackContext, Controls
 from skyrange.attack.declaration import attack
-from skyrange.attack.on_path import Repetition
 from skyrange.attack.presets import acts_as_operator
+from skyrange.attack.tapped_links import Repetition
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.fields import param
 from skyrange.core.time import Time, from_seconds

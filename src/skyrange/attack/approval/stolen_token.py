@@ -12,7 +12,7 @@ from skyrange.attack.bases.approval import OnApproval, check_uss
 from skyrange.attack.bases.on_path import CopyForLink
 from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
 from skyrange.attack.declaration import attack
-from skyrange.attack.on_path import LEARNED, USS, Repetition
+from skyrange.attack.tapped_links import LEARNED, USS, Repetition
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from skyrange.attack.bases.on_path import CopyForLink, LinkTap
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import SIDES, USS, Repetition, ends_of
+from skyrange.attack.tapped_links import SIDES, USS, Repetition, ends_of
 from skyrange.attack.victims import check_vehicles
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.frame import Frame

@@ -11,7 +11,7 @@ from pydantic import Field
 from skyrange.attack.bases.approval import OnApproval
 from skyrange.attack.bases.on_path import CopyForLink
 from skyrange.attack.contract import Attack, AttackContext
-from skyrange.attack.on_path import SIDES
+from skyrange.attack.tapped_links import SIDES
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.fields import param

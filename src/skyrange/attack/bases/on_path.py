@@ -10,7 +10,7 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.declaration import Acting
-from skyrange.attack.on_path import MESSAGE_NUMBERS, Messages, Names, place_taps
+from skyrange.attack.tapped_links import MESSAGE_NUMBERS, Messages, Names, place_taps
 from skyrange.codec.mavlink import message_id
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from skyrange.attack.contract import Controls, ThreatModel
 from skyrange.attack.declaration import Composite
-from skyrange.attack.on_path import Messages, Names
+from skyrange.attack.tapped_links import Messages, Names
 from skyrange.contracts.params import Enu, Number, Params, Whole
 from skyrange.contracts.plugins.fields import param
 from skyrange.core.errors import Problem
@@ -31,7 +31,7 @@ class Statement(Params):
         return bool(self.knowledge or self.position or self.equipment or self.budget)
 
 
-class Act(Params):
+class CampaignAct(Params):
     """An attack of the catalogue that the adversary can start."""
 
     kind: str = Field(description="Kind of attack, a plugin of skyrange.attacks other than campaign.")
@@ -96,7 +96,7 @@ class Stage(Params):
 class CampaignKind(Composite):
     """What an adversary can do and observe, however it decides."""
 
-    acts: dict[str, Act] = param("Acts by name; a name is part of the names of radios and links.")
+    acts: dict[str, CampaignAct] = param("Acts by name; a name is part of the names of radios and links.")
     taps: Names = param("Links that the adversary reads from the start, such as ['gcs:blue/b1'].", default=())
     receiver_m: Enu | None = param(
         "Position of a radio that receives Remote ID, [east_m, north_m, up_m] in metres from the origin or the "

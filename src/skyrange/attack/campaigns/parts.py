@@ -12,11 +12,11 @@ from pydantic import ValidationError
 from skyrange.attack.campaigns.adversary import Adversary, Observation
 from skyrange.attack.campaigns.course import Course
 from skyrange.attack.campaigns.gates import GatedAgent, GatedHook, GatedTapMaker
-from skyrange.attack.campaigns.params import Act, CampaignKind
+from skyrange.attack.campaigns.params import CampaignAct, CampaignKind
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Place, ThreatModel, moved
 from skyrange.attack.exclusive import common
-from skyrange.attack.on_path import TapMaker, place_taps
 from skyrange.attack.radio import down_link, transmitter, up_link
+from skyrange.attack.tapped_links import TapMaker, place_taps
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.mailboxes import Inbox, Outbox
@@ -139,7 +139,7 @@ def _is_campaign(plugin: AttackPlugin) -> bool:
     return isinstance(plugin.make, MakeKind) and issubclass(plugin.make.kind, CampaignKind)
 
 
-def _moved_act(act: Act, by: Place) -> Act:
+def _moved_act(act: CampaignAct, by: Place) -> CampaignAct:
     try:
         plugin = AttackPlugin.find(act.kind)
         settings: Params = moved(plugin, plugin.params.model_validate(act.params), by)
@@ -165,7 +165,7 @@ def _check_together(who: str, where: str, acts: Sequence[str], excluded: Mapping
             raise InputError.one(who, where, f"{a}, {b}", expected, "Let them act in different stages.")
 
 
-def _make_act(name: str, act: Act, context: AttackContext) -> Attack:
+def _make_act(name: str, act: CampaignAct, context: AttackContext) -> Attack:
     where = f"acts.{name}"
     plugin = _find(where, act.kind, context.id)
     if _is_campaign(plugin) or name == _RECEIVER:

@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from skyrange.attack.bases.compromised_companion import CompromisedCompanion
-from skyrange.attack.bases.mavlink_orders import mode_order, read
+from skyrange.attack.bases.mavlink.compromised_companion import CompromisedCompanion
+from skyrange.attack.bases.mavlink.orders import mode_order, read
 from skyrange.attack.contract import AttackContext, Controls
 from skyrange.attack.declaration import attack
-from skyrange.attack.on_path import Repetition
 from skyrange.attack.presets import ANOTHER_COMPANION, in_companion
+from skyrange.attack.tapped_links import Repetition
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame

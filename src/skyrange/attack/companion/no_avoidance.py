@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from skyrange.attack.bases.compromised_companion import CompromisedCompanion
+from skyrange.attack.bases.mavlink.compromised_companion import CompromisedCompanion
 from skyrange.attack.contract import Controls
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import ANOTHER_COMPANION, in_companion

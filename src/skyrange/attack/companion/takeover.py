@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from skyrange.attack.bases.compromised_companion import CompromisedCompanion
-from skyrange.attack.bases.leading import Leader
-from skyrange.attack.bases.mavlink_params import Track
+from skyrange.attack.bases.mavlink.compromised_companion import CompromisedCompanion
+from skyrange.attack.bases.mavlink.leading import Leader
+from skyrange.attack.bases.mavlink.params import Track
 from skyrange.attack.contract import Attack, AttackContext, Controls
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import ANOTHER_COMPANION, in_companion

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 from typing import Final
 
-from skyrange.attack.bases.compromised_sender import SenderStream, command_of, redirect_order, without_signature
-from skyrange.attack.bases.leading import Leader
-from skyrange.attack.bases.mavlink_orders import NOBODY, STATION, Sender
-from skyrange.attack.bases.message_fields import read_fields, write_alteration
+from skyrange.attack.bases.mavlink.compromised_sender import SenderStream, command_of, redirect_order, without_signature
+from skyrange.attack.bases.mavlink.leading import Leader
+from skyrange.attack.bases.mavlink.message_fields import read_fields, write_alteration
+from skyrange.attack.bases.mavlink.orders import NOBODY, STATION, Sender
+from skyrange.attack.bases.mavlink.telemetry import AUTOPILOT, exclusive_messages
 from skyrange.attack.bases.on_path import CopyForLink, LinkTap
-from skyrange.attack.bases.telemetry import AUTOPILOT, exclusive_messages
 from skyrange.attack.contract import Aircraft, Attack, AttackContext, Controls, ThreatModel
 from skyrange.attack.declaration import attack
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.ground.shown_flight import SHOWN_MESSAGES, ShownFlight
-from skyrange.attack.on_path import MESSAGE_NUMBERS, ends_of
+from skyrange.attack.tapped_links import MESSAGE_NUMBERS, ends_of
 from skyrange.codec.mavlink import Packer, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import range_passphrase, secret_from_passphrase

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from skyrange.attack.bases.message_fields import move_place
+from skyrange.attack.bases.mavlink.message_fields import move_place
 from skyrange.attack.contract import Place
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.geodesy import Origin

@@ -14,8 +14,8 @@ from typing import Annotated, Any, Final
 from pydantic import Field
 
 from skyrange.attack.bases.approval import approval_taps, replace_json
-from skyrange.attack.bases.compromised_sender import SenderStream, without_signature
-from skyrange.attack.bases.message_fields import read_fields, write_alteration
+from skyrange.attack.bases.mavlink.compromised_sender import SenderStream, without_signature
+from skyrange.attack.bases.mavlink.message_fields import read_fields, write_alteration
 from skyrange.attack.bases.on_path import CopyForLink, LinkTap
 from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
 from skyrange.attack.declaration import attack

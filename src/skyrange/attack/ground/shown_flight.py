@@ -11,9 +11,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from skyrange.attack.bases.mavlink_orders import read
-from skyrange.attack.bases.message_fields import put
-from skyrange.attack.bases.moved_position import POSITION_MESSAGES, STILL, MovedPosition
+from skyrange.attack.bases.mavlink.message_fields import put
+from skyrange.attack.bases.mavlink.moved_position import POSITION_MESSAGES, STILL, MovedPosition
+from skyrange.attack.bases.mavlink.orders import read
 from skyrange.attack.contract import Place
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav

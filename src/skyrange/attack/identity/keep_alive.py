@@ -6,8 +6,8 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
-from skyrange.attack.bases.injection import InjectionOnLinks
-from skyrange.attack.bases.mavlink_orders import STATION
+from skyrange.attack.bases.mavlink.injection import InjectionOnLinks
+from skyrange.attack.bases.mavlink.orders import STATION
 from skyrange.attack.contract import Controls, ThreatModel
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import CONTROL_LINKS

@@ -6,10 +6,10 @@ from dataclasses import replace
 from math import atan2, degrees, hypot
 from typing import Any, Final
 
-from skyrange.attack.bases.injection import InjectionOnLinks
-from skyrange.attack.bases.mavlink_orders import AUTOPILOT
-from skyrange.attack.bases.mavlink_params import CopterMode
-from skyrange.attack.bases.message_fields import put, read_fields, write_fields
+from skyrange.attack.bases.mavlink.injection import InjectionOnLinks
+from skyrange.attack.bases.mavlink.message_fields import put, read_fields, write_fields
+from skyrange.attack.bases.mavlink.orders import AUTOPILOT
+from skyrange.attack.bases.mavlink.params import CopterMode
 from skyrange.attack.bases.on_path import LinkNames
 from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
 from skyrange.attack.declaration import attack

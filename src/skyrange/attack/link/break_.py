@@ -5,8 +5,8 @@ from __future__ import annotations
 from skyrange.attack.bases.on_path import OnPath
 from skyrange.attack.contract import AttackContext
 from skyrange.attack.declaration import attack
-from skyrange.attack.on_path import EVERY_LINK
 from skyrange.attack.presets import adds_no_load, on_path
+from skyrange.attack.tapped_links import EVERY_LINK
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.fields import param

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 from skyrange.attack.bases.on_path import OnPath
 from skyrange.attack.declaration import attack
-from skyrange.attack.on_path import EVERY_LINK
 from skyrange.attack.presets import adds_no_load, on_path
+from skyrange.attack.tapped_links import EVERY_LINK
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V1, HEADER_V2, LAYOUTS, MAGIC_V2, checksum
 from skyrange.contracts.frames.frame import Frame

@@ -6,8 +6,8 @@ from skyrange.attack.bases.frame_acts import SHAM_NS, delay
 from skyrange.attack.bases.on_path import OnPath
 from skyrange.attack.contract import AttackContext
 from skyrange.attack.declaration import attack
-from skyrange.attack.on_path import EVERY_LINK
 from skyrange.attack.presets import FORWARDS_AND_HOLDS, adds_no_load, on_path
+from skyrange.attack.tapped_links import EVERY_LINK
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.fields import param, state
 from skyrange.core.time import Time, from_seconds

@@ -8,8 +8,8 @@ from skyrange.attack.bases.on_path import MAX_INJECTS, OnPath, inject_again
 from skyrange.attack.bases.shams import benign_payload
 from skyrange.attack.contract import AttackContext
 from skyrange.attack.declaration import attack
-from skyrange.attack.on_path import EVERY_LINK
 from skyrange.attack.presets import benign_frames, on_path
+from skyrange.attack.tapped_links import EVERY_LINK
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number, Whole
 from skyrange.contracts.plugins.fields import param, state

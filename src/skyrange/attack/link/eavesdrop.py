@@ -8,8 +8,8 @@ from typing import Any, Final, TypeAlias
 from skyrange.attack.bases.on_path import OnPath
 from skyrange.attack.contract import Controls
 from skyrange.attack.declaration import attack
-from skyrange.attack.on_path import LEARNED
 from skyrange.attack.presets import on_path
+from skyrange.attack.tapped_links import LEARNED
 from skyrange.codec.mavlink import Message, decode, dialect, message_id, sender_system
 from skyrange.codec.mavlink.signing import is_signed
 from skyrange.contracts.frames.frame import Frame

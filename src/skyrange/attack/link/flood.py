@@ -11,7 +11,7 @@ from skyrange.attack.bases.on_path import MAX_INJECTS, LinkTap
 from skyrange.attack.bases.shams import benign_payload
 from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
 from skyrange.attack.declaration import attack
-from skyrange.attack.on_path import Names, ends_of
+from skyrange.attack.tapped_links import Names, ends_of
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement

@@ -7,8 +7,8 @@ import math
 from skyrange.attack.bases.on_path import OnPath
 from skyrange.attack.contract import Controls
 from skyrange.attack.declaration import attack
-from skyrange.attack.on_path import EVERY_LINK
 from skyrange.attack.presets import on_path
+from skyrange.attack.tapped_links import EVERY_LINK
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number, Whole
 from skyrange.contracts.plugins.fields import param, state

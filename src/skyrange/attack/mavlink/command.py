@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from skyrange.attack.bases.injection import Injection
-from skyrange.attack.bases.mavlink_orders import Order, geodetic
-from skyrange.attack.bases.mavlink_params import COMMANDS, CommandName, CommandValues
+from skyrange.attack.bases.mavlink.injection import Injection
+from skyrange.attack.bases.mavlink.orders import Order, geodetic
+from skyrange.attack.bases.mavlink.params import COMMANDS, CommandName, CommandValues
 from skyrange.attack.contract import AttackContext, Place
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import CONTROL_LINKS, on_control_link, sham_to_nobody

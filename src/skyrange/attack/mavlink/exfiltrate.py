@@ -6,12 +6,12 @@ from typing import Annotated, Final, Literal
 
 from pydantic import BeforeValidator, Field
 
-from skyrange.attack.bases.injection import Injection
-from skyrange.attack.bases.mavlink_orders import AUTOPILOT
+from skyrange.attack.bases.mavlink.injection import Injection
+from skyrange.attack.bases.mavlink.orders import AUTOPILOT
 from skyrange.attack.contract import Controls
 from skyrange.attack.declaration import attack
-from skyrange.attack.on_path import LEARNED
 from skyrange.attack.presets import CONTROL_LINKS, on_control_link
+from skyrange.attack.tapped_links import LEARNED
 from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-from skyrange.attack.bases.injection import Injection
-from skyrange.attack.bases.leading import Leader
-from skyrange.attack.bases.mavlink_orders import Order
-from skyrange.attack.bases.mavlink_params import Track
+from skyrange.attack.bases.mavlink.injection import Injection
+from skyrange.attack.bases.mavlink.leading import Leader
+from skyrange.attack.bases.mavlink.orders import Order
+from skyrange.attack.bases.mavlink.params import Track
 from skyrange.attack.contract import Place
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import CONTROL_LINKS, on_control_link, sham_to_nobody

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from skyrange.attack.bases.mavlink_orders import Order, geodetic, mode_order
-from skyrange.attack.bases.script import Item, Script, Step, Upload
+from skyrange.attack.bases.mavlink.orders import Order, geodetic, mode_order
+from skyrange.attack.bases.mavlink.script import Item, Script, Step, Upload
 from skyrange.attack.contract import Place
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import CONTROL_LINKS, on_control_link, sham_to_nobody

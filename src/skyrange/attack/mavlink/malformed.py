@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from skyrange.attack.bases.hostile_frames import FORMS, Draw, Forms, harmless_frame, hostile_frame
-from skyrange.attack.bases.injection import Injection
-from skyrange.attack.bases.mavlink_orders import AUTOPILOT
+from skyrange.attack.bases.mavlink.hostile_frames import FORMS, Draw, Forms, harmless_frame, hostile_frame
+from skyrange.attack.bases.mavlink.injection import Injection
+from skyrange.attack.bases.mavlink.orders import AUTOPILOT
 from skyrange.attack.contract import AttackContext, Controls
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import CONTROL_LINKS, on_control_link

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final, Literal
 
-from skyrange.attack.bases.mavlink_orders import geodetic, read, rewrite
+from skyrange.attack.bases.mavlink.orders import geodetic, read, rewrite
 from skyrange.attack.bases.on_path import LinkTap
 from skyrange.attack.contract import Attack, AttackContext, Controls, Place
 from skyrange.attack.declaration import attack

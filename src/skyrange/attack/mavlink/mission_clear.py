@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from skyrange.attack.bases.script import Clear, Script, Step, Upload
+from skyrange.attack.bases.mavlink.script import Clear, Script, Step, Upload
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import CONTROL_LINKS, on_control_link, sham_to_nobody
 from skyrange.contracts.plugins.fields import param

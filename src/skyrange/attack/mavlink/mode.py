@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from skyrange.attack.bases.injection import Injection
-from skyrange.attack.bases.mavlink_orders import AUTOPILOT, Order, mode_order
-from skyrange.attack.bases.mavlink_params import CopterMode, copter_mode
+from skyrange.attack.bases.mavlink.injection import Injection
+from skyrange.attack.bases.mavlink.orders import AUTOPILOT, Order, mode_order
+from skyrange.attack.bases.mavlink.params import CopterMode, copter_mode
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import CONTROL_LINKS, on_control_link, sham_to_nobody
 from skyrange.codec.mavlink import Message

@@ -7,9 +7,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from skyrange.attack.bases.injection import Injection
-from skyrange.attack.bases.mavlink_orders import AUTOPILOT, rewrite
-from skyrange.attack.bases.mavlink_params import ParameterValues
+from skyrange.attack.bases.mavlink.injection import Injection
+from skyrange.attack.bases.mavlink.orders import AUTOPILOT, rewrite
+from skyrange.attack.bases.mavlink.params import ParameterValues
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.declaration import attack
 from skyrange.attack.exclusive import Exclusive

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from skyrange.attack.bases.injection import Injection
-from skyrange.attack.bases.mavlink_orders import AUTOPILOT, ModeKeeper, Order, stick_message
+from skyrange.attack.bases.mavlink.injection import Injection
+from skyrange.attack.bases.mavlink.orders import AUTOPILOT, ModeKeeper, Order, stick_message
 from skyrange.attack.contract import AttackContext
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import CONTROL_LINKS, on_control_link, sham_to_nobody

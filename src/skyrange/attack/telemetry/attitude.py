@@ -8,8 +8,8 @@ from typing import Annotated, Any, Final
 
 from pydantic import Field
 
-from skyrange.attack.bases.message_fields import put
-from skyrange.attack.bases.telemetry import AlteredTelemetry
+from skyrange.attack.bases.mavlink.message_fields import put
+from skyrange.attack.bases.mavlink.telemetry import AlteredTelemetry
 from skyrange.attack.declaration import attack
 from skyrange.attack.euler_angles import euler_angles_of, quaternion_of, wrap_angle
 from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry

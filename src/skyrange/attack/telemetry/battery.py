@@ -11,8 +11,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyrange.attack.bases.message_fields import put
-from skyrange.attack.bases.telemetry import AlteredTelemetry
+from skyrange.attack.bases.mavlink.message_fields import put
+from skyrange.attack.bases.mavlink.telemetry import AlteredTelemetry
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry
 from skyrange.codec.mavlink import dialect as mav

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Final, Literal
 
-from skyrange.attack.bases.mavlink_params import SENSORS, SensorNames
-from skyrange.attack.bases.message_fields import put, put_bits
-from skyrange.attack.bases.telemetry import VARIANCES, AlteredTelemetry
+from skyrange.attack.bases.mavlink.message_fields import put, put_bits
+from skyrange.attack.bases.mavlink.params import SENSORS, SensorNames
+from skyrange.attack.bases.mavlink.telemetry import VARIANCES, AlteredTelemetry
 from skyrange.attack.contract import AttackContext
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from skyrange.attack.bases.message_fields import move_place, put
-from skyrange.attack.bases.telemetry import AlteredTelemetry
+from skyrange.attack.bases.mavlink.message_fields import move_place, put
+from skyrange.attack.bases.mavlink.telemetry import AlteredTelemetry
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry
 from skyrange.contracts.params import Enu

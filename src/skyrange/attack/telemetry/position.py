@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Literal
 
-from skyrange.attack.bases.moved_position import POSITION_MESSAGES, STILL, MovedPosition
-from skyrange.attack.bases.telemetry import AlteredTelemetry
+from skyrange.attack.bases.mavlink.moved_position import POSITION_MESSAGES, STILL, MovedPosition
+from skyrange.attack.bases.mavlink.telemetry import AlteredTelemetry
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry

@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal
 
-from skyrange.attack.bases.mavlink_orders import read
+from skyrange.attack.bases.mavlink.orders import read
 from skyrange.attack.contract import Aircraft
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import ends_of
+from skyrange.attack.tapped_links import ends_of
 from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from skyrange.attack.contract import Aircraft
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import TapMaker
+from skyrange.attack.tapped_links import TapMaker
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement

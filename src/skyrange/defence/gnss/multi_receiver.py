@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from math import dist
 from typing import ClassVar, Final, Literal, NamedTuple
 
-from skyrange.attack.bases.mavlink_orders import read
+from skyrange.attack.bases.mavlink.orders import read
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.contracts.frames.frame import Frame

@@ -8,11 +8,11 @@ from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from skyrange.attack.bases.mavlink_orders import read
-from skyrange.attack.bases.mavlink_params import COMMANDS
+from skyrange.attack.bases.mavlink.orders import read
+from skyrange.attack.bases.mavlink.params import COMMANDS
 from skyrange.attack.contract import Aircraft
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import MESSAGE_NUMBERS, Messages
+from skyrange.attack.tapped_links import MESSAGE_NUMBERS, Messages
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Final, Literal, NamedTuple
 
-from skyrange.attack.bases.mavlink_orders import read
+from skyrange.attack.bases.mavlink.orders import read
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.fields import param, state

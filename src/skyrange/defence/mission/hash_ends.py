@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from hmac import compare_digest
 from typing import Final, NamedTuple
 
-from skyrange.attack.bases.mavlink_orders import read
-from skyrange.attack.on_path import ends_of
+from skyrange.attack.bases.mavlink.orders import read
+from skyrange.attack.tapped_links import ends_of
 from skyrange.codec.mavlink import Message, Packer, encode_payload, message_id, sender_system
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame

@@ -12,7 +12,7 @@ from hmac import compare_digest
 from hmac import new as new_hmac
 from typing import Final, NamedTuple
 
-from skyrange.attack.bases.mavlink_orders import read
+from skyrange.attack.bases.mavlink.orders import read
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Final, Literal
 
-from skyrange.attack.bases.mavlink_orders import read
+from skyrange.attack.bases.mavlink.orders import read
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mission.differences import describe_difference

@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator
 
-from skyrange.attack.bases.mavlink_orders import read
+from skyrange.attack.bases.mavlink.orders import read
 from skyrange.attack.exclusive import Exclusive
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id

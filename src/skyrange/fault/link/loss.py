@@ -6,7 +6,7 @@ from math import log1p
 from typing import Final
 
 from skyrange.attack.bases.on_path import OnLinks
-from skyrange.attack.on_path import EVERY_LINK
+from skyrange.attack.tapped_links import EVERY_LINK
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.fields import param

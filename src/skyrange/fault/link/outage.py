@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from skyrange.attack.bases.frame_acts import drop
 from skyrange.attack.bases.on_path import OnLinks
-from skyrange.attack.on_path import EVERY_LINK
+from skyrange.attack.tapped_links import EVERY_LINK
 from skyrange.fault.declaration import fault
 
 

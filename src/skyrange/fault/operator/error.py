@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, Literal
 
-from skyrange.attack.bases.mavlink_orders import STATION, Order, Sender, mode_order
+from skyrange.attack.bases.mavlink.orders import STATION, Order, Sender, mode_order
 from skyrange.attack.bases.on_path import LinkTap
-from skyrange.attack.on_path import Repetition, ends_of
+from skyrange.attack.tapped_links import Repetition, ends_of
 from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from skyrange.attack.bases.mavlink_orders import rewrite
+from skyrange.attack.bases.mavlink.orders import rewrite
 from skyrange.attack.bases.on_path import OnPath
 from skyrange.codec.mavlink import Message, decode_anew
 from skyrange.contracts.frames.frame import Frame

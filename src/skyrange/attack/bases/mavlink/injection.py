@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
-from skyrange.attack.bases.mavlink_orders import NOBODY, STATION, Order, Sender, read
+from skyrange.attack.bases.mavlink.orders import NOBODY, STATION, Order, Sender, read
 from skyrange.attack.bases.on_path import LinkNames, LinkTap
 from skyrange.attack.bases.roles import LINKS_ABOUT, find_links
 from skyrange.attack.contract import Attack, AttackContext, Place
-from skyrange.attack.on_path import MESSAGE_NUMBERS, Repetition, ends_of
 from skyrange.attack.presets import CONTROL_LINKS
+from skyrange.attack.tapped_links import MESSAGE_NUMBERS, Repetition, ends_of
 from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.codec.mavlink import Message, Packer, message_id
 from skyrange.contracts.frames.frame import Frame

@@ -1,4 +1,4 @@
-"""On-path attacks: the links and frames that a tap of an attacker acts on, and taps that inject on their own.
+"""Links that an attacker has a tap on: their names, the end where the tap is, and when it acts on its own.
 
 An on-path attacker sits on a link, such as a router between ground station and aircraft. Its tap is on the receiving
 computer's side (`companion` of a `gcs` link), so what it does comes after the channel for frames towards the aircraft,

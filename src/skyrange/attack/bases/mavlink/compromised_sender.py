@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from hashlib import sha256
 from typing import Final
 
-from skyrange.attack.bases.mavlink_orders import NOBODY
-from skyrange.attack.bases.message_fields import read_fields, write_fields
+from skyrange.attack.bases.mavlink.message_fields import read_fields, write_fields
+from skyrange.attack.bases.mavlink.orders import NOBODY
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNATURE, SIGNED, checksum

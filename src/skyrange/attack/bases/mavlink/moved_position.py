@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import atan2, degrees, hypot
 from typing import Any, Final
 
-from skyrange.attack.bases.message_fields import move_place, put
+from skyrange.attack.bases.mavlink.message_fields import move_place, put
 from skyrange.attack.contract import Place
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time

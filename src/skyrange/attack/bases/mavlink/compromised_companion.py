@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar, Final, Literal
 
-from skyrange.attack.bases.compromised_sender import SenderStream, redirect_order
-from skyrange.attack.bases.mavlink_orders import NOBODY, Sender
+from skyrange.attack.bases.mavlink.compromised_sender import SenderStream, redirect_order
+from skyrange.attack.bases.mavlink.orders import NOBODY, Sender
 from skyrange.attack.bases.on_path import CopyForLink, LinkTap
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import ends_of
+from skyrange.attack.tapped_links import ends_of
 from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.codec.mavlink import Packer, message_id
 from skyrange.codec.mavlink import dialect as mav

@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Final
 
-from skyrange.attack.bases.message_fields import read_fields, write_alteration
+from skyrange.attack.bases.mavlink.message_fields import read_fields, write_alteration
 from skyrange.attack.bases.on_path import CopyForLink, LinkNames, LinkTap
 from skyrange.attack.bases.roles import find_links
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import MESSAGE_NUMBERS, side_of
+from skyrange.attack.tapped_links import MESSAGE_NUMBERS, side_of
 from skyrange.codec.mavlink import dialect, message_id
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
-from skyrange.attack.bases.mavlink_orders import ModeKeeper, Order, Sender, geodetic, mode_order, read
+from skyrange.attack.bases.mavlink.orders import ModeKeeper, Order, Sender, geodetic, mode_order, read
 from skyrange.attack.contract import Place
-from skyrange.attack.on_path import Repetition
+from skyrange.attack.tapped_links import Repetition
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
