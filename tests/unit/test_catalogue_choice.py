@@ -58,7 +58,7 @@ def test_what_changed_since_the_commit_before_head_counts_committed_or_not(tmp_p
 
 @pytest.mark.parametrize("kind", [HeldMode.plugin, "mavlink.mode"])
 def test_a_kind_is_found_by_its_plugin_and_by_its_name(kind: object, request: pytest.FixtureRequest) -> None:
-    files = {f"src/skyrange/attack/{name}.py" for name in ("mavlink/mode", "bases/injection")}
+    files = {f"src/skyrange/attack/{name}.py" for name in ("mavlink/mode", "bases/mavlink/injection")}
     assert files <= files_of(request.node)
 
 
