@@ -31,22 +31,23 @@ TOPICS: dict[str, dict[str, str]] = {
             BaseStation Processing AttackTable FaultTable When DefenceTable DefenceCost DetectorTable Record Live""",
     },
     "skyrange.plugin": {
-        "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu refuse",
+        "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu items refuse Floats Ints",
         "Kinds that act or listen": "attack defence detector fault param state",
-        "Bases of attacks and faults": """OnPath OnMessages OnLinks LinkTap drop delay Injection Order mode_order
-            CopterMode copter_mode AlteredTelemetry put OnSensors AddsSignal Signal FalseFixes offset_fixes OnBodies
+        "Bases of attacks and faults": """OnPath OnMessages OnLinks LinkTap drop delay Injection InjectionOnLinks Order
+            mode_order CopterMode copter_mode geodetic AUTOPILOT STATION Script Step Upload AlteredTelemetry put
+            OnSensors AddsSignal Signal OnFixes OnReceivers FalseFixes Offset offset_fixes OnBodies claim_identity
             Transmission Periodic Reception Jamming Noise OnApproval Composite""",
         "Attacks": """AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
             AirLink ClaimedTrack SensorHook SensorAct
-            Schedule Act ThreatModel Controls on_path on_control_link adds_no_load benign_frames sham_to_nobody
-            Exclusive""",
-        "Campaigns": "campaign CampaignBase CampaignStage Knowledge Observation Adversary",
+            Schedule Act ThreatModel Controls Exclusive
+            Victims Place LinkNames CONTROL_LINKS EVERY_LINK Repetition""",
+        "Campaigns": "CampaignBase CampaignStage Knowledge Observation Adversary",
         "Defences": """EndTap SpeakingTap FixCheck ChannelDefence DefenceContext Defence PathRule PathEnd Sends Passes
             Signs Compares Holds ExpectsOrder""",
         "Faults": "FaultContext FaultParts BodyHook BodyAct Disturbances",
         "Detectors": """Detector ScoreDetector MessageDetector TelemetryDetector ReceptionDetector table
             DetectorContext Monitor ObservedFrames ObservedFrame Alert MonitorPlacement
-            read_messages read_receptions""",
+            read_messages read_receptions Series Steps series""",
         "Flight approvals": """ApprovalPlugin ApprovalContext ApprovalService ApprovalPolicy policy_plugin
             FlightApproval OperationalIntent Alternative ApprovalDecision Volume4D intent_id ApprovalRequest
             ApprovalResponse encode_approval decode_approval_request decode_approval_response RequestQueue RequestOrder
@@ -65,9 +66,10 @@ TOPICS: dict[str, dict[str, str]] = {
         "Observers": "Observer FrameBlock Label World",
         "Time, chance, places and names": """Time Epoch NEVER NS_PER_S NS_PER_MS NS_PER_US from_seconds to_seconds
             Chance hash64 Origin City endpoint link_name vehicle_id operator_of owner_of""",
-        "MAVLink and Remote ID": """decode_mavlink name_mavlink MavlinkPacker mavlink decode_remote_id encode_remote_id
+        "MAVLink and Remote ID": """decode_mavlink name_mavlink message_id MavlinkMessage MavlinkPacker mavlink
+            decode_remote_id encode_remote_id
             find_remote_id_deviations BasicId Location MessagePack""",
-        "Errors": "SkyrangeError InputError Problem ComponentError DecodeError nearest",
+        "Errors": "SkyrangeError InputError Problem Problems ComponentError DecodeError nearest",
     },
     "skyrange.analysis": {
         "Runs": "load RunRecord summary write_report",

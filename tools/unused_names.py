@@ -22,7 +22,7 @@ ADVICE = "delete it, or list it with its reason in DELIBERATE of tools/unused_na
 
 DECORATORS = (
     "@*app.callback", "@*app.command", "@commands.command", "@*.rule", "@field_validator", "@model_validator",
-    "@attack", "@defence", "@detector", "@fault",
+    "@attack", "@defence", "@detector", "@fault", "@sky.attack", "@sky.defence", "@sky.detector", "@sky.fault",
 )  # fmt: skip
 """Decorators that hand a function or a class to what calls it: of the command line, of skyrange.testing, of pydantic
 and of kinds of plugins."""

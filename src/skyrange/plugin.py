@@ -12,41 +12,47 @@ from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
     from skyrange.attack.bases.approval import OnApproval
-    from skyrange.attack.bases.fixes import FalseFixes, offset_fixes
+    from skyrange.attack.bases.fixes import FalseFixes, Offset, OnFixes, OnReceivers, offset_fixes
+    from skyrange.attack.bases.forged_remote_id import claim_identity
     from skyrange.attack.bases.frame_acts import delay, drop
-    from skyrange.attack.bases.mavlink.injection import Injection
+    from skyrange.attack.bases.mavlink.injection import Injection, InjectionOnLinks
     from skyrange.attack.bases.mavlink.message_fields import put
     from skyrange.attack.bases.mavlink.messages import OnMessages
-    from skyrange.attack.bases.mavlink.orders import Order, mode_order
+    from skyrange.attack.bases.mavlink.orders import AUTOPILOT, STATION, Order, geodetic, mode_order
     from skyrange.attack.bases.mavlink.params import CopterMode, copter_mode
+    from skyrange.attack.bases.mavlink.script import Script, Step, Upload
     from skyrange.attack.bases.mavlink.telemetry import AlteredTelemetry
-    from skyrange.attack.bases.on_path import LinkTap, OnLinks, OnPath
+    from skyrange.attack.bases.on_path import LinkNames, LinkTap, OnLinks, OnPath
     from skyrange.attack.bases.sensors import AddsSignal, OnSensors, Signal
     from skyrange.attack.bases.transmission import Jamming, Noise, Periodic, Reception, Transmission
     from skyrange.attack.campaigns.adversary import Adversary, CampaignStage, Observation
     from skyrange.attack.campaigns.knowledge import Knowledge
-    from skyrange.attack.campaigns.python_class import CampaignBase, campaign
+    from skyrange.attack.campaigns.python_class import CampaignBase
     from skyrange.attack.contract import (
         Aircraft,
         AirLink,
         Attack,
         AttackContext,
         Controls,
+        Place,
         ThreatModel,
         Transmitter,
     )
     from skyrange.attack.declaration import Composite, attack
     from skyrange.attack.exclusive import Exclusive
-    from skyrange.attack.presets import adds_no_load, benign_frames, on_control_link, on_path, sham_to_nobody
     from skyrange.attack.radio import Broadcaster, down_link, transmitter, up_link
+    from skyrange.attack.tapped_links import CONTROL_LINKS, EVERY_LINK, Repetition
+    from skyrange.attack.victims import Victims
     from skyrange.city.city import City
     from skyrange.codec.f3411 import BasicId, Location, MessagePack
     from skyrange.codec.f3411 import decode as decode_remote_id
     from skyrange.codec.f3411 import encode as encode_remote_id
     from skyrange.codec.f3411.conformance import deviations as find_remote_id_deviations
+    from skyrange.codec.mavlink import Message as MavlinkMessage
     from skyrange.codec.mavlink import Packer as MavlinkPacker
     from skyrange.codec.mavlink import decode_anew as decode_mavlink
     from skyrange.codec.mavlink import dialect as mavlink
+    from skyrange.codec.mavlink import message_id
     from skyrange.codec.mavlink import message_name as name_mavlink
     from skyrange.contracts.alerts import Alert
     from skyrange.contracts.claims import ClaimedTrack
@@ -60,6 +66,7 @@ if TYPE_CHECKING:
         Engine,
         EngineBase,
         Finished,
+        Floats,
         InstanceStatus,
         Observer,
         Poses,
@@ -75,6 +82,7 @@ if TYPE_CHECKING:
     from skyrange.contracts.detectors import DetectorContext
     from skyrange.contracts.frames.blocks import FrameBlock
     from skyrange.contracts.frames.frame import Fate, Frame
+    from skyrange.contracts.frames.payloads import Ints
     from skyrange.contracts.links import (
         Act,
         Channel,
@@ -105,12 +113,12 @@ if TYPE_CHECKING:
         Waveform,
     )
     from skyrange.contracts.monitors import Monitor, MonitorPlacement, ObservedFrame, ObservedFrames
-    from skyrange.contracts.params import Enu, Number, Params, Whole, refuse
+    from skyrange.contracts.params import Enu, Number, Params, Whole, items, refuse
     from skyrange.contracts.plugins.fields import param, state
     from skyrange.contracts.plugins.registry import NoParams, Plugin, register
     from skyrange.contracts.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict, Verdicts
     from skyrange.core.chance import Chance
-    from skyrange.core.errors import ComponentError, DecodeError, InputError, Problem, SkyrangeError, nearest
+    from skyrange.core.errors import ComponentError, DecodeError, InputError, Problem, Problems, SkyrangeError, nearest
     from skyrange.core.geodesy import Origin
     from skyrange.core.ids import FrameId, Port, endpoint, hash64, link_name, operator_of, owner_of, vehicle_id
     from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, NS_PER_US, Epoch, Time, from_seconds, to_seconds
@@ -127,6 +135,7 @@ if TYPE_CHECKING:
     from skyrange.detect.bases.telemetry import TelemetryDetector
     from skyrange.detect.declaration import Detector, detector
     from skyrange.detect.receptions import read_receptions
+    from skyrange.detect.series import Series, Steps, series
     from skyrange.detect.streams import table
     from skyrange.detect.telemetry import read_messages
     from skyrange.fault.bodies import OnBodies
@@ -169,10 +178,14 @@ if TYPE_CHECKING:
 __all__ = [
     "AIRFRAMES",
     "ANY_CHANNEL",
+    "AUTOPILOT",
+    "CONTROL_LINKS",
+    "EVERY_LINK",
     "NEVER",
     "NS_PER_MS",
     "NS_PER_S",
     "NS_PER_US",
+    "STATION",
     "Act",
     "AddsSignal",
     "Adversary",
@@ -245,6 +258,7 @@ __all__ = [
     "Finished",
     "FixCheck",
     "FlightApproval",
+    "Floats",
     "Frame",
     "FrameBlock",
     "FrameId",
@@ -253,14 +267,18 @@ __all__ = [
     "Inbox",
     "Inject",
     "Injection",
+    "InjectionOnLinks",
     "InputError",
     "InstanceStatus",
+    "Ints",
     "Jamming",
     "Knowledge",
     "Label",
+    "LinkNames",
     "LinkSpec",
     "LinkTap",
     "Location",
+    "MavlinkMessage",
     "MavlinkPacker",
     "Medium",
     "MediumBase",
@@ -278,12 +296,15 @@ __all__ = [
     "ObservedFrame",
     "ObservedFrames",
     "Observer",
+    "Offset",
     "OnAir",
     "OnApproval",
     "OnBodies",
+    "OnFixes",
     "OnLinks",
     "OnMessages",
     "OnPath",
+    "OnReceivers",
     "OnSensors",
     "OpenChannel",
     "OperationalIntent",
@@ -297,10 +318,12 @@ __all__ = [
     "PathEnd",
     "PathRule",
     "Periodic",
+    "Place",
     "Plugin",
     "Port",
     "Poses",
     "Problem",
+    "Problems",
     "ProgramStatus",
     "RadioEnvironment",
     "RadioSpec",
@@ -308,6 +331,7 @@ __all__ = [
     "Reception",
     "ReceptionDetector",
     "ReceptionOutcome",
+    "Repetition",
     "Replace",
     "RequestOrder",
     "RequestQueue",
@@ -316,17 +340,21 @@ __all__ = [
     "ScanStep",
     "Schedule",
     "ScoreDetector",
+    "Script",
     "Sends",
     "SensorAct",
     "SensorHook",
     "Sensors",
     "Sent",
+    "Series",
     "Signal",
     "Signs",
     "SimulatorEngine",
     "SkyrangeError",
     "Source",
     "SpeakingTap",
+    "Step",
+    "Steps",
     "Tap",
     "TapPlacement",
     "TelemetryDetector",
@@ -337,20 +365,20 @@ __all__ = [
     "TransmissionFate",
     "Transmitter",
     "TxBatch",
+    "Upload",
     "VariableChannel",
     "VehicleSpec",
     "Verdict",
     "Verdicts",
+    "Victims",
     "Volume4D",
     "WaitingRequest",
     "WallEngine",
     "Waveform",
     "Whole",
     "World",
-    "adds_no_load",
     "attack",
-    "benign_frames",
-    "campaign",
+    "claim_identity",
     "copter_mode",
     "decode_approval_request",
     "decode_approval_response",
@@ -367,16 +395,17 @@ __all__ = [
     "fault",
     "find_remote_id_deviations",
     "from_seconds",
+    "geodetic",
     "hash64",
     "intent_id",
+    "items",
     "link_name",
     "mavlink",
+    "message_id",
     "mode_order",
     "name_mavlink",
     "nearest",
     "offset_fixes",
-    "on_control_link",
-    "on_path",
     "operator_of",
     "owner_of",
     "param",
@@ -386,7 +415,7 @@ __all__ = [
     "read_receptions",
     "refuse",
     "register",
-    "sham_to_nobody",
+    "series",
     "state",
     "table",
     "to_seconds",

@@ -22,7 +22,7 @@ from skyrange.plugin import (
     Knowledge,
     Observation,
     Time,
-    campaign,
+    attack,
     state,
 )
 from skyrange.record import MemoryObserver
@@ -103,7 +103,7 @@ class Leading(CampaignBase):
 def kind_of(name: str, given: Any) -> type[CampaignBase]:
     """A kind of campaign that does what an adversary decides."""
 
-    @campaign(name)
+    @attack(name)
     class Told(CampaignBase):
         """Does what its adversary decides."""
 
@@ -150,10 +150,10 @@ def with_params(scenario: Scenario, kind: str, params: dict[str, Any]) -> Scenar
 
 
 def test_chain_as_a_class_is_the_same_run() -> None:
-    campaign("test.chain")(Leading)
+    attack("test.chain")(Leading)
     declared = load("chain")
-    (attack,) = declared.attacks
-    params = {name: value for name, value in attack.params.items() if name != "stages"}
+    (only,) = declared.attacks
+    params = {name: value for name, value in only.params.items() if name != "stages"}
     written = with_params(declared, "test.chain", {**params, "longest_s": 120.0})
     one, other = fly(declared, 46), fly(written, 46)
     assert len(one.labels) > 5

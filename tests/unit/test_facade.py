@@ -55,6 +55,52 @@ def test_a_type_checker_sees_each_name_and_no_getattr(name: str) -> None:
     assert conditions == ["TYPE_CHECKING", "not TYPE_CHECKING"]
 
 
+def layers_of(name: str) -> dict[str, int]:
+    """By package below skyrange, the layer on which it stands, counted from the lowest one."""
+    import tomllib
+
+    rules = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]
+    lines = next(rule["layers"] for rule in rules if rule["name"].startswith(name))
+    return {one.strip(): number for number, line in enumerate(reversed(lines)) for one in line.split("|")}
+
+
+def uses_of(module: Path) -> set[str]:
+    """The names that a module takes from `skyrange.plugin`, which it imports as `sky`."""
+    tree = ast.walk(ast.parse(module.read_text(encoding="utf-8")))
+    return {
+        node.attr
+        for node in tree
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "sky"
+    }
+
+
+def test_what_kinds_take_from_the_facade_stands_on_no_higher_layer() -> None:
+    """The rules of imports do not see these: the facade stands low, because it imports what is asked for alone."""
+    layers, exports = layers_of("Layers"), exports_of("skyrange.plugin")
+    source = Path("src/skyrange")
+    users = [file for file in source.rglob("*.py") if "import skyrange.plugin as sky" in file.read_text("utf-8")]
+    assert len(users) > 100
+    wrong = []
+    for file in users:
+        own = layers[file.relative_to(source).parts[0]]
+        for name in uses_of(file):
+            home = exports[name][0].split(".")[1]
+            if layers[home] > own or (layers[home] == own and home != file.relative_to(source).parts[0]):
+                wrong.append(f"{file}: {name} of {home}")
+    assert not wrong
+
+
+@pytest.mark.parametrize("name", FACADE)
+def test_exports_are_read_as_python_reads_them(name: str) -> None:
+    module = importlib.import_module(name)
+    assert module.__file__ is not None
+    blocks = [node for node in ast.parse(Path(module.__file__).read_text("utf-8")).body if isinstance(node, ast.If)]
+    imports = [line for line in blocks[0].body if isinstance(line, ast.ImportFrom)]
+    expected = {alias.asname or alias.name: (line.module, alias.name) for line in imports for alias in line.names}
+    assert len(imports) == len(blocks[0].body)
+    assert exports_of(name) == expected
+
+
 def test_the_facade_is_what_the_docs_say() -> None:
     from tests.unit import test_docs
 

@@ -8,13 +8,13 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import pytest
 from pydantic import ValidationError
 
-from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.declaration import Acting, Composite, attack
+from skyrange.attack.contract import AttackPlugin, ThreatModel
+from skyrange.attack.declaration import Acting, Composite, Facts, attack
 from skyrange.attack.link.delay import Lag
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins import registry
@@ -295,3 +295,57 @@ def test_a_package_offers_its_kinds_by_one_entry_point(tmp_path: Path, monkeypat
         homes._offered.cache_clear()
         for key in [key for key in registry._at_home if key[1].startswith("acme.")]:
             del registry._at_home[key]
+
+
+class Common(Composite):
+    """A base with facts that its kinds have in common."""
+
+    attack_facts: ClassVar[Facts] = {
+        "surface": ("gcs",), "persists": "acts", "position": "here", "equipment": "a pin", "budget": "nothing",
+    }  # fmt: skip
+
+
+class Nearer(Common):
+    """A base of its own, which says otherwise."""
+
+    attack_facts: ClassVar[Facts] = {"budget": "one pin", "technique": "T0814"}
+
+
+def test_facts_of_a_kind_go_before_those_of_its_bases_and_the_nearest_base_first() -> None:
+    class Pricked(Nearer):
+        """Pricks."""
+
+        def build(self, context: Any) -> Any: ...
+
+    with registered():
+        attack("test.pricked", persists="flight", knowledge="where it is")(Pricked)
+        plugin: AttackPlugin = plugin_of(Pricked)
+    assert (plugin.surface, plugin.persists, plugin.technique) == (("gcs",), "flight", "T0814")
+    assert plugin.threat == ThreatModel("where it is", "here", "a pin", "one pin")
+    assert plugin.controls is None
+
+
+@pytest.mark.parametrize(
+    ("facts", "missing"),
+    [
+        ({"budget": "nothing"}, "knowledge"),
+        ({"load": "none"}, "content"),
+        ({"content": "none", "placement": "elsewhere"}, "load"),
+    ],
+)
+def test_a_part_of_a_threat_model_or_of_controls_is_refused(facts: Any, missing: str) -> None:
+    class Half(Common):
+        """Says half."""
+
+        def build(self, context: Any) -> Any: ...
+
+    with pytest.raises(InputError) as caught:
+        attack("test.half", **facts)(Half)
+    (problem,) = caught.value.problems
+    assert problem.where.endswith(missing)
+    assert "all of them, here or in a base" in problem.expected
+
+
+def test_a_fact_that_is_misspelt_is_refused() -> None:
+    with registered(), pytest.raises(InputError, match=r"surfaces: no fact of an attack.*'surface'"):
+        attack("test.misspelt", surfaces=("gcs",))(Common)  # type: ignore[call-arg]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Final, Self, TypedDict, TypeVar, Unpack
 
 from skyrange.attack.contract import (
     AttackContext,
@@ -15,14 +15,41 @@ from skyrange.attack.contract import (
     Place,
     ThreatModel,
 )
-from skyrange.attack.techniques import NO_FIT
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Params
 from skyrange.contracts.plugins.declaration import declare
-from skyrange.contracts.plugins.form import Kind, check_copies
+from skyrange.contracts.plugins.form import Kind, check_copies, place_of
+from skyrange.core.errors import InputError, nearest
 from skyrange.core.time import Time
 
 ActingT = TypeVar("ActingT", bound="type[Acting]")
+
+
+class Facts(TypedDict, total=False):
+    """What is known of a kind of attack before it flies: arguments of `attack`, and `Acting.attack_facts` of bases."""
+
+    technique: str
+    counterfactual: Counterfactual
+    honest: bool
+    places: Sequence[str]
+    from_start: bool
+    persists: Persistence
+    surface: Sequence[str]
+    effect: str
+    realism: Mapping[str, str]
+    knowledge: str
+    """This and the next three are those of a `ThreatModel`."""
+    position: str
+    equipment: str
+    budget: str
+    load: str
+    """This and the next two are those of `Controls`."""
+    content: str
+    placement: str
+
+
+THREAT: Final = ("knowledge", "position", "equipment", "budget")
+CONTROLS: Final = ("load", "content", "placement")
 
 
 class Acting(Kind):
@@ -33,6 +60,8 @@ class Acting(Kind):
     """Fields that copies of an instance share, besides its schedule."""
     move: ClassVar[Callable[[Any, Place], Params] | None] = None
     """Moves places within other parameters, in metres east, north and up: `move(params, by)` returns the new ones."""
+    attack_facts: ClassVar[Facts] = {}
+    """What holds for all attacks with this base that do not say otherwise; a base of a base has its own."""
 
     id: str
     """Its id in the scenario."""
@@ -70,33 +99,43 @@ class Composite(Acting):
     """A kind of several parts, or of parts that no other base has: it builds them itself."""
 
 
-def attack(
-    name: str,
-    *,
-    technique: str = NO_FIT,
-    counterfactual: Counterfactual = "sham",
-    honest: bool = False,
-    places: Sequence[str] = ("at", "transmitter_m"),
-    from_start: bool = False,
-    persists: Persistence | None = None,
-    surface: Sequence[str] = (),
-    effect: str = "",
-    threat: ThreatModel | None = None,
-    controls: Controls | None = None,
-    realism: Mapping[str, str] | None = None,
-) -> Callable[[ActingT], ActingT]:
-    """Declare a class as the kind of attack `name`; the facts are those of `AttackPlugin`.
+def attack(name: str, **facts: Unpack[Facts]) -> Callable[[ActingT], ActingT]:
+    """Declare a class as the kind of attack `name`; its facts go before those of its bases.
 
-    Raises `InputError` for a class that is no such kind, as `contracts.plugins.declaration.declare` does.
+    Raises `InputError` for a class that is no such kind, as `contracts.plugins.declaration.declare` does, for a fact of
+    another name, and for a threat model or controls of which a part is missing.
     """
 
     def decorate(kind: ActingT) -> ActingT:
-        facts = {
-            "technique": technique, "counterfactual": counterfactual, "honest": honest, "places": places,
-            "from_start": from_start, "move": getattr(kind, "move", None), "persists": persists, "surface": surface,
-            "effect": effect, "threat": threat, "controls": controls, "realism": dict(realism or {}),
-        }  # fmt: skip
-        declare(kind, name, Acting, AttackPlugin, facts)
+        known = facts_of(kind) | facts
+        for other in known.keys() - Facts.__annotations__.keys():
+            hint = nearest(other, Facts.__annotations__)
+            raise InputError.one(place_of(kind), other, "no fact of an attack", ", ".join(Facts.__annotations__), hint)
+        threat = _take(kind, THREAT, known, facts)
+        controls = _take(kind, CONTROLS, known, facts)
+        declare(kind, name, Acting, AttackPlugin, {
+            "move": getattr(kind, "move", None),
+            "threat": None if threat is None else ThreatModel(**threat),
+            "controls": None if controls is None else Controls(**controls),
+            **{key: fact for key, fact in known.items() if key not in (*THREAT, *CONTROLS)},
+        })  # fmt: skip
         return kind
 
     return decorate
+
+
+def facts_of(kind: type) -> Facts:
+    """The facts of the bases of a kind; those of a nearer base go before those of its own bases."""
+    found: Facts = {}
+    for base in reversed(kind.__mro__):
+        found |= vars(base).get("attack_facts", {})
+    return found
+
+
+def _take(kind: type, names: Sequence[str], known: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, str] | None:
+    """The facts of these names, if all of them are known. Raises `InputError` if the kind gives only some of them."""
+    missing = [name for name in names if name not in known]
+    if missing and not own.keys().isdisjoint(names):
+        expected = f"{', '.join(names)}: all of them, here or in a base"
+        raise InputError.one(place_of(kind), missing[0], "missing", expected)
+    return None if missing else {name: known[name] for name in names}

@@ -33,6 +33,8 @@ USS: Final = "uss"
 SIDES: Final = {"gcs": "companion", "log": "proxy", "autopilot": "proxy", "rid_data": "companion", "approval": "gcs",
                 "rid_up": "companion", "rid_down": "companion", "oracle": "gcs"}  # fmt: skip
 """By role of a link: the end at which an attacker's tap is."""
+CONTROL_LINKS: Final = ("gcs", "log", "autopilot")
+"""The roles of the links that a control link consists of, from ground station to autopilot."""
 EVERY_LINK: Final = ("gcs", "log", "autopilot", "rid_data", "approval", USS, "rid_up", "rid_down", "oracle")
 """The roles of all links: the surface of what acts on any of them."""
 

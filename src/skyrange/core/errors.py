@@ -9,7 +9,7 @@ import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from skyrange.core.time import Time, to_seconds
 
@@ -51,6 +51,10 @@ class Problem:
     def __str__(self) -> str:
         line = f"{_shorten(self.where)}: {_shorten(self.value)} — expected {self.expected}"
         return f"{line}. {self.hint}" if self.hint else line
+
+
+Problems: TypeAlias = Iterable[Problem]
+"""What is wrong with an input: none if it is right."""
 
 
 def _shorten(text: str) -> str:

@@ -6,10 +6,14 @@ the same lines when a name is asked for. So each name stands in one place (as wi
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, Final
+
+_BLOCK: Final = re.compile(r"^if TYPE_CHECKING:\n((?:(?: .*)?\n)+)", re.MULTILINE)
+_IMPORT: Final = re.compile(r"^ +from (\S+) import (?:\(([^)]*)\)|(.+))$", re.MULTILINE)
 
 
 def export_lazily(module: str) -> Callable[[str], Any]:
@@ -34,16 +38,15 @@ def export_lazily(module: str) -> Callable[[str], Any]:
 @cache
 def exports_of(module: str) -> dict[str, tuple[str, str]]:
     """By exported name, the module that has the object and its name there, in the order in which they stand."""
-    import ast
     from pathlib import Path
 
     file = sys.modules[module].__file__
     assert file is not None
+    text = Path(file).read_text(encoding="utf-8")
     found: dict[str, tuple[str, str]] = {}
-    for statement in ast.parse(Path(file).read_text(encoding="utf-8")).body:
-        if isinstance(statement, ast.If) and ast.unparse(statement.test) == "TYPE_CHECKING":
-            for line in statement.body:
-                assert isinstance(line, ast.ImportFrom)
-                assert line.module is not None
-                found |= {alias.asname or alias.name: (line.module, alias.name) for alias in line.names}
+    for block in _BLOCK.findall(text):  # not by `ast`: that took 10 ms of each command that uses such a module
+        for home, several, one in _IMPORT.findall(block):
+            for entry in filter(None, (name.strip() for name in (several or one).split(","))):
+                name, _, alias = entry.partition(" as ")
+                found[alias or name] = (home, name)
     return found

@@ -11,25 +11,16 @@ course. An aircraft that flies against it meets it sooner and faster.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import cos, inf, radians, sin
 
 import numpy as np
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.sensors import need_one
-from skyrange.attack.victims import Victims
-from skyrange.contracts.components import BodyAct, Disturbances, Floats
-from skyrange.contracts.params import Enu, Number
-from skyrange.contracts.plugins.fields import param
 from skyrange.core.compiled import compiled
-from skyrange.core.errors import Problem
-from skyrange.core.time import NS_PER_S, Time
-from skyrange.fault.bodies import OnBodies
-from skyrange.fault.contract import FaultContext
-from skyrange.fault.declaration import fault
 
 
-@fault(
+@sky.fault(
     "gust",
     surface=("wind",),
     effect="the aircraft is carried off its track, leans against the wind, and takes more power",
@@ -43,53 +34,55 @@ from skyrange.fault.declaration import fault
         "size and length": "assumed: the parameters say them",
     },
 )
-class Gust(OnBodies):
+class Gust(sky.OnBodies):
     """Lets a discrete gust pass over the fleet, on top of wind and turbulence."""
 
-    speed_mps: Number = param(
+    speed_mps: sky.Number = sky.param(
         "Largest horizontal speed in m/s that comes on top of the wind.", default=0.0, ge=0, le=60
     )
-    up_mps: Number = param(
+    up_mps: sky.Number = sky.param(
         "Largest vertical speed in m/s that comes on top; negative is down.", default=0.0, ge=-60, le=60
     )
-    from_deg: Number = param(
+    from_deg: sky.Number = sky.param(
         "Direction that the gust comes from and travels from, in degrees clockwise from true north.",
         default=0.0, ge=0, le=360,
     )  # fmt: skip
-    length_m: Number = param("Length in metres of the rise, and of the fall.", default=30.0, gt=0, le=10_000)
-    hold_m: Number = param("Length in metres of the part between them, at full speed.", default=0.0, ge=0, le=100_000)
-    travel_mps: Number = param("Speed in m/s at which the gust travels.", default=10.0, gt=0, le=100)
-    at: Enu = param(
+    length_m: sky.Number = sky.param("Length in metres of the rise, and of the fall.", default=30.0, gt=0, le=10_000)
+    hold_m: sky.Number = sky.param(
+        "Length in metres of the part between them, at full speed.", default=0.0, ge=0, le=100_000
+    )
+    travel_mps: sky.Number = sky.param("Speed in m/s at which the gust travels.", default=10.0, gt=0, le=100)
+    at: sky.Enu = sky.param(
         "Place that the front passes when the fault starts, [east_m, north_m, up_m] in metres; its height does not "
         "count.",
         default=(0.0, 0.0, 0.0),
     )
-    radius_m: Number | None = param(
+    radius_m: sky.Number | None = sky.param(
         "Distance in metres from `at` up to which the gust is felt in full; beyond it, it fades out within `length_m`. "
         "Default: everywhere.",
         default=None, gt=0, le=100_000,
     )  # fmt: skip
-    vehicles: Victims | None = param(
+    vehicles: sky.Victims | None = sky.param(
         "Aircraft that it can meet, such as ['blue/b1']. Default: all of the scenario.", default=None
     )
-    share: Floats
+    share: sky.Floats
     """(n,) Of its full speed, at each vehicle."""
 
-    def find_problems(self) -> Iterator[Problem]:
-        """No gust."""
+    def find_problems(self) -> sky.Problems:
+        """No speed."""
         return need_one(self, "speed_mps", "up_mps")
 
-    def prepare(self, context: FaultContext) -> None:
-        """Choose whom it can meet."""
+    def prepare(self, context: sky.FaultContext) -> None:
+        """Take all aircraft, if none are named."""
         self.vehicles = tuple(context.vehicles) if self.vehicles is None else self.vehicles
         self.share = np.zeros(len(self.vehicles))
 
-    def on_bodies(self, now: Time, bodies: Disturbances) -> list[BodyAct]:
+    def on_bodies(self, now: sky.Time, bodies: sky.Disturbances) -> list[sky.BodyAct]:
         """Move the air. Returns an act for each vehicle when the gust reaches it for the first time."""
         if now < self.schedule.start_ns:
             return []
         east, north = -sin(radians(self.from_deg)), -cos(radians(self.from_deg))
-        way_m = self.travel_mps * ((now - self.schedule.start_ns) / NS_PER_S)
+        way_m = self.travel_mps * ((now - self.schedule.start_ns) / sky.NS_PER_S)
         shape = (self.length_m, self.hold_m, inf if self.radius_m is None else self.radius_m)
         share = self.share
         if not find_shares(bodies.position_enu_m, self.at[0], self.at[1], east, north, way_m, *shape, share):
@@ -102,8 +95,8 @@ class Gust(OnBodies):
 
 @compiled
 def find_shares(
-    position_enu_m: Floats, at_east_m: float, at_north_m: float, east: float, north: float, way_m: float,
-    length_m: float, hold_m: float, radius_m: float, share: Floats,
+    position_enu_m: sky.Floats, at_east_m: float, at_north_m: float, east: float, north: float, way_m: float,
+    length_m: float, hold_m: float, radius_m: float, share: sky.Floats,
 ) -> bool:  # fmt: skip
     """Write the gust's share (n,) of its full speed at each place (n, 3); returns whether any is not 0.
 

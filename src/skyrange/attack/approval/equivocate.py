@@ -7,13 +7,9 @@ from __future__ import annotations
 
 from typing import Final
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.approval import check_member, list_peers
 from skyrange.attack.bases.corridor import CorridorClaim
-from skyrange.attack.contract import Attack, AttackContext, Controls
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import acts_as_member
-from skyrange.attack.tapped_links import Repetition
-from skyrange.core.time import NS_PER_S, Time
 from skyrange.utm.hashgraph.events import NO_PARENT, Event
 from skyrange.utm.hashgraph.messages import EventMessage, Gossip, GossipBody, encode
 from skyrange.utm.hashgraph.signatures import secret_of, sign
@@ -21,22 +17,19 @@ from skyrange.utm.hashgraph.signatures import secret_of, sign
 _FLIGHTS: Final = ("twin-a", "twin-b")
 
 
-@attack(
+@sky.attack(
     "approval.equivocate",
     technique="T0856",
     surface=("uss",),
-    persists="flight",
     effect="nodes that decide on different claims for one corridor, if a third of all stake or more is byzantine; "
     "otherwise at most one of the claims is accepted, and the pair of events is a proof",
-    threat=acts_as_member(
-        "the keys of its own node, the members of the hashgraph",
-        budget="one message of about 3 kB to each other node",
-    ),
-    controls=Controls(
-        load="the sham: as many messages of the same length, without an event",
-        content="one claim, told to all",
-        placement="an operator without stake",
-    ),
+    knowledge="the keys of its own node, the members of the hashgraph",
+    position="a member: an operator whose node is byzantine",
+    equipment="a node of its own",
+    budget="one message of about 3 kB to each other node",
+    load="the sham: as many messages of the same length, without an event",
+    content="one claim, told to all",
+    placement="an operator without stake",
 )
 class Corridor(CorridorClaim):
     """Books a corridor twice: tells half of the nodes of a hashgraph of one claim, and half of another."""
@@ -46,20 +39,19 @@ class Corridor(CorridorClaim):
     flight: str
     """Of a tap: the flight of which its member is told."""
 
-    def build(self, context: AttackContext) -> Attack:
+    def build(self, context: sky.AttackContext) -> sky.Attack:
         """Taps at the node. Raises `InputError` for an operator without a node."""
         check_member(self.operator, context)
         self.members = tuple(list_peers(self.operator, context))
-        self.when = Repetition(self.schedule, NS_PER_S, times=1)
+        self.when = sky.Repetition(self.schedule, sky.NS_PER_S, times=1)
         return self.at_service(self.operator, context, alters=f"events of {self.operator}")
 
     def begin(self) -> None:
-        """Choose what the member at the other end is told."""
         first, _, second = self.link.partition(":")[2].partition("~")
         self.way, peer = ("fwd", second) if first == self.operator else ("rev", first)
         self.flight = _FLIGHTS[self.members.index(peer) % 2]
 
-    def send(self, now: Time, turn: int) -> bytes:
+    def send(self, now: sky.Time, turn: int) -> bytes:
         """The second event after the member's first; of the sham one that is known, as long as the other."""
         payload = self.make_request(self.make_intent(self.flight, now))
         mine = Event(self.operator, NO_PARENT, NO_PARENT, 0)

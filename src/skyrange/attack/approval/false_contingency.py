@@ -8,29 +8,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.corridor import FAR_NS, CorridorClaim
-from skyrange.attack.contract import AttackContext, Controls
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import acts_as_operator
-from skyrange.attack.tapped_links import Repetition
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.time import Time, from_seconds
 from skyrange.utm.intent_states import IntentState
 
 
-@attack(
+@sky.attack(
     "approval.false_contingency",
     technique="T0856",
-    surface=("approval",),
-    persists="flight",
     effect="nobody may enter the corridor, whatever their priority; flights that were accepted cannot be activated",
-    threat=acts_as_operator(budget="two requests of about 1 kB"),
-    controls=Controls(
-        load="the sham: the same messages, of the same length, for the same corridor twenty days later",
-        content="a contingency that takes place",
-        placement="a corridor where nobody else wants to fly",
-    ),
+    budget="two requests of about 1 kB",
+    load="the sham: the same messages, of the same length, for the same corridor twenty days later",
+    content="a contingency that takes place",
 )
 class FalseContingency(CorridorClaim):
     """Reports that an aircraft, which does not exist, has left its volumes and flies through a corridor.
@@ -38,18 +27,16 @@ class FalseContingency(CorridorClaim):
     The flight is requested for in twenty days, and then reported.
     """
 
-    after_s: Number = param(
+    after_s: sky.Number = sky.param(
         "Time in seconds between the request for an ordinary intent, and the report that its aircraft is contingent.",
         default=2.0, ge=0.1, le=3_600,
     )  # fmt: skip
 
-    def prepare(self, context: AttackContext) -> None:
-        """Send two messages."""
+    def prepare(self, context: sky.AttackContext) -> None:
         super().prepare(context)
-        self.when = Repetition(self.schedule, from_seconds(self.after_s), 2)
+        self.when = sky.Repetition(self.schedule, sky.from_seconds(self.after_s), 2)
 
-    def send(self, now: Time, turn: int) -> bytes:
-        """The request, or the report."""
+    def send(self, now: sky.Time, turn: int) -> bytes:
         intent = self.make_intent("contingent", now)
         if turn == 2:
             return self.make_request(replace(intent, state=IntentState.CONTINGENT), version=1)

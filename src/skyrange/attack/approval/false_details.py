@@ -8,47 +8,35 @@ from __future__ import annotations
 import json
 from typing import Final
 
-from skyrange.attack.bases.approval import OnApproval, check_uss
-from skyrange.attack.contract import Attack, AttackContext, ThreatModel
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import true_volumes
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.plugins.fields import param
-from skyrange.contracts.verdicts import Verdicts
-from skyrange.core.time import Time
+import skyrange.plugin as sky
+from skyrange.attack.bases.approval import check_uss
 
 _BELOW_M: Final = 500.0
 """By how much lower the false volumes are: below the ground."""
 
 
-@attack(
+@sky.attack(
     "approval.false_details",
     technique="T0856",
-    surface=("uss",),
-    persists="flight",
     effect="others plan into the airspace that the USS has claimed for its own aircraft, and meet them",
-    threat=ThreatModel(
-        knowledge="the interface of USSs (ASTM F3548-21)",
-        position="a USS of the federation, or who has taken it over",
-        equipment="its server",
-        budget="no frames of its own",
-    ),
-    controls=true_volumes(
-        content="none, because the true details are those of the sham",
-        placement="a USS whose aircraft fly where nobody else does",
-    ),
+    knowledge="the interface of USSs (ASTM F3548-21)",
+    position="a USS of the federation, or who has taken it over",
+    equipment="its server",
+    load="the sham: the same frames, of the same length, with the true volumes",
+    content="none, because the true details are those of the sham",
+    placement="a USS whose aircraft fly where nobody else does",
 )
-class FalseDetails(OnApproval):
+class FalseDetails(sky.OnApproval):
     """A USS tells others that its intents claim airspace below the ground."""
 
-    uss: str = param("The USS that lies, by name: the operator's id, unless the federation names others.")
+    uss: str = sky.param("The USS that lies, by name: the operator's id, unless the federation names others.")
 
-    def build(self, context: AttackContext) -> Attack:
+    def build(self, context: sky.AttackContext) -> sky.Attack:
         """Taps at the USS. Raises `InputError` for a USS that the scenario does not have."""
         check_uss(self.uss, context)
         return self.at_service(self.uss, context, alters=f"details of {self.uss}")
 
-    def act(self, now: Time, frame: Frame) -> Verdicts:
+    def act(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         """Alter the volumes in details and notifications that leave the USS."""
         if not frame.src.endswith(f".{self.uss}") or b'"operational_intent":' not in frame.payload:
             return ()

@@ -8,20 +8,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from skyrange.attack.bases.approval import OnApproval, check_uss
+import skyrange.plugin as sky
+from skyrange.attack.bases.approval import check_uss
 from skyrange.attack.bases.on_path import CopyForLink
-from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
-from skyrange.attack.declaration import attack
-from skyrange.attack.tapped_links import LEARNED, USS, Repetition
+from skyrange.attack.tapped_links import LEARNED, USS
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import TapPlacement
-from skyrange.contracts.mailboxes import Note
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.verdicts import Direction, Verdicts
-from skyrange.core.errors import DecodeError
-from skyrange.core.time import Time, from_seconds
+from skyrange.contracts.verdicts import Direction
 from skyrange.utm.federated.names import DSS
 
 _FIRST_EXCHANGE: Final = 2**40
@@ -29,53 +21,47 @@ _FIRST_EXCHANGE: Final = 2**40
 _PATH: Final = "/dss/v1/operational_intent_references/"
 
 
-@attack(
+@sky.attack(
     "approval.stolen_token",
     technique="T0859",
-    surface=("uss",),
-    persists="flight",
     effect="others are accepted into the airspace of aircraft that are about to fly, or fly, and meet them",
-    threat=ThreatModel(
-        knowledge="the interface of the DSS (ASTM F3548-21)",
-        position="on the path between USS and DSS, where it reads what passes, such as a proxy that ends TLS",
-        equipment="a computer that forwards the frames",
-        budget="one request of about 500 bytes for each intent",
-    ),
-    controls=Controls(
-        load="the sham: as many requests of the same length, for versions that do not exist",
-        content="none, because an end that the USS itself wants is not an act of the adversary",
-        placement="the token of a USS whose aircraft fly where nobody else does",
-    ),
+    knowledge="the interface of the DSS (ASTM F3548-21)",
+    position="on the path between USS and DSS, where it reads what passes, such as a proxy that ends TLS",
+    budget="one request of about 500 bytes for each intent",
+    load="the sham: as many requests of the same length, for versions that do not exist",
+    content="none, because an end that the USS itself wants is not an act of the adversary",
+    placement="the token of a USS whose aircraft fly where nobody else does",
 )
-class StolenToken(OnApproval):
+class StolenToken(sky.OnApproval):
     """Ends the intents of a USS at the DSS, with a token that it has read."""
 
-    uss: str = param("USS whose token is stolen, by name: the operator's id, unless the federation names others.")
-    every_s: Number = param("Time in seconds between two intents that are ended.", default=0.5, ge=0.01, le=3600)
+    uss: str = sky.param("USS whose token is stolen, by name: the operator's id, unless the federation names others.")
+    every_s: sky.Number = sky.param(
+        "Time in seconds between two intents that are ended.", default=0.5, ge=0.01, le=3600
+    )
     way: Direction = "rev"
     """To the DSS, which is the first end of its links."""
     token: str = ""
-    ovns: dict[str, str] = state(dict)
+    ovns: dict[str, str] = sky.state(dict)
     """Current OVN of each intent that the DSS has accepted and the adversary has not ended."""
     sent: int = 0
 
-    def build(self, context: AttackContext) -> Attack:
+    def build(self, context: sky.AttackContext) -> sky.Attack:
         """A tap at the USS. Raises `InputError` for a USS that the scenario does not have."""
         check_uss(self.uss, context)
-        self.when = Repetition(self.schedule, from_seconds(self.every_s))
-        return Attack(taps=[TapPlacement(f"{USS}:{DSS}~{self.uss}", self.uss, CopyForLink(self))])
+        self.when = sky.Repetition(self.schedule, sky.from_seconds(self.every_s))
+        return sky.Attack(taps=[sky.TapPlacement(f"{USS}:{DSS}~{self.uss}", self.uss, CopyForLink(self))])
 
-    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
-        """Learn from it, and note a new token."""
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         try:
             message = decode(frame.payload)
-        except DecodeError:
+        except sky.DecodeError:
             return ()
         if isinstance(message, UssResponse):
             self._learn(message)
         elif message.token and message.token != self.token:
             self.token = message.token
-            return (Note(LEARNED, self.link, {"what": "token"}, (frame.id,)),)
+            return (sky.Note(LEARNED, self.link, {"what": "token"}, (frame.id,)),)
         return ()
 
     def _learn(self, message: UssResponse) -> None:
@@ -85,7 +71,7 @@ class StolenToken(OnApproval):
             if isinstance(id_, str) and isinstance(ovn, str):
                 self.ovns[id_] = ovn
 
-    def send(self, now: Time, turn: int) -> bytes | None:
+    def send(self, now: sky.Time, turn: int) -> bytes | None:
         """The end of the intent that is known for the longest time; of the sham, of a version that does not exist."""
         if not self.token or not self.ovns:
             return None

@@ -10,16 +10,10 @@ from typing import Final
 
 from uas_standards.astm.f3548.v21.api import OperationID
 
-from skyrange.attack.bases.approval import OnApproval, check_uss
-from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
-from skyrange.attack.declaration import attack
+import skyrange.plugin as sky
+from skyrange.attack.bases.approval import check_uss
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
 from skyrange.codec.f3548.operations import path_of
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.plugins.fields import param
-from skyrange.contracts.verdicts import Drop, Inject, Verdicts
-from skyrange.core.errors import DecodeError
-from skyrange.core.time import Time
 
 _NOTIFICATIONS: Final = frozenset(
     path_of(one)
@@ -27,44 +21,37 @@ _NOTIFICATIONS: Final = frozenset(
 )
 
 
-@attack(
+@sky.attack(
     "approval.suppress_notifications",
     technique="T0804",
-    surface=("uss",),
-    persists="flight",
     effect="aircraft in flight do not avoid an area that has been closed, nor one of a higher priority",
-    threat=ThreatModel(
-        knowledge="the interface of USSs (ASTM F3548-21)",
-        position="on the path to the USS, where TLS ends, such as a proxy in front of it",
-        equipment="a computer that forwards the frames",
-        budget="one response of about 60 bytes for each notification",
-    ),
-    controls=Controls(
-        load="the sham: the same responses, beside those of the USS, which gets the notifications",
-        content="none, because a notification that arrives is that of the sham",
-        placement="a USS whose aircraft fly where nothing is closed",
-    ),
+    knowledge="the interface of USSs (ASTM F3548-21)",
+    position="on the path to the USS, where TLS ends, such as a proxy in front of it",
+    budget="one response of about 60 bytes for each notification",
+    load="the sham: the same responses, beside those of the USS, which gets the notifications",
+    content="none, because a notification that arrives is that of the sham",
+    placement="a USS whose aircraft fly where nothing is closed",
 )
-class SuppressNotifications(OnApproval):
+class SuppressNotifications(sky.OnApproval):
     """A USS is not told of intents and constraints of others, who believe that it was."""
 
-    uss: str = param("USS that is not told, by name: the operator's id, unless the federation names others.")
+    uss: str = sky.param("USS that is not told, by name: the operator's id, unless the federation names others.")
 
-    def build(self, context: AttackContext) -> Attack:
+    def build(self, context: sky.AttackContext) -> sky.Attack:
         """Taps at the USS. Raises `InputError` for a USS that the scenario does not have."""
         check_uss(self.uss, context)
         return self.at_service(self.uss, context, alters=f"notifications to {self.uss}")
 
-    def act(self, now: Time, frame: Frame) -> Verdicts:
+    def act(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         """Take a notification off the way to the USS and answer it; the sham only answers, before the USS does."""
         if not frame.dst.endswith(f".{self.uss}"):
             return ()
         try:
             message = decode(frame.payload)
-        except DecodeError:
+        except sky.DecodeError:
             return ()
         if not isinstance(message, UssRequest) or (message.method, message.path) not in _NOTIFICATIONS:
             return ()
         heard = encode(UssResponse.model_construct(exchange=message.exchange, status=204, body=None))
-        answer = Inject(heard, "rev" if frame.direction == "fwd" else "fwd", frame.dst, frame.src)
-        return (answer,) if self.sham else (Drop(), answer)
+        answer = sky.Inject(heard, "rev" if frame.direction == "fwd" else "fwd", frame.dst, frame.src)
+        return (answer,) if self.sham else (sky.Drop(), answer)

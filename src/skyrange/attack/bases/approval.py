@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 from skyrange.attack.bases.on_path import CopyForLink, LinkTap
 from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.declaration import Facts
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.tapped_links import SIDES, USS, Repetition, ends_of
 from skyrange.attack.victims import check_vehicles
@@ -26,6 +27,13 @@ class OnApproval(LinkTap):
 
     A kind defines one of them or both, and builds its parts from `at_service` or `approval_taps`.
     """
+
+    attack_facts: ClassVar[Facts] = {
+        "surface": ("uss",),
+        "persists": "flight",
+        "equipment": "a computer that forwards the frames",
+        "budget": "no frames of its own",
+    }
 
     needs: ClassVar[tuple[str, ...]] = ()
 

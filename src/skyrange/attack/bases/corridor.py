@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -11,6 +11,7 @@ from pydantic import Field
 from skyrange.attack.bases.approval import OnApproval
 from skyrange.attack.bases.on_path import CopyForLink
 from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.declaration import Facts
 from skyrange.attack.tapped_links import SIDES
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.params import Number
@@ -60,6 +61,14 @@ class InCorridor(OnApproval):
 
 class CorridorClaim(InCorridor):
     """Claims a corridor for some time, in messages on the approval link of an operator."""
+
+    attack_facts: ClassVar[Facts] = {
+        "surface": ("approval",),
+        "knowledge": "where and when others want to fly",
+        "position": "an operator with an account of the approval",
+        "equipment": "a ground station",
+        "placement": "a corridor where nobody else wants to fly",
+    }
 
     operator: str = param("Operator in whose name it is claimed, such as 'red': the adversary.")
     until_s: Number = param(

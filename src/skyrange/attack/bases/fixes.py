@@ -11,6 +11,7 @@ import numpy as np
 
 from skyrange.attack.bases.sensors import AltersSensors, within
 from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.declaration import Facts
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.victims import Victims
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
@@ -22,6 +23,11 @@ FIX_2D: Final = 2
 """MAVLink GPS_FIX_TYPE: the lowest one with a position."""
 UNALTERED: Final = -1
 """Phase of a receiver whose fixes are as it measures them."""
+SPOOFED_OFFSET: Final = {
+    "position and velocity": "simulated: the truth with an offset",
+    "fix type, satellites, claimed accuracy": "assumed: unaltered, a seamless capture",
+}
+"""Realism of fixes that a spoofer moves."""
 ALL: Final = 255
 """Limit of a fix type or of satellites that limits nothing."""
 
@@ -35,6 +41,11 @@ Shift: TypeAlias = tuple[Floats, Floats, Ints]
 
 class OnFixes(AltersSensors):
     """Alters GNSS fixes in phases. An act is labelled when a receiver enters one, other than `UNALTERED`."""
+
+    attack_facts: ClassVar[Facts] = {
+        "surface": ("gnss",),
+        "load": "none, because a spoofed signal takes no airtime of the range's links",
+    }
 
     slow: ClassVar[bool] = True
 
@@ -65,6 +76,16 @@ class FalseFixes(OnFixes):
     the time at which the fix was *measured*: a repeated fix has the same offset again, and a fix that was measured
     before the attack started stays true. The sham has the same phases and moves nothing.
     """
+
+    attack_facts: ClassVar[Facts] = {
+        "knowledge": "the place of each victim, to align code and Doppler with the authentic signals",
+        "position": "in sight of the victims' antennas",
+        "equipment": "a GNSS simulator that follows each victim alone",
+        "budget": "a signal some decibels above the authentic ones, for as long as it acts",
+        "content": "the sham: the same acts with unaltered fixes",
+        "placement": "the same offset on another aircraft",
+        "realism": SPOOFED_OFFSET,
+    }
 
     needs: ClassVar[tuple[str, ...]] = ("shift",)
 

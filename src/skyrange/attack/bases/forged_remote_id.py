@@ -14,6 +14,7 @@ from pydantic import Field
 
 from skyrange.attack.bases.transmission import Transmission
 from skyrange.attack.contract import Attack, AttackContext, Place
+from skyrange.attack.declaration import Facts
 from skyrange.attack.radio import place_transmitter
 from skyrange.codec.drip import parse_session_id
 from skyrange.codec.f3411 import (
@@ -86,6 +87,10 @@ class ForgedRemoteId(Transmission):
     In the sham all of them report that they are on the ground where the transmitter is. A kind with this base has the
     parameters below, and sets in `prepare` whom it claims.
     """
+
+    attack_facts: ClassVar[Facts] = {
+        "honest": True,
+    }
 
     needs: ClassVar[tuple[str, ...]] = ("prepare",)
 

@@ -9,8 +9,8 @@ from typing import Annotated, Any, ClassVar, Final, Literal, cast
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext
-from skyrange.attack.declaration import Acting
-from skyrange.attack.tapped_links import MESSAGE_NUMBERS, Messages, Names, place_taps
+from skyrange.attack.declaration import Acting, Facts
+from skyrange.attack.tapped_links import EVERY_LINK, MESSAGE_NUMBERS, Messages, Names, place_taps
 from skyrange.codec.mavlink import message_id
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
@@ -88,6 +88,15 @@ class LinkTap(Acting):
 
 class OnLinks(LinkTap):
     """Acts on the frames of links while it acts, in one direction or in both: `act` answers each of them."""
+
+    attack_facts: ClassVar[Facts] = {
+        "surface": EVERY_LINK,
+        "persists": "acts",
+        "position": "on the path, such as a router between ground station and aircraft",
+        "equipment": "a computer that forwards the frames",
+        "budget": "no frames of its own",
+        "load": "none, because it adds no load",
+    }
 
     needs: ClassVar[tuple[str, ...]] = ("act",)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator
 
 from skyrange.attack.contract import Attack, AttackContext
-from skyrange.attack.declaration import Acting
+from skyrange.attack.declaration import Acting, Facts
 from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.params import Number, refuse
@@ -27,11 +27,22 @@ SAMPLED: Final = frozenset({"baro_up_m", "compass_gauss"})
 """Columns of sensors that repeat a reading until they measure again; inertial sensors measure at every tick."""
 
 
+SOUND_AT_AIRCRAFT: Final = {
+    "amplitude at the aircraft": "assumed: a parameter, because it depends on sensor, distance and housing"
+}
+"""Realism of readings that sound alters."""
+
+
 class AltersSensors(Acting):
     """Alters readings of the aircraft that its parameter `vehicles` names, or of all if it has no such parameter.
 
     One instance is the sensor fault of the whole attack. `on_sensors` writes into arrays whose rows are `vehicles`.
     """
+
+    attack_facts: ClassVar[Facts] = {
+        "counterfactual": "mute",
+        "persists": "acts",
+    }
 
     needs: ClassVar[tuple[str, ...]] = ("on_sensors",)
     slow: ClassVar[bool] = False
@@ -67,6 +78,11 @@ class AltersSensors(Acting):
 
 class OnSensors(AltersSensors):
     """Alters readings from its start on: `act` writes them. The sham leaves them, and tells the same acts."""
+
+    attack_facts: ClassVar[Facts] = {
+        "load": "none, because a sensor signal takes no airtime of the range's links",
+        "content": "the sham: the same act with unaltered readings",
+    }
 
     needs: ClassVar[tuple[str, ...]] = ("act",)
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Final
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, Place
-from skyrange.attack.declaration import Acting
+from skyrange.attack.declaration import Acting, Facts
 from skyrange.attack.radio import SERVICE_NS, down_link, transmitter, up_link
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
@@ -40,6 +40,11 @@ def radiated_power(default: float = 20.0, le: float = 50) -> Any:
 
 class RadioAgent(Acting):
     """Is an agent with a radio of its own. A kind with this base has the parameters `transmitter_m` and `power_dbm`."""
+
+    attack_facts: ClassVar[Facts] = {
+        "surface": ("medium",),
+        "persists": "acts",
+    }
 
     needs: ClassVar[tuple[str, ...]] = ("step", "next_wakeup")
     listens: ClassVar[bool] = False
@@ -217,6 +222,13 @@ class Jamming(Periodic):
 
     The sham transmits the same bursts with −200 dBm.
     """
+
+    attack_facts: ClassVar[Facts] = {
+        "counterfactual": "mute",
+        "position": "within some hundred metres of the receivers, by power and walls",
+        "load": "none, because the noise is the attack; the sham has the same bursts at −200 dBm",
+        "content": "none, because noise has no content",
+    }
 
     needs: ClassVar[tuple[str, ...]] = ("noise",)
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from skyrange.attack.contract import Controls, ThreatModel
-from skyrange.attack.declaration import Composite
+from skyrange.attack.declaration import Composite, Facts
 from skyrange.attack.tapped_links import Messages, Names
 from skyrange.contracts.params import Enu, Number, Params, Whole
 from skyrange.contracts.plugins.fields import param
-from skyrange.core.errors import Problem
+from skyrange.core.errors import Problem, Problems
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"
 
@@ -96,6 +94,20 @@ class Stage(Params):
 class CampaignKind(Composite):
     """What an adversary can do and observe, however it decides."""
 
+    attack_facts: ClassVar[Facts] = {
+        "places": ("receiver_m",),
+        "surface": ("gcs", "log", "autopilot", "medium", "gnss"),
+        "persists": "flight",
+        "effect": "those of its acts, one after the other, when the victims are where the adversary wants them",
+        "knowledge": "stated in its parameters, and what it observes",
+        "position": "that of its taps, radio and acts",
+        "equipment": "that of its acts",
+        "budget": "that of its acts",
+        "load": "the sham: the shams of its acts in the same stages",
+        "content": "those of its acts",
+        "placement": "those of its acts",
+    }
+
     acts: dict[str, CampaignAct] = param("Acts by name; a name is part of the names of radios and links.")
     taps: Names = param("Links that the adversary reads from the start, such as ['gcs:blue/b1'].", default=())
     receiver_m: Enu | None = param(
@@ -105,27 +117,7 @@ class CampaignKind(Composite):
     )
     threat: Statement = param("The adversary's threat model, in words.", default=Statement())
 
-    def find_problems(self) -> Iterator[Problem]:
+    def find_problems(self) -> Problems:
         """No act."""
         if not self.acts:
             yield Problem("acts", "{}", "one act or more")
-
-
-CAMPAIGN_FACTS: Final[Mapping[str, Any]] = {
-    "places": ("receiver_m",),
-    "surface": ("gcs", "log", "autopilot", "medium", "gnss"),
-    "persists": "flight",
-    "effect": "those of its acts, one after the other, when the victims are where the adversary wants them",
-    "threat": ThreatModel(
-        knowledge="stated in its parameters, and what it observes",
-        position="that of its taps, radio and acts",
-        equipment="that of its acts",
-        budget="that of its acts",
-    ),
-    "controls": Controls(
-        load="the sham: the shams of its acts in the same stages",
-        content="those of its acts",
-        placement="those of its acts",
-    ),
-}
-"""Facts of campaigns, as arguments of the decorator."""

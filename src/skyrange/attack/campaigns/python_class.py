@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
 from skyrange.attack.campaigns.adversary import CampaignStage, Observation
-from skyrange.attack.campaigns.params import CAMPAIGN_FACTS, CampaignKind
+from skyrange.attack.campaigns.params import CampaignKind
 from skyrange.attack.campaigns.parts import make_parts, move_acts
 from skyrange.attack.contract import Attack, AttackContext
-from skyrange.attack.declaration import attack
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.fields import param
 from skyrange.core.time import Time, from_seconds
-
-CampaignT = TypeVar("CampaignT", bound="type[CampaignBase]")
 
 
 class CampaignBase(CampaignKind):
@@ -42,8 +38,3 @@ class CampaignBase(CampaignKind):
     def decide(self, now: Time) -> CampaignStage | None:
         """The stage that the adversary is in; `None` ends the campaign."""
         raise NotImplementedError
-
-
-def campaign(name: str) -> Callable[[CampaignT], CampaignT]:
-    """Declare a class as the kind of attack `name`, a campaign: `attack` with the facts of campaigns."""
-    return attack(name, **CAMPAIGN_FACTS)

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.compromised_companion import CompromisedCompanion
-from skyrange.attack.contract import Controls
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import ANOTHER_COMPANION, in_companion
 
 
-@attack(
+@sky.attack(
     "companion.no_avoidance",
     technique="T0837",
-    surface=("log",),
-    persists="acts",
     effect="the aircraft does not avoid those that it hears, and its telemetry and broadcasts look normal",
-    threat=in_companion(
-        "the messages by which a companion commands its autopilot",
-        budget="no frames of its own; it alters some frames in each avoidance",
-    ),
-    controls=Controls(
-        load="the sham: the same frames are replaced by copies of themselves",
-        content="none, because an order that is held back has no content",
-        placement=ANOTHER_COMPANION,
-    ),
+    knowledge="the messages by which a companion commands its autopilot",
+    budget="no frames of its own; it alters some frames in each avoidance",
+    load="the sham: the same frames are replaced by copies of themselves",
+    content="none, because an order that is held back has no content",
 )
 class DisabledAvoidance(CompromisedCompanion):
     """Holds back the orders by which a companion computer avoids others, and nothing else."""

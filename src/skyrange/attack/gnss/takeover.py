@@ -13,15 +13,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import dist
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 
 from skyrange.attack.bases.fixes import FIX_2D, UNALTERED, OnReceivers, fixes_of
-from skyrange.attack.contract import Attack, AttackContext, Controls, Place
+from skyrange.attack.contract import Attack, AttackContext, Place
+from skyrange.attack.declaration import Facts
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_3D, FIX_NONE, Emitter, emitter_at
-from skyrange.attack.presets import takes_no_airtime
 from skyrange.contracts.components import Ints, Sensors
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.fields import param
@@ -39,12 +39,6 @@ AFTER_CAPTURE: Final = {
     "after the attack": "assumed: the authentic fix is back at once",
 }
 """Realism of a takeover: how it begins and ends."""
-
-
-def same_receivers(signal: str, *, placement: str) -> Controls:
-    """Controls of a takeover by signals that are `spoofed` or `repeated`."""
-    content = "the sham: the same receivers are captured at the same times, with unaltered fixes"
-    return takes_no_airtime(signal, content=content, placement=placement)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +78,12 @@ class Takeover(OnReceivers):
     A receiver stays captured while the signals are no weaker than the authentic ones. Its antenna is where its fix was
     measured. A kind says what is sent from where: `prepare` calls `transmit`, and sets `shown`.
     """
+
+    attack_facts: ClassVar[Facts] = {
+        "position": "in line of sight of the victims' antennas: 1 km at -30 dBm per signal",
+        "budget": "microwatts per signal, for as long as it acts",
+        "content": "the sham: the same receivers are captured at the same times, with unaltered fixes",
+    }
 
     advantage_db: Number = param(
         "Least received power over that of the authentic signals, in dB; 2 as measured by Tippenhauer et al. (CCS "

@@ -8,42 +8,27 @@ phasor measurement units to GPS spoofing attacks, International Journal of Criti
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
-from skyrange.attack.bases.fixes import OnFixes, fixes_since
-from skyrange.attack.contract import AttackContext
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import gnss_spoofer, takes_no_airtime
-from skyrange.attack.victims import Victims
-from skyrange.contracts.components import SensorAct, Sensors
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.errors import Problem
-from skyrange.core.time import Time, from_seconds
+import skyrange.plugin as sky
+from skyrange.attack.bases.fixes import fixes_since
 
 ROLLOVER_S = 1024 * 604_800
 """After this time the week number of GPS L1 C/A repeats (IS-GPS-200, 6.2.4)."""
 
 
-@attack(
+@sky.attack(
     "gnss.time",
     technique="EX-0014.01",
-    counterfactual="mute",
-    surface=("gnss",),
     persists="flight",
     effect="the clock of a disarmed autopilot is set ahead: mission items that wait for a time end early, and Remote "
     "ID has wrong time stamps",
-    threat=gnss_spoofer(
-        equipment="a GNSS simulator that alters the navigation message or delays all signals alike",
-        budget="a signal some decibels above the authentic ones, before the victim is armed",
-    ),
-    controls=takes_no_airtime(
-        "spoofed",
-        content="the sham: the same acts with the true time",
-        placement="the same offset on another aircraft, or after it is armed",
-    ),
+    knowledge="the place of each victim, to align code and Doppler with the authentic signals",
+    position="in sight of the victims' antennas",
+    equipment="a GNSS simulator that alters the navigation message or delays all signals alike",
+    budget="a signal some decibels above the authentic ones, before the victim is armed",
+    content="the sham: the same acts with the true time",
+    placement="the same offset on another aircraft, or after it is armed",
     realism={
         "time": "simulated: the truth with an offset; a receiver may refuse a jump that this one takes (cited: "
         "Nighswander et al., CCS 2012, where most receivers take it)",
@@ -53,7 +38,7 @@ ROLLOVER_S = 1024 * 604_800
         "older (cited: AP_GPS_MAV.cpp, JitterCorrection.cpp), and EKF3 limits that to its fusion horizon",
     },
 )
-class FalseTime(OnFixes):
+class FalseTime(sky.OnFixes):
     """Shifts the time of GNSS receivers and leaves their positions true.
 
     The UTC of the receivers is ahead of the true one, or behind it. The offset of a fix is that of the time at which
@@ -62,24 +47,22 @@ class FalseTime(OnFixes):
 
     slow = False
 
-    vehicles: Victims = param("Aircraft whose receivers report a wrong time, such as ['blue/b1'].")
-    offset_s: Number = param(
+    vehicles: sky.Victims = sky.param("Aircraft whose receivers report a wrong time, such as ['blue/b1'].")
+    offset_s: sky.Number = sky.param(
         "Offset of the reported time at the start of the attack, in seconds; positive is ahead; at most 1024 weeks.",
         default=0.0, ge=-ROLLOVER_S, le=ROLLOVER_S,
     )  # fmt: skip
-    drift_s_per_s: Number = param("Growth of the offset, in seconds per second.", default=0.0, ge=-100, le=100)
-    offset_ns: Time
+    drift_s_per_s: sky.Number = sky.param("Growth of the offset, in seconds per second.", default=0.0, ge=-100, le=100)
+    offset_ns: sky.Time
 
-    def find_problems(self) -> Iterator[Problem]:
-        """No shift."""
+    def find_problems(self) -> sky.Problems:
         if not (self.offset_s or self.drift_s_per_s):
-            yield Problem("offset_s", "0", "an offset or a drift other than 0")
+            yield sky.Problem("offset_s", "0", "an offset or a drift other than 0")
 
-    def prepare(self, context: AttackContext) -> None:
-        """Convert the offset."""
-        self.offset_ns = from_seconds(self.offset_s)
+    def prepare(self, context: sky.AttackContext) -> None:
+        self.offset_ns = sky.from_seconds(self.offset_s)
 
-    def on_sensors(self, now: Time, sensors: Sensors) -> list[SensorAct]:
+    def on_sensors(self, now: sky.Time, sensors: sky.Sensors) -> list[sky.SensorAct]:
         """Shift the time of the fixes. Returns an act for each vehicle whose first fix it shifts."""
         start = self.schedule.start_ns
         if start > now:

@@ -8,33 +8,19 @@ because a station refuses such a plan.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Annotated, Any, Final
 
 from pydantic import Field
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.approval import approval_taps, replace_json
 from skyrange.attack.bases.mavlink.compromised_sender import SenderStream, without_signature
 from skyrange.attack.bases.mavlink.message_fields import read_fields, write_alteration
-from skyrange.attack.bases.on_path import CopyForLink, LinkTap
-from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
-from skyrange.attack.declaration import attack
-from skyrange.attack.exclusive import Exclusive
+from skyrange.attack.bases.on_path import CopyForLink
 from skyrange.attack.ground.plan_alteration import ALTERED_FIELDS, Form, PlanAlteration
-from skyrange.attack.victims import Victims
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.signing import range_passphrase, secret_from_passphrase
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import TapPlacement
-from skyrange.contracts.params import Enu, Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.verdicts import Replace, Verdicts
-from skyrange.core.errors import DecodeError, Problem
-from skyrange.core.ids import APPROVAL, link_name, operator_of
-from skyrange.core.time import Epoch, Time
-from skyrange.utm.contract import OperationalIntent
-from skyrange.utm.messages import Request, decode_request, encode
+from skyrange.core.ids import APPROVAL
 
 _COUNT: Final = int(mav.MAVLINK_MSG_ID_MISSION_COUNT)
 _ITEM: Final = int(mav.MAVLINK_MSG_ID_MISSION_ITEM_INT)
@@ -42,111 +28,104 @@ _FARTHEST_M: Final = 50_000.0
 """Largest offset: a ground station refuses waypoints farther than 100 km from home."""
 
 
-@attack(
+@sky.attack(
     "ground.plan_file",
     technique="T0873",
     from_start=True,
+    places=(),
     surface=("gcs", "approval"),
     persists="flight",
     effect="approver, ground station and autopilot agree on a plan that is not the operator's, and signatures fit it",
-    places=(),
-    threat=ThreatModel(
-        knowledge="the form of plans, and where the operator keeps them",
-        position="where the plan is made or stored, before the flight: a shared folder, a mail, a planning tool",
-        equipment="write access to the file; no link and no key",
-        budget="no frames of its own",
-    ),
-    controls=Controls(
-        load="the sham: the same frames are replaced by copies of themselves",
-        content="an offset below the accuracy of positioning, such as 0.1 m",
-        placement="the same alteration of another aircraft's plan",
-    ),
+    knowledge="the form of plans, and where the operator keeps them",
+    position="where the plan is made or stored, before the flight: a shared folder, a mail, a planning tool",
+    equipment="write access to the file; no link and no key",
+    budget="no frames of its own",
+    load="the sham: the same frames are replaced by copies of themselves",
+    content="an offset below the accuracy of positioning, such as 0.1 m",
+    placement="the same alteration of another aircraft's plan",
 )
-class PlanFile(LinkTap):
+class PlanFile(sky.LinkTap):
     """Alters a plan before the ground station submits and uploads it, so that all agree on the wrong plan.
 
     The attack has to begin at 0 s, because plans are loaded then.
     """
 
-    vehicles: Victims = param("Aircraft whose plans are altered, such as ['blue/b1'].")
-    form: Form = param(
+    vehicles: sky.Victims = sky.param("Aircraft whose plans are altered, such as ['blue/b1'].")
+    form: Form = sky.param(
         "offset: waypoints are moved; scale: their heights above home are multiplied; sea_level: their heights above "
         "home are declared as heights above mean sea level; endless: the last item is a DO_JUMP back to the first "
         "waypoint, without end.",
         default="offset",
     )
-    offset_m: Enu = param(
+    offset_m: sky.Enu = sky.param(
         "Offset of waypoints, [east_m, north_m, up_m] in metres, for 'offset'.", default=(0.0, 0.0, 0.0)
     )
-    factor: Annotated[Number, Field(gt=0, le=20)] = param(
+    factor: Annotated[sky.Number, Field(gt=0, le=20)] = sky.param(
         "Factor of heights, for 'scale'; 3.2808 is a height in feet that is read as metres.", default=3.2808
     )
     alteration: PlanAlteration
-    epoch: Epoch
+    epoch: sky.Epoch
     uploads: bool
     """Of a tap: whether its link carries uploads, or else intents."""
     up: SenderStream
     down: SenderStream
     count: int = 0
-    originals: dict[int, Any] = state(dict)
+    originals: dict[int, Any] = sky.state(dict)
     """The operator's altered items by number."""
 
-    def find_problems(self) -> Iterator[Problem]:
-        """An alteration that alters nothing, or too much."""
+    def find_problems(self) -> sky.Problems:
         if max(map(abs, self.offset_m)) > _FARTHEST_M:
-            yield Problem("offset_m", repr(list(self.offset_m)), f"at most {_FARTHEST_M:.0f} m each")
+            yield sky.Problem("offset_m", repr(list(self.offset_m)), f"at most {_FARTHEST_M:.0f} m each")
         elif self.form == "offset" and not any(self.offset_m):
-            yield Problem("offset_m", repr(list(self.offset_m)), "an offset that is not zero, for 'offset'")
+            yield sky.Problem("offset_m", repr(list(self.offset_m)), "an offset that is not zero, for 'offset'")
         elif self.form == "scale" and self.factor == 1:
-            yield Problem("factor", "1", "another factor than 1, for 'scale'")
+            yield sky.Problem("factor", "1", "another factor than 1, for 'scale'")
 
-    def prepare(self, context: AttackContext) -> None:
-        """Take the place and the date of the scenario."""
+    def prepare(self, context: sky.AttackContext) -> None:
         self.alteration = PlanAlteration(self.form, self.offset_m, self.factor, context.origin)
         self.epoch = context.epoch
 
-    def build(self, context: AttackContext) -> Attack:
+    def build(self, context: sky.AttackContext) -> sky.Attack:
         """Taps where plans leave the station. Raises `InputError` for aircraft that are not in the scenario."""
         make = CopyForLink(self)
         taps = approval_taps(self.vehicles, context, make)
-        taps += [TapPlacement(link_name("gcs", vehicle), "gcs", make) for vehicle in self.vehicles]
-        return Attack(taps=taps, exclusive=[Exclusive(f"plan of {vehicle}") for vehicle in self.vehicles])
+        taps += [sky.TapPlacement(sky.link_name("gcs", vehicle), "gcs", make) for vehicle in self.vehicles]
+        return sky.Attack(taps=taps, exclusive=[sky.Exclusive(f"plan of {vehicle}") for vehicle in self.vehicles])
 
     def begin(self) -> None:
-        """Take the key of the station."""
         role, _, owner = self.link.partition(":")
         self.uploads = role != APPROVAL
-        secret = secret_from_passphrase(range_passphrase(self.chance.seed, operator_of(owner)))
+        secret = secret_from_passphrase(range_passphrase(self.chance.seed, sky.operator_of(owner)))
         self.up, self.down = SenderStream(secret), SenderStream(secret)
 
-    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         """Alter an intent or an item; a sham sends it on as it is, with as many bytes."""
         schedule = self.schedule
         if not schedule.start_ns <= now < schedule.stop_ns:
             return ()
         if not self.uploads:
             return self._alter_intent(frame)
-        number = message_id(frame.payload)
+        number = sky.message_id(frame.payload)
         if number is None or number not in (_COUNT, _ITEM):
             return ()
         return self._alter_item(frame, number)
 
-    def _alter_intent(self, frame: Frame) -> Verdicts:
+    def _alter_intent(self, frame: sky.Frame) -> sky.Verdicts:
         """Alter an intent as the plan is altered."""
         if frame.direction != "fwd":
             return ()
         try:
-            intent = decode_request(frame.payload).intent(self.epoch)
-        except DecodeError:
+            intent = sky.decode_approval_request(frame.payload).intent(self.epoch)
+        except sky.DecodeError:
             return ()
         if intent.vehicle not in self.vehicles:
             return ()
         volumes = tuple(self.alteration.alter_volume(volume) for volume in intent.volumes)
-        altered = OperationalIntent(intent.id, intent.operator, intent.vehicle, volumes, intent.priority)
-        payload = encode(Request.of(altered, self.epoch))
+        altered = sky.OperationalIntent(intent.id, intent.operator, intent.vehicle, volumes, intent.priority)
+        payload = sky.encode_approval(sky.ApprovalRequest.of(altered, self.epoch))
         return (replace_json(frame.payload, payload, self.sham),)
 
-    def _alter_item(self, frame: Frame, number: int) -> Verdicts:
+    def _alter_item(self, frame: sky.Frame, number: int) -> sky.Verdicts:
         """Alter an item of an upload, and alter it back when it is read."""
         plain = without_signature(frame.payload)
         fields = None if plain is None else read_fields(plain, number)
@@ -171,4 +150,4 @@ class PlanFile(LinkTap):
             for name in ALTERED_FIELDS:
                 fields[name] = original[name]
         content = write_alteration(plain, number, true, fields, self.sham)
-        return (Replace((self.up if upwards else self.down).forward(frame.payload, content)),)
+        return (sky.Replace((self.up if upwards else self.down).forward(frame.payload, content)),)

@@ -7,53 +7,44 @@ from __future__ import annotations
 
 from typing import Literal
 
-from skyrange.attack.bases.on_path import LinkNames, LinkTap
+import skyrange.plugin as sky
 from skyrange.attack.bases.roles import LINKS_ABOUT, find_links
-from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import CONTROL_LINKS
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink import message_id
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.plugins.fields import param
-from skyrange.contracts.verdicts import Drop, Verdicts
-from skyrange.core.time import Time
 
 
-@attack(
+@sky.attack(
     "identity.silence_station",
     technique="T0803",
     counterfactual="mute",
-    surface=CONTROL_LINKS,
+    surface=("gcs", "log", "autopilot"),
     persists="acts",
     effect="the failsafe for a lost ground station acts while commands and telemetry still pass",
-    threat=ThreatModel(
-        knowledge="the id of HEARTBEAT, which is never encrypted",
-        position="on the path between ground station and aircraft",
-        equipment="a router or computer that filters frames",
-        budget="no frames of its own; about one frame a second is dropped",
-    ),
-    controls=Controls(
-        load="as many other frames dropped: link.drop with another message",
-        content="none, because a drop has no content; the sham drops too",
-        placement="the other direction, or another aircraft",
-    ),
+    knowledge="the id of HEARTBEAT, which is never encrypted",
+    position="on the path between ground station and aircraft",
+    equipment="a router or computer that filters frames",
+    budget="no frames of its own; about one frame a second is dropped",
+    load="as many other frames dropped: link.drop with another message",
+    content="none, because a drop has no content; the sham drops too",
+    placement="the other direction, or another aircraft",
 )
-class SilencedHeartbeats(LinkTap):
+class SilencedHeartbeats(sky.LinkTap):
     """Drops heartbeats of the ground station or of the aircraft, and nothing else."""
 
-    links: LinkNames = param(LINKS_ABOUT)
-    towards: Literal["aircraft", "station"] = param(
+    links: sky.LinkNames = sky.param(LINKS_ABOUT)
+    towards: Literal["aircraft", "station"] = sky.param(
         "aircraft: the ground station's heartbeats are dropped, and its failsafe acts if FS_GCS_ENABLE is set; "
         "station: those of the aircraft, and the ground station takes the link for lost.",
         default="aircraft",
     )
 
-    def build(self, context: AttackContext) -> Attack:
+    def build(self, context: sky.AttackContext) -> sky.Attack:
         """A tap on each link. Raises `InputError` for links that the scenario does not have, or of another kind."""
-        return Attack(taps=self.place(find_links(self.links, context, CONTROL_LINKS), context))
+        return sky.Attack(taps=self.place(find_links(self.links, context, sky.CONTROL_LINKS), context))
 
-    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
-        """Drop a heartbeat."""
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         way = "fwd" if self.towards == "aircraft" else "rev"
-        return (Drop(),) if frame.direction == way and message_id(frame.payload) == mav.MAVLINK_MSG_ID_HEARTBEAT else ()
+        return (
+            (sky.Drop(),)
+            if frame.direction == way and sky.message_id(frame.payload) == mav.MAVLINK_MSG_ID_HEARTBEAT
+            else ()
+        )

@@ -5,37 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from skyrange.attack.bases.on_path import OnPath
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import adds_no_load, on_path
-from skyrange.attack.tapped_links import EVERY_LINK
-from skyrange.codec.mavlink import message_id
+import skyrange.plugin as sky
 from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V1, HEADER_V2, LAYOUTS, MAGIC_V2, checksum
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.params import Number, Whole
-from skyrange.contracts.plugins.fields import param
-from skyrange.contracts.verdicts import Replace, Verdicts
-from skyrange.core.errors import Problem
-from skyrange.core.time import Time
 
 
-@attack(
+@sky.attack(
     "link.corrupt",
     technique="T0830",
-    surface=EVERY_LINK,
-    persists="acts",
     effect="receivers reject damaged frames, or accept values that nobody sent",
-    threat=on_path(
-        "nothing to damage frames; the message's layout and CRC_EXTRA to have a changed value accepted",
-        position="on the path; damage without a mended checksum is also what a jammer near the receiver does",
-        equipment="a computer that forwards the frames, or a jammer",
-    ),
-    controls=adds_no_load(
-        content="the sham: the same frames replaced by equal ones",
-        placement="the same damage on another aircraft's link, or of other messages or bytes",
-    ),
+    knowledge="nothing to damage frames; the message's layout and CRC_EXTRA to have a changed value accepted",
+    position="on the path; damage without a mended checksum is also what a jammer near the receiver does",
+    equipment="a computer that forwards the frames, or a jammer",
+    content="the sham: the same frames replaced by equal ones",
+    placement="the same damage on another aircraft's link, or of other messages or bytes",
 )
-class Damage(OnPath):
+class Damage(sky.OnPath):
     """Flips bits of selected frames, and can mend their checksums.
 
     Each bit of the chosen bytes is flipped with the same probability, independently. With `fix_checksum` only payload
@@ -44,26 +28,25 @@ class Damage(OnPath):
     either way.
     """
 
-    bit_error_rate: Number = param(
+    bit_error_rate: sky.Number = sky.param(
         "Probability that a bit is flipped; 1 inverts every chosen bit.", default=0.001, gt=0, le=1
     )
-    first_byte: Whole = param(
+    first_byte: sky.Whole = sky.param(
         "First byte that is damaged, counted from 0, the frame's first; the payload of a MAVLink 2 frame begins at 10.",
         default=0, ge=0, le=65_535,
     )  # fmt: skip
-    last_byte: Whole | None = param(
+    last_byte: sky.Whole | None = sky.param(
         "Last byte that is damaged; default: the frame's last.", default=None, ge=0, le=65_535
     )
-    fix_checksum: bool = param(
+    fix_checksum: bool = sky.param(
         "Whether payload bytes alone are damaged, and the CRC of a MAVLink frame is mended.", default=False
     )
 
-    def find_problems(self) -> Iterator[Problem]:
-        """Bytes that are not in order."""
+    def find_problems(self) -> sky.Problems:
         if self.last_byte is not None and self.last_byte < self.first_byte:
-            yield Problem("last_byte", str(self.last_byte), f"at least first_byte, {self.first_byte}")
+            yield sky.Problem("last_byte", str(self.last_byte), f"at least first_byte, {self.first_byte}")
 
-    def act(self, now: Time, frame: Frame) -> Verdicts:
+    def act(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         """Replace it by a damaged copy, if any bit is flipped; in the sham by an equal copy."""
         payload = frame.payload
         start, stop = self.first_byte, len(payload) if self.last_byte is None else min(self.last_byte + 1, len(payload))
@@ -79,9 +62,9 @@ class Damage(OnPath):
             return ()
         if body is not None:
             _mend(damaged, body[1])
-        return (Replace(payload if self.sham else bytes(damaged)),)
+        return (sky.Replace(payload if self.sham else bytes(damaged)),)
 
-    def _flips(self, frame: Frame, bits: int) -> Iterator[int]:
+    def _flips(self, frame: sky.Frame, bits: int) -> Iterator[int]:
         """The bits to flip, of `bits`: gaps between flips are geometric, so that a draw serves many bits."""
         if self.bit_error_rate >= 1.0:
             yield from range(bits)
@@ -100,7 +83,7 @@ class Damage(OnPath):
 
 def _payload_range(frame: bytes) -> tuple[int, int] | None:
     """First byte of a MAVLink frame's payload, and first byte behind it; `None` for what is no whole known frame."""
-    if message_id(frame) not in LAYOUTS:
+    if sky.message_id(frame) not in LAYOUTS:
         return None
     start = HEADER_V2 if frame[0] == MAGIC_V2 else HEADER_V1
     stop = start + frame[1]
@@ -109,7 +92,7 @@ def _payload_range(frame: bytes) -> tuple[int, int] | None:
 
 def _mend(frame: bytearray, stop: int) -> None:
     """Compute the checksum of a frame anew, whose payload ends before `stop` (serialization, "Checksum")."""
-    number = message_id(bytes(frame))
+    number = sky.message_id(bytes(frame))
     assert number is not None
     crc = checksum(bytes(frame[1:stop]), LAYOUTS[number].crc_extra)
     frame[stop : stop + CHECKSUM] = crc.to_bytes(CHECKSUM, "little")

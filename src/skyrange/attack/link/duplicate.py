@@ -4,55 +4,42 @@ from __future__ import annotations
 
 from heapq import heappop, heappush
 
-from skyrange.attack.bases.on_path import MAX_INJECTS, OnPath, inject_again
+import skyrange.plugin as sky
+from skyrange.attack.bases.on_path import MAX_INJECTS, inject_again
 from skyrange.attack.bases.shams import benign_payload
-from skyrange.attack.contract import AttackContext
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import benign_frames, on_path
-from skyrange.attack.tapped_links import EVERY_LINK
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.params import Number, Whole
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.verdicts import Inject, Verdict, Verdicts
-from skyrange.core.time import NEVER, Time, from_seconds
 
 
-@attack(
+@sky.attack(
     "link.duplicate",
     technique="T0830",
-    surface=EVERY_LINK,
     persists="mode",
     effect="receivers get frames a second time, and obey a command again that a later one replaced",
-    threat=on_path(
-        "nothing for all frames; the message ids to select some", budget="up to 10 frames for each frame copied"
-    ),
-    controls=benign_frames(
-        content="copies after 1 ms, before the next frame changes what they mean",
-        placement="the same copies on another aircraft's link, or of other messages",
-    ),
+    knowledge="nothing for all frames; the message ids to select some",
+    budget="up to 10 frames for each frame copied",
+    load="the sham: benign frames of the same length in place of the copies",
+    content="copies after 1 ms, before the next frame changes what they mean",
+    placement="the same copies on another aircraft's link, or of other messages",
 )
-class Duplication(OnPath):
+class Duplication(sky.OnPath):
     """Puts copies of selected frames on a link, some time after them."""
 
-    after_s: Number = param(
+    after_s: sky.Number = sky.param(
         "Time in seconds from a frame to its copy, and from copy to copy.", default=0.5, ge=0.001, le=60
     )
-    copies: Whole = param("Number of copies of a frame.", default=1, ge=1, le=10)
-    probability: Number = param(
+    copies: sky.Whole = sky.param("Number of copies of a frame.", default=1, ge=1, le=10)
+    probability: sky.Number = sky.param(
         "Probability that a selected frame is copied, more than 0 and at most 1.", default=1.0, gt=0, le=1
     )
-    after_ns: Time
-    waiting: list[tuple[Time, int, Inject]] = state(list)
+    after_ns: sky.Time
+    waiting: list[tuple[sky.Time, int, sky.Inject]] = sky.state(list)
     """A heap: when a copy is due, its number, and the copy."""
     made: int = 0
-    woken_ns: Time = -NEVER
+    woken_ns: sky.Time = -sky.NEVER
 
-    def prepare(self, context: AttackContext) -> None:
-        """Set the time from copy to copy."""
-        self.after_ns = from_seconds(self.after_s)
+    def prepare(self, context: sky.AttackContext) -> None:
+        self.after_ns = sky.from_seconds(self.after_s)
 
-    def act(self, now: Time, frame: Frame) -> Verdicts:
-        """Let it pass, and keep copies."""
+    def act(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         if self.probability < 1.0 and self.draw(frame)[0] >= self.probability:
             return ()
         copy = inject_again(frame, benign_payload(frame.payload) if self.sham else frame.payload)
@@ -61,14 +48,12 @@ class Duplication(OnPath):
             self.made += 1
         return ()
 
-    def next_wakeup(self) -> Time | None:
-        """When the next copy is due."""
+    def next_wakeup(self) -> sky.Time | None:
         return max(self.waiting[0][0], self.woken_ns + 1) if self.waiting else None
 
-    def on_wakeup(self, now: Time) -> Verdicts:
-        """The copies that are due."""
+    def on_wakeup(self, now: sky.Time) -> sky.Verdicts:
         self.woken_ns = now
-        due: list[Verdict] = []
+        due: list[sky.Verdict] = []
         while self.waiting and self.waiting[0][0] <= now and len(due) < MAX_INJECTS:
             due.append(heappop(self.waiting)[2])
         return due

@@ -6,72 +6,57 @@ from collections import deque
 from functools import partial
 from typing import Final, Literal
 
-from skyrange.attack.bases.on_path import MAX_INJECTS, OnPath, inject_again
+import skyrange.plugin as sky
+from skyrange.attack.bases.on_path import MAX_INJECTS, inject_again
 from skyrange.attack.bases.shams import benign_payload
-from skyrange.attack.contract import AttackContext
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import benign_frames, on_path
-from skyrange.attack.tapped_links import EVERY_LINK
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.verdicts import Drop, Inject, Verdict, Verdicts
-from skyrange.core.time import NEVER, Time, from_seconds
 
 MAX_FRAMES: Final = 100_000
 """Frames that the record of a link holds; the oldest are discarded."""
 
 
-@attack(
+@sky.attack(
     "link.replay",
     technique="T0855",
-    surface=EVERY_LINK,
     persists="mode",
     effect="an aircraft obeys commands of earlier, or a station sees a flight of earlier",
-    threat=on_path(
-        "nothing of the protocol; it learns the frames that it records",
-        position="on the path, such as a router between ground station and aircraft, already before the attack",
-        equipment="a computer that forwards and records the frames",
-        budget="one frame for each frame recorded, again in each turn of a loop",
-    ),
-    controls=benign_frames(
-        when="at the same times",
-        content="a replay of HEARTBEATs alone, which order nothing",
-        placement="the same replay on another aircraft's link, or of the other direction",
-    ),
+    knowledge="nothing of the protocol; it learns the frames that it records",
+    position="on the path, such as a router between ground station and aircraft, already before the attack",
+    equipment="a computer that forwards and records the frames",
+    budget="one frame for each frame recorded, again in each turn of a loop",
+    load="the sham: benign frames of the same length at the same times",
+    content="a replay of HEARTBEATs alone, which order nothing",
+    placement="the same replay on another aircraft's link, or of the other direction",
 )
-class FrameReplay(OnPath):
+class FrameReplay(sky.OnPath):
     """Records frames of a link and puts them on it again later, once or in a loop.
 
     It records the selected frames until the attack starts, and then plays the record with its own timing. Bytes are
     repeated as they are, so a signed frame is refused by a receiver that checks its timestamp.
     """
 
-    direction: Literal["fwd", "rev", "both"] = param(
+    direction: Literal["fwd", "rev", "both"] = sky.param(
         "fwd: towards the aircraft on gcs, log and autopilot; rev: from it.", default="fwd"
     )
-    record_s: Number = param(
+    record_s: sky.Number = sky.param(
         "Length of the record in seconds: what passed within this time before the attack starts.",
         default=30.0, gt=0, le=3600,
     )  # fmt: skip
-    loop: bool = param("Whether the record is played again and again, without a pause.", default=False)
-    drop_live: bool = param(
+    loop: bool = sky.param("Whether the record is played again and again, without a pause.", default=False)
+    drop_live: bool = sky.param(
         "Whether the selected frames that pass meanwhile are dropped, so that receivers get the record alone.",
         default=False,
     )
-    record_ns: Time
-    record: deque[tuple[Time, Inject]] = state(partial(deque, maxlen=MAX_FRAMES))
+    record_ns: sky.Time
+    record: deque[tuple[sky.Time, sky.Inject]] = sky.state(partial(deque, maxlen=MAX_FRAMES))
     """When each frame passed, and its copy; the oldest first."""
     played: int = 0
     """Number of copies put on the link."""
-    woken_ns: Time = -NEVER
+    woken_ns: sky.Time = -sky.NEVER
 
-    def prepare(self, context: AttackContext) -> None:
-        """Set the length of the record."""
-        self.record_ns = from_seconds(self.record_s)
+    def prepare(self, context: sky.AttackContext) -> None:
+        self.record_ns = sky.from_seconds(self.record_s)
 
-    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
-        """Record it before the attack starts."""
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         if now >= self.schedule.start_ns:
             return super().on_frame(now, frame)
         if self.selects(frame):
@@ -80,24 +65,22 @@ class FrameReplay(OnPath):
             self._discard_before(now - self.record_ns)
         return ()
 
-    def act(self, now: Time, frame: Frame) -> Verdicts:
-        """Let it pass, or drop it."""
-        return (Drop(),) if self.drop_live else ()
+    def act(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
+        return (sky.Drop(),) if self.drop_live else ()
 
-    def next_wakeup(self) -> Time | None:
+    def next_wakeup(self) -> sky.Time | None:
         """When the next copy is due; `None` while the start of the attack is not known."""
         start = self.schedule.start_ns
-        if start == NEVER:
+        if start == sky.NEVER:
             return None
         if self.played == 0:
             self._discard_before(start - self.record_ns)
         due = self._due(start)
         return max(due, self.woken_ns + 1) if due is not None and due < self.schedule.stop_ns else None
 
-    def on_wakeup(self, now: Time) -> Verdicts:
-        """The copies that are due."""
+    def on_wakeup(self, now: sky.Time) -> sky.Verdicts:
         self.woken_ns = now
-        made: list[Verdict] = []
+        made: list[sky.Verdict] = []
         while len(made) < MAX_INJECTS:
             due = self._due(self.schedule.start_ns)
             if due is None or due > now:
@@ -106,7 +89,7 @@ class FrameReplay(OnPath):
             self.played += 1
         return made
 
-    def _due(self, start: Time) -> Time | None:
+    def _due(self, start: sky.Time) -> sky.Time | None:
         """When the next copy is due; `None` at the end of the record."""
         count = len(self.record)
         if count == 0 or (self.played >= count and not self.loop):
@@ -114,6 +97,6 @@ class FrameReplay(OnPath):
         turn, place = divmod(self.played, count)
         return self.record[place][0] + (turn + 1) * self.record_ns
 
-    def _discard_before(self, oldest: Time) -> None:
+    def _discard_before(self, oldest: sky.Time) -> None:
         while self.record and self.record[0][0] < oldest:
             self.record.popleft()

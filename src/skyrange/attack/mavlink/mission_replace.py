@@ -4,62 +4,52 @@ from __future__ import annotations
 
 from typing import Final, Literal
 
-from skyrange.attack.bases.mavlink.orders import Order, geodetic, mode_order
+import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.params import Track
-from skyrange.attack.bases.mavlink.script import Item, Script, Step, Upload
-from skyrange.attack.contract import Controls, Place
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import CONTROL_LINKS, on_control_link
+from skyrange.attack.bases.mavlink.script import Item
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.plugins.fields import param
 
 _ENDS: Final = {
     "hold": mav.MAV_CMD_NAV_LOITER_UNLIM, "land": mav.MAV_CMD_NAV_LAND, "rtl": mav.MAV_CMD_NAV_RETURN_TO_LAUNCH
 }  # fmt: skip
 
 
-@attack(
+@sky.attack(
     "mavlink.mission_replace",
     technique="T0843",
-    surface=CONTROL_LINKS,
+    places=(),
     persists="upload",
     effect="the aircraft flies a mission of the attacker in AUTO",
-    places=(),
-    threat=on_control_link(
-        "system ids, from any frame",
-        position="on the network of the control link, where requests of the aircraft can be heard",
-        equipment="a computer with a MAVLink library, such as any ground station",
-        budget="one frame for each item, and three more",
-    ),
-    controls=Controls(
-        load="none, because an upload to nobody is not answered; the sham sends its first frames in vain",
-        content="the upload of the mission that the aircraft already has",
-        placement="the same mission for another aircraft",
-    ),
+    position="on the network of the control link, where requests of the aircraft can be heard",
+    equipment="a computer with a MAVLink library, such as any ground station",
+    budget="one frame for each item, and three more",
+    load="none, because an upload to nobody is not answered; the sham sends its first frames in vain",
+    content="the upload of the mission that the aircraft already has",
+    placement="the same mission for another aircraft",
 )
-class MissionReplacement(Script):
+class MissionReplacement(sky.Script):
     """Uploads another mission to the flying aircraft and starts it."""
 
-    track: Track = param("Waypoints of the mission, in order, each [east_m, north_m, up_m] in metres from the origin.")
-    end: Literal["hold", "land", "rtl"] = param(
+    track: Track = sky.param(
+        "Waypoints of the mission, in order, each [east_m, north_m, up_m] in metres from the origin."
+    )
+    end: Literal["hold", "land", "rtl"] = sky.param(
         "What the mission ends with, at the last waypoint: hold it, land, or return.", default="land"
     )
-    restart: bool = param(
+    restart: bool = sky.param(
         "Whether to start the mission from its first item, in AUTO; else the aircraft goes on at the item with the "
         "number of its present one.",
         default=True,
     )
 
-    def marks(self) -> dict[str, Place]:
-        """The last waypoint."""
+    def marks(self) -> dict[str, sky.Place]:
         return {"end of the false mission": self.track[-1]}
 
-    def steps(self) -> list[Step]:
-        """The mission, and its start."""
-        places = [geodetic(self.origin, place) for place in self.track]
+    def steps(self) -> list[sky.Step]:
+        places = [sky.geodetic(self.origin, place) for place in self.track]
         # item 0 is home to ArduPilot, which ignores what is uploaded for it (AP_Mission.cpp,
         # AP_MISSION_FIRST_REAL_COMMAND)
         mission = [Item(mav.MAV_CMD_NAV_WAYPOINT, place) for place in (places[0], *places)]
-        upload = Upload((*mission, Item(_ENDS[self.end], places[-1])))
-        start = [Order(mav.MAV_CMD_DO_SET_MISSION_CURRENT, (1.0, 1.0)), mode_order(mav.COPTER_MODE_AUTO)]
+        upload = sky.Upload((*mission, Item(_ENDS[self.end], places[-1])))
+        start = [sky.Order(mav.MAV_CMD_DO_SET_MISSION_CURRENT, (1.0, 1.0)), sky.mode_order(mav.COPTER_MODE_AUTO)]
         return [upload, *start] if self.restart else [upload]

@@ -8,37 +8,26 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
-from skyrange.attack.bases.forged_remote_id import claim_identity, standing_aircraft
+import skyrange.plugin as sky
+from skyrange.attack.bases.forged_remote_id import standing_aircraft
 from skyrange.attack.bases.transmission import WIFI_CHANNEL, WifiBeacons, WifiChannel
-from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
-from skyrange.attack.declaration import attack
-from skyrange.codec.f3411 import MessagePack, encode
-from skyrange.contracts.params import Number, Whole
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.time import NS_PER_S, Time
 
 MESSAGES: Final = 9
 """The most in one pack (ASTM F3411-22a): the longest frame."""
 
 
-@attack(
+@sky.attack(
     "remote_id.flood",
     technique="T0814",
     counterfactual="mute",
-    surface=("medium",),
-    persists="acts",
     effect="senders defer to the flood and collide with it, so that their broadcasts come late or not at all",
-    threat=ThreatModel(
-        knowledge="the channel in use and the format of ASTM F3411",
-        position="within radio range of the senders",
-        equipment="several Wi-Fi transmitters that send frames of their own",
-        budget="airtime of 0.55 ms for each frame, within the rules of channel access",
-    ),
-    controls=Controls(
-        load="none, because the load is the attack",
-        content="none, because the content is true and harmless; the sham is the attack itself",
-        placement="the same flood on another channel or at another place",
-    ),
+    knowledge="the channel in use and the format of ASTM F3411",
+    position="within radio range of the senders",
+    equipment="several Wi-Fi transmitters that send frames of their own",
+    budget="airtime of 0.55 ms for each frame, within the rules of channel access",
+    load="none, because the load is the attack",
+    content="none, because the content is true and harmless; the sham is the attack itself",
+    placement="the same flood on another channel or at another place",
     realism={
         "deferral, collisions and losses": "simulated: carrier sense, back-off and signal against interference",
         "work of the receivers": "assumed: a companion and a ground receiver decode every frame",
@@ -50,12 +39,12 @@ class Flood(WifiBeacons):
     The beacons of honest identities come far more often than F3411 asks for.
     """
 
-    stations: Annotated[Whole, Field(ge=1, le=50)] = param(
+    stations: Annotated[sky.Whole, Field(ge=1, le=50)] = sky.param(
         "Radios that contend for the channel, each with an identity of its own; the more, the smaller the share of "
         "everybody else, and the more collisions.",
         default=10,
     )
-    rate_hz: Number = param(
+    rate_hz: sky.Number = sky.param(
         "Beacons per second of each radio; 1500 in all fill a channel, at 6 Mb/s and 0.55 ms for each.",
         default=150.0, ge=1, le=2_000,
     )  # fmt: skip
@@ -64,23 +53,23 @@ class Flood(WifiBeacons):
     address: bytes = b""
     body: bytes = b""
 
-    def build(self, context: AttackContext) -> Attack:
+    def build(self, context: sky.AttackContext) -> sky.Attack:
         """The radios; the sham is the attack itself, because its content is true and harmless."""
         made = [self._station(number, context) for number in range(self.stations)]
-        return Attack(
+        return sky.Attack(
             agents=[one for part in made for one in part.agents],
             links=[one for part in made for one in part.links],
             radios=[one for part in made for one in part.radios],
         )
 
-    def _station(self, number: int, context: AttackContext) -> Attack:
+    def _station(self, number: int, context: sky.AttackContext) -> sky.Attack:
         name, station = f"{self.id}.{number + 1}", copy(self)
-        station.phase_ns = round(number * NS_PER_S / (self.rate_hz * self.stations))
-        station.address = claim_identity(name).address
+        station.phase_ns = round(number * sky.NS_PER_S / (self.rate_hz * self.stations))
+        station.address = sky.claim_identity(name).address
         messages = standing_aircraft(name, context.origin, self.transmitter_m)
-        station.body = encode(MessagePack(tuple(messages[:MESSAGES])))
+        station.body = sky.encode_remote_id(sky.MessagePack(tuple(messages[:MESSAGES])))
         return station.build_radio(replace(context, id=name))
 
-    def beacon(self, now: Time) -> tuple[bytes, bytes]:
+    def beacon(self, now: sky.Time) -> tuple[bytes, bytes]:
         """The same each time."""
         return self.address, self.body

@@ -2,41 +2,35 @@
 
 from __future__ import annotations
 
-from skyrange.attack.bases.transmission import Jamming, Noise
-from skyrange.attack.contract import ThreatModel
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import NEAR_RECEIVERS, noise_controls
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
+import skyrange.plugin as sky
 
 
-@attack(
+@sky.attack(
     "remote_id.jam",
     technique="T0814",
-    counterfactual="mute",
-    surface=("medium",),
-    persists="acts",
     effect="receivers near the transmitter miss broadcasts, and senders defer",
-    threat=ThreatModel(
-        knowledge="the channel in use",
-        position=NEAR_RECEIVERS,
-        equipment="a noise generator for 2.4 GHz with an amplifier",
-        budget="airtime by duty, up to 60 dBm",
-    ),
-    controls=noise_controls(placement="the same jammer on another channel or at another place"),
+    knowledge="the channel in use",
+    equipment="a noise generator for 2.4 GHz with an amplifier",
+    budget="airtime by duty, up to 60 dBm",
+    placement="the same jammer on another channel or at another place",
     realism={"missed broadcasts": "simulated: power at each receiver against noise, interference and walls"},
 )
-class Jam(Jamming):
+class Jam(sky.Jamming):
     """Transmits noise over the band, so that receivers miss broadcasts.
 
     The noise has an even power density over the band.
     """
 
-    centre_mhz: Number = param("Centre of the band in MHz; 2437 is Wi-Fi channel 6.", default=2437.0, ge=100, le=8000)
-    bandwidth_mhz: Number = param("Width of the band in MHz.", default=20.0, ge=0.1, le=500)
-    period_ms: Number = param("Time between the starts of two bursts, in milliseconds.", default=100.0, ge=1, le=10_000)
-    duty: Number = param("Share of time in which the jammer transmits; 1 is continuous.", default=1.0, gt=0, le=1)
+    centre_mhz: sky.Number = sky.param(
+        "Centre of the band in MHz; 2437 is Wi-Fi channel 6.", default=2437.0, ge=100, le=8000
+    )
+    bandwidth_mhz: sky.Number = sky.param("Width of the band in MHz.", default=20.0, ge=0.1, le=500)
+    period_ms: sky.Number = sky.param(
+        "Time between the starts of two bursts, in milliseconds.", default=100.0, ge=1, le=10_000
+    )
+    duty: sky.Number = sky.param(
+        "Share of time in which the jammer transmits; 1 is continuous.", default=1.0, gt=0, le=1
+    )
 
-    def noise(self) -> Noise:
-        """A burst in each period."""
-        return Noise([self.centre_mhz], self.bandwidth_mhz, self.period_ms, self.duty)
+    def noise(self) -> sky.Noise:
+        return sky.Noise([self.centre_mhz], self.bandwidth_mhz, self.period_ms, self.duty)

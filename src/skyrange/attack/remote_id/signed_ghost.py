@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.forged_remote_id import (
     CLAIMED_VELOCITY,
     ON_TRANSPORTS,
@@ -16,19 +17,11 @@ from skyrange.attack.bases.forged_remote_id import (
     ForgedRemoteId,
     RadiatedPower,
     Transports,
-    claim_identity,
 )
-from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
-from skyrange.attack.declaration import attack
 from skyrange.attack.remote_id.drip_keys import KeyOrigin, find_registration
 from skyrange.codec.f3411 import IdType
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
-from skyrange.contracts.params import Enu, Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.errors import Problem
-from skyrange.core.ids import hash64
-from skyrange.core.time import Time
 from skyrange.remoteid.broadcast_profiles import Broadcast, sender_address
 
 if TYPE_CHECKING:  # its imports are slow, and only authenticated broadcasts need them
@@ -36,8 +29,8 @@ if TYPE_CHECKING:  # its imports are slow, and only authenticated broadcasts nee
     from skyrange.remoteid.drip.registry import Registration
 
 
-def _threat(equipment: str, more_knowledge: str = "", before: str = "") -> ThreatModel:
-    return ThreatModel(
+def _threat(equipment: str, more_knowledge: str = "", before: str = "") -> sky.ThreatModel:
+    return sky.ThreatModel(
         knowledge=f"the formats of ASTM F3411 and RFC 9575{more_knowledge}",
         position=f"within radio range of the receivers{before}",
         equipment=equipment,
@@ -45,7 +38,7 @@ def _threat(equipment: str, more_knowledge: str = "", before: str = "") -> Threa
     )
 
 
-THREATS: Final[Mapping[KeyOrigin, ThreatModel]] = {
+THREATS: Final[Mapping[KeyOrigin, sky.ThreatModel]] = {
     "registered": _threat("a transmitter, and a key of its own that the registry has endorsed"),
     "stolen": _threat(
         "a transmitter", ", and the private key of the victim", "; before that, at the victim or its supplier"
@@ -55,19 +48,17 @@ THREATS: Final[Mapping[KeyOrigin, ThreatModel]] = {
 """What each origin of the key needs."""
 
 
-@attack(
+@sky.attack(
     "remote_id.signed_ghost",
     technique="T0859",
-    honest=True,
-    surface=("medium",),
-    persists="acts",
     effect="receivers verify the signatures of an aircraft that is not there, believe it, and avoid it",
-    threat=THREATS["registered"],
-    controls=Controls(
-        load="the sham: the same frames and pages, with a registered aircraft on the ground at the transmitter",
-        content="the honest arm: the same frames and keys, from a real aircraft that flies where the ghost is claimed",
-        placement="the same claims with the transmitter or the ghost elsewhere",
-    ),
+    knowledge="the formats of ASTM F3411 and RFC 9575",
+    position="within radio range of the receivers",
+    equipment="a transmitter, and a key of its own that the registry has endorsed",
+    budget="the frames of one aircraft: about 200 bytes a period, and one to four pages of signatures each 5 s",
+    load="the sham: the same frames and pages, with a registered aircraft on the ground at the transmitter",
+    content="the honest arm: the same frames and keys, from a real aircraft that flies where the ghost is claimed",
+    placement="the same claims with the transmitter or the ghost elsewhere",
     realism={
         "signatures": "simulated: Ed25519 over the bytes of RFC 9575, verified by each receiver",
         "signal strength": "simulated: from the transmitter's place, not from the claimed one",
@@ -82,51 +73,50 @@ class SignedGhost(ForgedRemoteId):
     is an aircraft on the ground at the transmitter, registered and signed by its own key.
     """
 
-    key: KeyOrigin = param(
+    key: KeyOrigin = sky.param(
         "Key that signs. registered: the attacker's own, which the registry has endorsed (an insider); stolen: that of "
         "the aircraft in vehicle; unregistered: one that only a made-up registry endorses.",
         default="registered",
     )
-    vehicle: str | None = param(
+    vehicle: str | None = sky.param(
         "Aircraft whose key is stolen, such as 'red/r1'; its remote_id.auth has to be 'drip'.", default=None
     )
-    address: Literal["own", "vehicle"] = param(
+    address: Literal["own", "vehicle"] = sky.param(
         "Sender address. own: the attacker's; vehicle: that of the aircraft in vehicle, so that receivers take both "
         "for one sender.",
         default="own",
     )
-    at: Enu = param(
+    at: sky.Enu = sky.param(
         "Claimed position at the start of the attack, [east_m, north_m, up_m] in metres from the origin or the "
         "attack's anchor."
     )
-    velocity_mps: Enu = CLAIMED_VELOCITY
-    rate_hz: Number = param("Broadcasts per second on each transport.", default=1.0, ge=0.1, le=10)
-    auth_rates: Literal["required", "recommended"] = param(
+    velocity_mps: sky.Enu = CLAIMED_VELOCITY
+    rate_hz: sky.Number = sky.param("Broadcasts per second on each transport.", default=1.0, ge=0.1, le=10)
+    auth_rates: Literal["required", "recommended"] = sky.param(
         "How often it sends authentication messages, as remote_id.auth_rates.", default="required"
     )
     transports: Transports = ON_TRANSPORTS
-    transmitter_m: Enu | None = TRANSMITTER_PLACE
+    transmitter_m: sky.Enu | None = TRANSMITTER_PLACE
     power_dbm: RadiatedPower = RADIATED_POWER
 
     pages: AuthenticationPages
 
-    def find_problems(self) -> Iterator[Problem]:
-        """A key and its vehicle go together."""
+    def find_problems(self) -> sky.Problems:
         if self.key == "stolen" and self.vehicle is None:
-            yield Problem("vehicle", "missing", "the aircraft whose key is stolen, because key = 'stolen'")
+            yield sky.Problem("vehicle", "missing", "the aircraft whose key is stolen, because key = 'stolen'")
         if self.key != "stolen" and self.vehicle is not None:
-            yield Problem("vehicle", self.vehicle, f"no vehicle with key = {self.key!r}")
+            yield sky.Problem("vehicle", self.vehicle, f"no vehicle with key = {self.key!r}")
         if self.key != "stolen" and self.address == "vehicle":
-            yield Problem("address", self.address, f"'own' with key = {self.key!r}, which is of no vehicle")
+            yield sky.Problem("address", self.address, f"'own' with key = {self.key!r}, which is of no vehicle")
 
-    def prepare(self, context: AttackContext) -> None:
+    def prepare(self, context: sky.AttackContext) -> None:
         """Take the key. Raises `InputError` for a vehicle that is not in the scenario or signs nothing."""
         from skyrange.codec.drip import session_id
 
         registration = find_registration(context, self.key, self.vehicle)
         if self.sham:
             registration = find_registration(context, "registered", None)
-        identity = claim_identity(self.id, session_id(registration.identity.tag))
+        identity = sky.claim_identity(self.id, session_id(registration.identity.tag))
         if self.address == "vehicle" and self.vehicle is not None and not self.sham:
             identity = identity._replace(address=sender_address(self.vehicle))
         self.identities, self.pages = [identity], self._pages(registration, identity.uas_id)
@@ -137,23 +127,22 @@ class SignedGhost(ForgedRemoteId):
         from skyrange.remoteid.drip.schedule import RECOMMENDED, REQUIRED
 
         rates = REQUIRED if self.auth_rates == "required" else RECOMMENDED
-        credentials = Credentials(registration, rates, seed=hash64(self.id))
+        credentials = Credentials(registration, rates, seed=sky.hash64(self.id))
         sender = Broadcast(
             self.id, uas_id=uas_id, id_type=IdType.SPECIFIC_SESSION, transports=self.transports,
             credentials=credentials,
         )  # fmt: skip
         return AuthenticationPages([sender])
 
-    def build(self, context: AttackContext) -> Attack:
-        """Its radio, with what its key needs."""
+    def build(self, context: sky.AttackContext) -> sky.Attack:
         return replace(super().build(context), threat=THREATS[self.key])
 
     @property
-    def due(self) -> Time:
+    def due(self) -> sky.Time:
         """When the next broadcast or page is due."""
         return min(self.broadcast_due, self.pages.next_ns)
 
-    def transmit(self, now: Time) -> list[bytes]:
+    def transmit(self, now: sky.Time) -> list[bytes]:
         """The payloads that are due, with pages; none before the attack starts."""
         payloads = super().transmit(now)
         for payload in payloads:

@@ -6,30 +6,23 @@ from collections.abc import Iterable
 from heapq import heapify, heappop, heappush
 from typing import Final
 
-from skyrange.attack.bases.transmission import SILENT_CDBM, Reception, WifiChannel, radiated_power, transmitter_place
-from skyrange.attack.contract import AttackContext, ThreatModel
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import NEAR_RECEIVERS, noise_controls
+import skyrange.plugin as sky
+from skyrange.attack.bases.transmission import SILENT_CDBM, WifiChannel, radiated_power, transmitter_place
 from skyrange.attack.remote_id.manifest_times import TOLERANCE_NS, Rhythm, carries_manifest
 from skyrange.codec.f3411 import MessageType
 from skyrange.codec.f3411.encode import SIZE
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.codec.remote_id.noise_request import NoiseRequest, pack
-from skyrange.contracts.mailboxes import Arrival, Outbox
-from skyrange.contracts.params import Enu, Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.core.ids import FrameId
-from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 from skyrange.radio.phy.framing import OVERHEAD_BYTES, TRANSPORT_WAVEFORM
 from skyrange.radio.phy.waveforms import airtime_ns
 from skyrange.remoteid.drip.schedule import PAGE_NS
 
-SERVICE_NS: Final = 100 * NS_PER_US
+SERVICE_NS: Final = 100 * sky.NS_PER_US
 """The jammer's program is a loop on a software-defined radio; the order takes as long again (`radio.CHANNEL`)."""
-WIFI_BURST_NS: Final = 500 * NS_PER_US
+WIFI_BURST_NS: Final = 500 * sky.NS_PER_US
 """From the middle of a pack of signatures, which takes 0.35 to 0.43 ms, beyond its end. Its sender would hear a burst
 that begins before the frame, and wait for the end of the noise."""
-JITTER_NS: Final = 10 * NS_PER_MS
+JITTER_NS: Final = 10 * sky.NS_PER_MS
 """advDelay of an advertisement (Bluetooth Core 5.4 vol. 6 part B 4.4.2.2.1)."""
 MAX_PAGE: Final = 8
 """Last page of a message of unknown length: nine pages, and the parity page after them."""
@@ -40,23 +33,18 @@ ADVERTISING_KHZ: Final = (2_402_000, 2_426_000, 2_480_000)
 """The three advertising channels of Bluetooth."""
 
 
-@attack(
+@sky.attack(
     "remote_id.suppress_pages",
     technique="T0804",
     counterfactual="mute",
-    surface=("medium",),
-    persists="acts",
     effect="receivers get positions without signatures: they come to trust nobody, and trust in others grows stale",
-    threat=ThreatModel(
-        knowledge="the formats of RFC 9575; it learns the senders' periods from what it hears",
-        position=f"{NEAR_RECEIVERS}, and where it hears the senders",
-        equipment="a software-defined radio for 2.4 GHz that reacts within 0.2 ms, with an amplifier",
-        budget="over Wi-Fi 0.5 ms of noise a Manifest; over Bluetooth 4 up to 0.4 s a message",
-    ),
-    controls=noise_controls(
-        same="orders",
-        placement="the same jammer where it does not hear the senders, or remote_id.jam with as much noise a second",
-    ),
+    knowledge="the formats of RFC 9575; it learns the senders' periods from what it hears",
+    position="within some hundred metres of the receivers, by power and walls, and where it hears the senders",
+    equipment="a software-defined radio for 2.4 GHz that reacts within 0.2 ms, with an amplifier",
+    budget="over Wi-Fi 0.5 ms of noise a Manifest; over Bluetooth 4 up to 0.4 s a message",
+    load="none, because the noise is the attack; the sham has the same orders at −200 dBm",
+    content="none, because noise has no content",
+    placement="the same jammer where it does not hear the senders, or remote_id.jam with as much noise a second",
     realism={
         "missed pages": "simulated: power at each receiver over the part of a frame that the noise covers",
         "drift between the clocks of sender and jammer": "assumed: none; 20 ppm would be 0.1 ms in 5 s",
@@ -64,7 +52,7 @@ ADVERTISING_KHZ: Final = (2_402_000, 2_426_000, 2_480_000)
         "hearing while it transmits": "assumed: none",
     },
 )
-class SuppressPages(Reception):
+class SuppressPages(sky.Reception):
     """Jams the frames that carry DRIP signatures: over Wi-Fi by their period, over Bluetooth 4 after their first page.
 
     Over Wi-Fi it learns the period of each sender's Manifests, and jams the second half of each that is to come. Over
@@ -72,30 +60,29 @@ class SuppressPages(Reception):
     same noise at −200 dBm.
     """
 
-    transmitter_m: Enu = transmitter_place("jammer")
-    power_dbm: Number = radiated_power(default=30.0, le=60)
-    channel: WifiChannel = param("Wi-Fi channel on which it expects packs of signatures.", default=6)
+    transmitter_m: sky.Enu = transmitter_place("jammer")
+    power_dbm: sky.Number = radiated_power(default=30.0, le=60)
+    channel: WifiChannel = sky.param("Wi-Fi channel on which it expects packs of signatures.", default=6)
 
-    service_ns: Time = SERVICE_NS
+    service_ns: sky.Time = SERVICE_NS
     burst: NoiseRequest
     """An order of noise; its centre, width and duration are replaced."""
     wifi_khz: int
-    rhythms: dict[bytes, Rhythm] = state(dict)
-    expected: list[tuple[Time, bytes]] = state(list)
+    rhythms: dict[bytes, Rhythm] = sky.state(dict)
+    expected: list[tuple[sky.Time, bytes]] = sky.state(list)
     """Heap of the Manifests to come, with the addresses of their senders."""
-    recent: dict[bytes, Time] = state(dict)
+    recent: dict[bytes, sky.Time] = sky.state(dict)
     """The last time at which one was expected, by sender."""
-    bluetooth_until: Time = -1
+    bluetooth_until: sky.Time = -1
     """End of the noise on the advertising channels."""
-    wifi_from: Time = -1
+    wifi_from: sky.Time = -1
     """Start of the last noise over Wi-Fi."""
 
-    def prepare(self, context: AttackContext) -> None:
-        """Prepare the orders."""
+    def prepare(self, context: sky.AttackContext) -> None:
         self.burst = NoiseRequest(SILENT_CDBM if self.sham else round(self.power_dbm * 100), 0, 1, 1)
         self.wifi_khz = (2407 + 5 * self.channel) * 1000
 
-    def hear(self, now: Time, arrival: Arrival, header: RidHeader, body: bytes, out: Outbox) -> None:
+    def hear(self, now: sky.Time, arrival: sky.Arrival, header: RidHeader, body: bytes, out: sky.Outbox) -> None:
         """Learn from a Manifest over Wi-Fi; order noise on the pages that follow one over Bluetooth 4."""
         rhythm = self.rhythms.get(header.address)
         if rhythm is not None:
@@ -105,7 +92,7 @@ class SuppressPages(Reception):
         elif header.transport in (Transport.WIFI_BEACON, Transport.WIFI_NAN) and carries_manifest(body):
             self._hear_manifest(header, body)
 
-    def send_due(self, now: Time, out: Outbox) -> None:
+    def send_due(self, now: sky.Time, out: sky.Outbox) -> None:
         """Order noise on the Manifests that are to come now."""
         while self.expected and self.expected[0][0] <= now:
             at_ns, address = heappop(self.expected)
@@ -121,11 +108,10 @@ class SuppressPages(Reception):
             if now - at_ns < WIFI_BURST_NS and self._order(now, (self.wifi_khz,), 20_000, WIFI_BURST_NS, (), out):
                 self.wifi_from = now
 
-    def next_wakeup(self) -> Time | None:
-        """When the next Manifest is to come."""
+    def next_wakeup(self) -> sky.Time | None:
         return self.expected[0][0] if self.expected else None
 
-    def _hear_page(self, now: Time, header: RidHeader, body: bytes, ref: FrameId, out: Outbox) -> None:
+    def _hear_page(self, now: sky.Time, header: RidHeader, body: bytes, ref: sky.FrameId, out: sky.Outbox) -> None:
         if len(body) != SIZE or body[0] >> 4 != MessageType.AUTHENTICATION or header.time_ns <= self.bluetooth_until:
             return
         page, last = body[1] & 0x0F, body[2]
@@ -160,11 +146,11 @@ class SuppressPages(Reception):
         heapify(self.expected)
 
     def _order(
-        self, now: Time, centres_khz: Iterable[int], width_khz: int, length_ns: Time, causes: tuple[FrameId, ...],
-        out: Outbox,
+        self, now: sky.Time, centres_khz: Iterable[int], width_khz: int, length_ns: sky.Time,
+        causes: tuple[sky.FrameId, ...], out: sky.Outbox,
     ) -> bool:  # fmt: skip
         """Order noise on each of these channels until it ends or the attack stops; whether the attack acts."""
-        left_us = (min(length_ns, self.schedule.stop_ns - now)) // NS_PER_US
+        left_us = (min(length_ns, self.schedule.stop_ns - now)) // sky.NS_PER_US
         if not self.schedule.start_ns <= now or left_us <= 0:
             return False
         for centre_khz in centres_khz:

@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
-from skyrange.attack.bases.sensors import AddsSignal, Signal
-from skyrange.attack.contract import ThreatModel
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import unaltered_readings
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
+import skyrange.plugin as sky
 
 
-@attack(
+@sky.attack(
     "sensor.barometer",
     technique="EX-0014.03",
-    counterfactual="mute",
     surface=("baro",),
-    persists="acts",
     effect="the aircraft flies too low or too high by the error, with an estimate that shows nothing",
-    threat=ThreatModel(
-        knowledge="for a slow shift that passes the estimator's gate: EK3_HGT_I_GATE and EK3_ALT_M_NSE",
-        position="at the sensor: a manipulated sensor board, a device on the airframe, or a strong sound beside it",
-        equipment="a small pump or fan at the port, or a loudspeaker at the resonance of the port and tube",
-        budget="12 Pa for each metre",
-    ),
-    controls=unaltered_readings("the same error on another aircraft"),
+    knowledge="for a slow shift that passes the estimator's gate: EK3_HGT_I_GATE and EK3_ALT_M_NSE",
+    position="at the sensor: a manipulated sensor board, a device on the airframe, or a strong sound beside it",
+    equipment="a small pump or fan at the port, or a loudspeaker at the resonance of the port and tube",
+    budget="12 Pa for each metre",
+    placement="the same error on another aircraft",
     realism={
         "measured height": "simulated: true pressure height, noise and drift, and the error",
         "size of the error": "assumed: sound displaces pressure sensors (Barua et al., A wolf in sheep's clothing, "
@@ -31,19 +22,19 @@ from skyrange.contracts.plugins.fields import param
         "after the attack": "assumed: the true height is measured at once",
     },
 )
-class Barometer(AddsSignal):
+class Barometer(sky.AddsSignal):
     """Shifts the height that the barometer measures, by a false pressure at its port.
 
     The measured height has an error, constant or oscillating.
     """
 
-    offset_m: Number = param(
+    offset_m: sky.Number = sky.param(
         "Error of the measured height in metres; +1 m is 12 Pa less pressure at sea level.",
         default=0.0, ge=-1_000, le=1_000,
     )  # fmt: skip
-    amplitude_m: Number = param(
+    amplitude_m: sky.Number = sky.param(
         "Amplitude of an oscillation of the measured height in metres.", default=0.0, ge=0, le=1_000
     )
-    frequency_hz: Number = param("Frequency of that oscillation in Hz.", default=0.5, gt=0, le=5)
+    frequency_hz: sky.Number = sky.param("Frequency of that oscillation in Hz.", default=0.5, gt=0, le=5)
 
-    signal = Signal("baro_up_m", constant="offset_m", amplitude="amplitude_m")
+    signal = sky.Signal("baro_up_m", constant="offset_m", amplitude="amplitude_m")

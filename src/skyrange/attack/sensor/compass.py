@@ -4,30 +4,22 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from skyrange.attack.bases.sensors import AddsSignal, Signal, within
-from skyrange.attack.contract import ThreatModel
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import unaltered_readings
-from skyrange.contracts.params import Enu, Number
-from skyrange.contracts.plugins.fields import param
+import skyrange.plugin as sky
+from skyrange.attack.bases.sensors import within
 
-Fields = Annotated[Enu, within(-10.0, 10.0, "gauss")]
+Fields = Annotated[sky.Enu, within(-10.0, 10.0, "gauss")]
 
 
-@attack(
+@sky.attack(
     "sensor.compass",
     technique="EX-0014.03",
-    counterfactual="mute",
     surface=("compass",),
-    persists="acts",
     effect="the heading is wrong, so that corrections go the wrong way and the aircraft circles away",
-    threat=ThreatModel(
-        knowledge="for a field that passes the estimator's gate: the strength of the Earth's field",
-        position="at the sensor: a magnet or coil on the airframe; a coil of 1 m radius at some metres",
-        equipment="a permanent magnet or an electromagnet",
-        budget="a field that falls with the third power of the distance",
-    ),
-    controls=unaltered_readings("the same field on another aircraft"),
+    knowledge="for a field that passes the estimator's gate: the strength of the Earth's field",
+    position="at the sensor: a magnet or coil on the airframe; a coil of 1 m radius at some metres",
+    equipment="a permanent magnet or an electromagnet",
+    budget="a field that falls with the third power of the distance",
+    placement="the same field on another aircraft",
     realism={
         "measured field": "simulated: the Earth's field in the body, noise, and the added field",
         "saturation of the sensor": "assumed: none up to 10 gauss",
@@ -35,20 +27,20 @@ Fields = Annotated[Enu, within(-10.0, 10.0, "gauss")]
         "field at the sensor": "assumed: constant in the body, as of a magnet on the airframe",
     },
 )
-class Compass(AddsSignal):
+class Compass(sky.AddsSignal):
     """Adds a magnetic field to the one that the compass measures.
 
     The measured field has an added one, fixed to the body, constant or oscillating.
     """
 
-    field_gauss: Fields = param(
+    field_gauss: Fields = sky.param(
         "Added field in the body, [forward, left, up] in gauss, each from -10 to 10; the Earth's is 0.2 to 0.7.",
         default=(0.0, 0.0, 0.0),
     )
-    amplitude_gauss: Fields = param(
+    amplitude_gauss: Fields = sky.param(
         "Amplitude of an oscillating field in the body, [forward, left, up] in gauss, each from -10 to 10.",
         default=(0.0, 0.0, 0.0),
     )
-    frequency_hz: Number = param("Frequency of the oscillating field in Hz.", default=0.2, gt=0, le=5)
+    frequency_hz: sky.Number = sky.param("Frequency of the oscillating field in Hz.", default=0.2, gt=0, le=5)
 
-    signal = Signal("compass_gauss", constant="field_gauss", amplitude="amplitude_gauss")
+    signal = sky.Signal("compass_gauss", constant="field_gauss", amplitude="amplitude_gauss")

@@ -5,32 +5,25 @@ from __future__ import annotations
 from math import radians
 from typing import Annotated
 
-from skyrange.attack.bases.sensors import AddsSignal, Signal, within
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import SOUND_AT_AIRCRAFT, sound, unaltered_readings
-from skyrange.contracts.params import Enu, Number
-from skyrange.contracts.plugins.fields import param
+import skyrange.plugin as sky
+from skyrange.attack.bases.sensors import SOUND_AT_AIRCRAFT, within
 
-Rates = Annotated[Enu, within(-2_000.0, 2_000.0, "deg/s")]
+Rates = Annotated[sky.Enu, within(-2_000.0, 2_000.0, "deg/s")]
 """Full scale of usual gyroscopes."""
 
 
-@attack(
+@sky.attack(
     "sensor.gyro",
     technique="EX-0014.03",
-    counterfactual="mute",
     surface=("gyro",),
-    persists="acts",
     effect="the rate controllers answer false rotation: the aircraft rocks, tilts or crashes",
-    threat=sound(
-        "the gyroscope's model and so its resonance, 7.9 to 8.3 kHz of an L3G4200D, 26 to 29 kHz of InvenSense models; "
-        "for a constant error its output rate as well",
-        position="beside the aircraft: a loudspeaker of 113 dB at 10 cm; about 40 m with 140 dB at 1 m, computed",
-        budget="sound, for as long as it acts",
-    ),
-    controls=unaltered_readings(
-        "the same sound on another axis or aircraft", besides="; or an oscillation beyond the controllers' filters"
-    ),
+    knowledge="the gyroscope's model and so its resonance, 7.9 to 8.3 kHz of an L3G4200D, 26 to 29 kHz of InvenSense "
+    "models; for a constant error its output rate as well",
+    position="beside the aircraft: a loudspeaker of 113 dB at 10 cm; about 40 m with 140 dB at 1 m, computed",
+    equipment="a loudspeaker and amplifier for the resonance",
+    budget="sound, for as long as it acts",
+    content="the sham: the same act with unaltered readings; or an oscillation beyond the controllers' filters",
+    placement="the same sound on another axis or aircraft",
     realism={
         "measured rates": "simulated: the true ones, noise, and the error",
         "resonance": "cited: 7 of 15 models resonate, output deviates dozens of times more than usual, one of two "
@@ -40,22 +33,22 @@ Rates = Annotated[Enu, within(-2_000.0, 2_000.0, "deg/s")]
         **SOUND_AT_AIRCRAFT,
     },
 )
-class Gyro(AddsSignal):
+class Gyro(sky.AddsSignal):
     """Adds false rotation to what the gyroscopes measure, by sound at their resonance.
 
     The measured rates have an error: an oscillation, or a constant one by sound in step with the sampling.
     """
 
-    amplitude_dps: Rates = param(
+    amplitude_dps: Rates = sky.param(
         "Amplitude of the oscillation about [forward, left, up] in deg/s, each from -2000 to 2000.",
         default=(0.0, 0.0, 0.0),
     )
-    frequency_hz: Number = param(
+    frequency_hz: sky.Number = sky.param(
         "Frequency in Hz of the sampled oscillation: the alias of the sound at the sensor's output rate.",
         default=10.0, gt=0, le=200,
     )  # fmt: skip
-    bias_dps: Rates = param(
+    bias_dps: Rates = sky.param(
         "Constant error about [forward, left, up] in deg/s, each from -2000 to 2000.", default=(0.0, 0.0, 0.0)
     )
 
-    signal = Signal("gyro_radps", constant="bias_dps", amplitude="amplitude_dps", unit=radians)
+    signal = sky.Signal("gyro_radps", constant="bias_dps", amplitude="amplitude_dps", unit=radians)

@@ -2,69 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import pi, radians
 from typing import Annotated, Any, Final
 
 from pydantic import Field
 
-from skyrange.attack.bases.mavlink.message_fields import put
-from skyrange.attack.bases.mavlink.telemetry import AlteredTelemetry
-from skyrange.attack.declaration import attack
+import skyrange.plugin as sky
 from skyrange.attack.euler_angles import euler_angles_of, quaternion_of, wrap_angle
-from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.errors import Problem
-from skyrange.core.time import Time
 
 _PARTS: Final = ("q1", "q2", "q3", "q4")
 _NO_HEADING: Final = 65_535
 """GLOBAL_POSITION_INT: the heading is not known."""
 
-Angle = Annotated[Number, Field(ge=-180, le=180)]
+Angle = Annotated[sky.Number, Field(ge=-180, le=180)]
 
 
-@attack(
+@sky.attack(
     "telemetry.attitude",
     technique="T0856",
     surface=("gcs", "log", "autopilot"),
-    persists="acts",
     effect="the ground station shows an aircraft that is inclined or turned, and a pilot would correct it",
-    threat=rewrites_telemetry("the messages with attitude and heading"),
-    controls=TELEMETRY_CONTROLS,
+    knowledge="the messages with attitude and heading",
 )
-class FalseAttitude(AlteredTelemetry):
+class FalseAttitude(sky.AlteredTelemetry):
     """Alters roll, pitch and heading in telemetry.
 
     The offsets are added to the Euler angles; headings turn by the offset of yaw.
     """
 
-    roll_deg: Angle = param("Offset of roll in degrees, right wing down.", default=0.0)
-    pitch_deg: Angle = param("Offset of pitch in degrees, nose up.", default=0.0)
-    yaw_deg: Angle = param("Offset of heading in degrees, clockwise.", default=0.0)
+    roll_deg: Angle = sky.param("Offset of roll in degrees, right wing down.", default=0.0)
+    pitch_deg: Angle = sky.param("Offset of pitch in degrees, nose up.", default=0.0)
+    yaw_deg: Angle = sky.param("Offset of heading in degrees, clockwise.", default=0.0)
     sees = ("ATTITUDE", "ATTITUDE_QUATERNION", "AHRS2", "VFR_HUD", "GLOBAL_POSITION_INT")
 
-    def find_problems(self) -> Iterator[Problem]:
-        """No offset."""
+    def find_problems(self) -> sky.Problems:
         if not (self.roll_deg or self.pitch_deg or self.yaw_deg):
-            yield Problem("roll_deg", "0", "an offset of roll, pitch or yaw other than 0")
+            yield sky.Problem("roll_deg", "0", "an offset of roll, pitch or yaw other than 0")
 
-    def alter(self, message: str, fields: Any, since_ns: Time) -> bool:
-        """Incline and turn the aircraft."""
+    def alter(self, message: str, fields: Any, since_ns: sky.Time) -> bool:
         if message == "ATTITUDE_QUATERNION":
             turned = quaternion_of(*self._incline(*euler_angles_of(*(float(fields[name]) for name in _PARTS))))
             for name, value in zip(_PARTS, turned, strict=True):
-                put(fields, name, value)
+                sky.put(fields, name, value)
         elif message == "VFR_HUD":
-            put(fields, "heading", (float(fields["heading"]) + self.yaw_deg) % 360.0 // 1)
+            sky.put(fields, "heading", (float(fields["heading"]) + self.yaw_deg) % 360.0 // 1)
         elif message != "GLOBAL_POSITION_INT":
             roll, pitch, yaw = self._incline(fields["roll"], float(fields["pitch"]), fields["yaw"])
-            put(fields, "roll", wrap_angle(roll))
-            put(fields, "pitch", pitch)
-            put(fields, "yaw", wrap_angle(yaw))
+            sky.put(fields, "roll", wrap_angle(roll))
+            sky.put(fields, "pitch", pitch)
+            sky.put(fields, "yaw", wrap_angle(yaw))
         elif fields["hdg"] != _NO_HEADING:
-            put(fields, "hdg", (float(fields["hdg"]) + self.yaw_deg * 100.0) % 36_000.0 // 1)
+            sky.put(fields, "hdg", (float(fields["hdg"]) + self.yaw_deg * 100.0) % 36_000.0 // 1)
         return True
 
     def _incline(self, roll: float, pitch: float, yaw: float) -> tuple[float, float, float]:

@@ -6,20 +6,12 @@ telemetry does.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
 
-from skyrange.attack.bases.mavlink.message_fields import put
-from skyrange.attack.bases.mavlink.telemetry import AlteredTelemetry
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry
+import skyrange.plugin as sky
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.errors import Problem
-from skyrange.core.time import NS_PER_S, Time
 
 _NO_CELL: Final = 65_535
 """BATTERY_STATUS: a cell that does not exist."""
@@ -27,56 +19,54 @@ _LOW_PERCENT, _CRITICAL_PERCENT = 25.0, 10.0
 """Below these, the claimed charge state is low or critical."""
 
 
-@attack(
+@sky.attack(
     "telemetry.battery",
     technique="T0856",
     surface=("gcs", "log", "autopilot"),
-    persists="acts",
     effect="the ground station shows a battery that the aircraft does not have",
-    threat=rewrites_telemetry("the messages with the state of the battery"),
-    controls=TELEMETRY_CONTROLS,
+    knowledge="the messages with the state of the battery",
     realism={"failsafes of the autopilot": "simulated: they read its own monitor and do not see the lie"},
 )
-class FalseBattery(AlteredTelemetry):
+class FalseBattery(sky.AlteredTelemetry):
     """Alters charge and voltage of the battery in telemetry.
 
     It alters SYS_STATUS, and BATTERY_STATUS of the first battery; consumed charge and charge state agree with it.
     """
 
-    remaining_percent: Number | None = param(
+    remaining_percent: sky.Number | None = sky.param(
         "Claimed charge at the start in percent; default: the true one.", default=None, ge=0, le=100
     )
-    rate_percent_per_s: Number = param(
+    rate_percent_per_s: sky.Number = sky.param(
         "Change of the claimed charge in percent per second.", default=0.0, ge=-100, le=100
     )
-    voltage_v: Number | None = param(
+    voltage_v: sky.Number | None = sky.param(
         "Claimed voltage of the battery in volts; default: the true one.", default=None, ge=0, le=65
     )
     sees = ("SYS_STATUS", "BATTERY_STATUS")
 
-    def find_problems(self) -> Iterator[Problem]:
-        """No claim, or a rate without one."""
+    def find_problems(self) -> sky.Problems:
         if self.remaining_percent is None and self.voltage_v is None:
-            yield Problem("remaining_percent", "missing", "a claim: remaining_percent or voltage_v")
+            yield sky.Problem("remaining_percent", "missing", "a claim: remaining_percent or voltage_v")
         elif self.remaining_percent is None and self.rate_percent_per_s:
-            yield Problem("rate_percent_per_s", f"{self.rate_percent_per_s}", "0 without a claimed remaining_percent")
+            yield sky.Problem(
+                "rate_percent_per_s", f"{self.rate_percent_per_s}", "0 without a claimed remaining_percent"
+            )
 
-    def alter(self, message: str, fields: Any, since_ns: Time) -> bool:
-        """Claim charge and voltage."""
+    def alter(self, message: str, fields: Any, since_ns: sky.Time) -> bool:
         has_cells = message == "BATTERY_STATUS"
         if has_cells and fields["id"] != 0:
             return False
         if self.remaining_percent is not None:
-            claimed = self.remaining_percent + self.rate_percent_per_s * since_ns / NS_PER_S
+            claimed = self.remaining_percent + self.rate_percent_per_s * since_ns / sky.NS_PER_S
             claimed = min(max(claimed, 0.0), 100.0)
             if has_cells:
                 _set_consumed(fields, claimed)
-            put(fields, "battery_remaining", claimed)
+            sky.put(fields, "battery_remaining", claimed)
         if self.voltage_v is not None:
             if has_cells:
                 _set_cells(fields, self.voltage_v * 1e3)
             else:
-                put(fields, "voltage_battery", self.voltage_v * 1e3)
+                sky.put(fields, "voltage_battery", self.voltage_v * 1e3)
         return True
 
 
@@ -86,9 +76,9 @@ def _set_consumed(fields: Any, claimed: float) -> None:
         used = (100.0 - claimed) / (100.0 - true)
         for name in ("current_consumed", "energy_consumed"):
             if fields[name] > 0:
-                put(fields, name, fields[name] * used)
+                sky.put(fields, name, fields[name] * used)
     states = mav.MAV_BATTERY_CHARGE_STATE_OK, mav.MAV_BATTERY_CHARGE_STATE_LOW, mav.MAV_BATTERY_CHARGE_STATE_CRITICAL
-    put(fields, "charge_state", states[(claimed < _LOW_PERCENT) + (claimed < _CRITICAL_PERCENT)])
+    sky.put(fields, "charge_state", states[(claimed < _LOW_PERCENT) + (claimed < _CRITICAL_PERCENT)])
 
 
 def _set_cells(fields: Any, millivolts: float) -> None:

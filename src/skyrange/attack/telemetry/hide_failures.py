@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from skyrange.attack.bases.mavlink.message_fields import put
-from skyrange.attack.bases.mavlink.telemetry import VARIANCES, AlteredTelemetry
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry
+import skyrange.plugin as sky
+from skyrange.attack.bases.mavlink.telemetry import VARIANCES
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.core.time import Time
 
 HEALTHY_VARIANCE: Final = 0.1
 """Largest variance (normalised innovation) that is reported; ground stations warn from 0.5 (Mission Planner)."""
@@ -20,16 +17,13 @@ HEALTHY_FLAGS: Final = (
 """Flags of an estimator with a position."""
 
 
-@attack(
+@sky.attack(
     "telemetry.hide_failures",
     technique="T0878",
-    surface=("gcs", "log", "autopilot", "rid_data"),
-    persists="acts",
     effect="neither operator nor Remote ID receivers learn of a failsafe",
-    threat=rewrites_telemetry("the messages that report failures"),
-    controls=TELEMETRY_CONTROLS,
+    knowledge="the messages that report failures",
 )
-class HiddenFailures(AlteredTelemetry):
+class HiddenFailures(sky.AlteredTelemetry):
     """Hides failures in telemetry: status, sensor health, estimator, fence and warnings.
 
     All reports of failures are made harmless. Warnings and errors are blanked; their frames stay.
@@ -37,22 +31,21 @@ class HiddenFailures(AlteredTelemetry):
 
     sees = ("HEARTBEAT", "SYS_STATUS", "EKF_STATUS_REPORT", "FENCE_STATUS", "STATUSTEXT")
 
-    def alter(self, message: str, fields: Any, since_ns: Time) -> bool:
-        """Report a healthy aircraft."""
+    def alter(self, message: str, fields: Any, since_ns: sky.Time) -> bool:
         match message:
             case "HEARTBEAT" if fields["system_status"] >= mav.MAV_STATE_CRITICAL:
                 armed = fields["base_mode"] & mav.MAV_MODE_FLAG_SAFETY_ARMED
-                put(fields, "system_status", mav.MAV_STATE_ACTIVE if armed else mav.MAV_STATE_STANDBY)
+                sky.put(fields, "system_status", mav.MAV_STATE_ACTIVE if armed else mav.MAV_STATE_STANDBY)
             case "SYS_STATUS":
                 fields["onboard_control_sensors_health"] |= fields["onboard_control_sensors_enabled"]
             case "EKF_STATUS_REPORT":
-                put(fields, "flags", HEALTHY_FLAGS)
+                sky.put(fields, "flags", HEALTHY_FLAGS)
                 for name in VARIANCES:
-                    put(fields, name, min(float(fields[name]), HEALTHY_VARIANCE))
+                    sky.put(fields, name, min(float(fields[name]), HEALTHY_VARIANCE))
             case "FENCE_STATUS":
-                put(fields, "breach_status", 0)
-                put(fields, "breach_type", mav.FENCE_BREACH_NONE)
+                sky.put(fields, "breach_status", 0)
+                sky.put(fields, "breach_type", mav.FENCE_BREACH_NONE)
             case "STATUSTEXT" if fields["severity"] <= mav.MAV_SEVERITY_WARNING:
-                put(fields, "severity", mav.MAV_SEVERITY_DEBUG)
+                sky.put(fields, "severity", mav.MAV_SEVERITY_DEBUG)
                 fields["text"] = b""
         return True

@@ -2,78 +2,64 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Literal
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.moved_position import POSITION_MESSAGES, STILL, MovedPosition
-from skyrange.attack.bases.mavlink.telemetry import AlteredTelemetry
-from skyrange.attack.contract import Attack, AttackContext
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry
-from skyrange.contracts.params import Enu
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.errors import Problem
-from skyrange.core.time import Time
 
 
-@attack(
+@sky.attack(
     "telemetry.position",
     technique="T0856",
-    surface=("gcs", "log", "autopilot", "rid_data"),
-    persists="acts",
     effect="receivers of telemetry believe that the aircraft is elsewhere, and guided targets, Remote ID or avoidance "
     "follow",
-    threat=rewrites_telemetry("the messages that tell a position; the true position from the frames that pass"),
-    controls=TELEMETRY_CONTROLS,
+    knowledge="the messages that tell a position; the true position from the frames that pass",
 )
-class FalsePosition(AlteredTelemetry):
+class FalsePosition(sky.AlteredTelemetry):
     """Alters the position in telemetry, in all messages that tell one.
 
     The aircraft appears at an offset from its position, or on a track of the attacker's.
     """
 
-    form: Literal["offset", "track"] = param(
+    form: Literal["offset", "track"] = sky.param(
         "offset: the true position and offset_m; track: positions along a line, whatever the aircraft does.",
         default="offset",
     )
-    offset_m: Enu = param(
+    offset_m: sky.Enu = sky.param(
         "Offset at the start of the attack, [east, north, up] in metres; form = 'offset'.", default=STILL
     )
-    drift_mps: Enu = param(
+    drift_mps: sky.Enu = sky.param(
         "Growth of the offset, [east, north, up] in m/s; reported velocities agree. form = 'offset'.", default=STILL
     )
-    at: Enu | None = param(
+    at: sky.Enu | None = sky.param(
         "Claimed position at the start of the attack, [east_m, north_m, up_m] in metres from the origin or the "
         "attack's anchor; form = 'track'.",
         default=None,
     )
-    velocity_mps: Enu = param("Claimed velocity, [east, north, up] in m/s; form = 'track'.", default=STILL)
+    velocity_mps: sky.Enu = sky.param("Claimed velocity, [east, north, up] in m/s; form = 'track'.", default=STILL)
     position: MovedPosition
     sees = POSITION_MESSAGES
 
-    def find_problems(self) -> Iterator[Problem]:
+    def find_problems(self) -> sky.Problems:
         """A form without its parameters, or with those of the other."""
         if self.form == "track" and self.at is None:
-            yield Problem("at", "missing", "where the track begins, because form = 'track'")
+            yield sky.Problem("at", "missing", "where the track begins, because form = 'track'")
         if self.form == "offset" and self.at is not None:
-            yield Problem("at", repr(list(self.at)), "no position with form = 'offset'", "Use offset_m.")
+            yield sky.Problem("at", repr(list(self.at)), "no position with form = 'offset'", "Use offset_m.")
         if self.form == "offset" and self.offset_m == STILL and self.drift_mps == STILL:
-            yield Problem("offset_m", repr(list(STILL)), "an offset or a drift other than 0")
+            yield sky.Problem("offset_m", repr(list(STILL)), "an offset or a drift other than 0")
 
-    def prepare(self, context: AttackContext) -> None:
-        """Choose offset or track."""
+    def prepare(self, context: sky.AttackContext) -> None:
         rate = self.velocity_mps if self.form == "track" else self.drift_mps
         self.position = MovedPosition(context.origin, self.offset_m, rate, self.at)
 
-    def build(self, context: AttackContext) -> Attack:
+    def build(self, context: sky.AttackContext) -> sky.Attack:
         """See `AlteredTelemetry`."""
         return replace(super().build(context), shown={} if self.at is None else {"false position": self.at})
 
     def learn(self, message: str, fields: Any) -> None:
-        """Learn where the aircraft is."""
         self.position.learn(message, fields)
 
-    def alter(self, message: str, fields: Any, since_ns: Time) -> bool:
-        """Move the aircraft."""
+    def alter(self, message: str, fields: Any, since_ns: sky.Time) -> bool:
         return self.position.alter(message, fields, since_ns)

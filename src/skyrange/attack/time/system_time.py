@@ -2,51 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
-from skyrange.attack.bases.mavlink.message_fields import put
-from skyrange.attack.bases.mavlink.telemetry import AlteredTelemetry
-from skyrange.attack.declaration import attack
-from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.errors import Problem
-from skyrange.core.time import NS_PER_S, NS_PER_US, Time
+import skyrange.plugin as sky
 
 
-@attack(
+@sky.attack(
     "time.system_time",
     technique="EX-0014.01",
     surface=("rid_data", "log", "gcs", "autopilot"),
-    persists="acts",
     effect="Remote ID broadcasts have wrong time stamps, and logs of a ground station a wrong time",
-    threat=rewrites_telemetry("the messages with the time"),
-    controls=TELEMETRY_CONTROLS,
+    knowledge="the messages with the time",
     realism={"time of signed frames": "simulated: it comes from each end's own clock and does not shift"},
 )
-class FalseTime(AlteredTelemetry):
+class FalseTime(sky.AlteredTelemetry):
     """Shifts the time in SYSTEM_TIME and TIMESYNC of an autopilot.
 
     The reported time is ahead of the true one, or behind it. The time since boot in other messages stays true.
     """
 
-    offset_s: Number = param(
+    offset_s: sky.Number = sky.param(
         "Offset of the reported time at the start of the attack, in seconds.", default=0.0, ge=-1e9, le=1e9
     )
-    drift_s_per_s: Number = param("Growth of the offset, in seconds per second.", default=0.0, ge=-100, le=100)
+    drift_s_per_s: sky.Number = sky.param("Growth of the offset, in seconds per second.", default=0.0, ge=-100, le=100)
     sees = ("SYSTEM_TIME", "TIMESYNC")
 
-    def find_problems(self) -> Iterator[Problem]:
-        """No shift."""
+    def find_problems(self) -> sky.Problems:
         if not (self.offset_s or self.drift_s_per_s):
-            yield Problem("offset_s", "0", "an offset or a drift other than 0")
+            yield sky.Problem("offset_s", "0", "an offset or a drift other than 0")
 
-    def alter(self, message: str, fields: Any, since_ns: Time) -> bool:
+    def alter(self, message: str, fields: Any, since_ns: sky.Time) -> bool:
         """Shift the UTC of SYSTEM_TIME, or the clock in TIMESYNC."""
-        shift_ns = round((self.offset_s + self.drift_s_per_s * since_ns / NS_PER_S) * NS_PER_S)
-        name, shift = ("time_unix_usec", shift_ns // NS_PER_US) if message == "SYSTEM_TIME" else ("tc1", shift_ns)
+        shift_ns = round((self.offset_s + self.drift_s_per_s * since_ns / sky.NS_PER_S) * sky.NS_PER_S)
+        name, shift = ("time_unix_usec", shift_ns // sky.NS_PER_US) if message == "SYSTEM_TIME" else ("tc1", shift_ns)
         if fields[name] == 0:  # UTC is not known, or the message is a request
             return False
-        put(fields, name, int(fields[name]) + shift)
+        sky.put(fields, name, int(fields[name]) + shift)
         return True

@@ -15,18 +15,9 @@ from typing import Annotated, Final
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from skyrange.contracts.alerts import Alert
+import skyrange.plugin as sky
 from skyrange.contracts.channel_orders import ChannelOrder
 from skyrange.contracts.channel_plans import EndReport
-from skyrange.contracts.params import Number, Whole, items, refuse
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.chance import Chance
-from skyrange.core.errors import Problem
-from skyrange.core.ids import hash64
-from skyrange.core.time import NS_PER_MS, Time, from_seconds
-from skyrange.defence.bases.channels import ChannelDefence
-from skyrange.defence.contract import DefenceContext
-from skyrange.defence.declaration import defence
 from skyrange.defence.placement import Alarm
 from skyrange.radio.control_link.wifi_link import BEACON_LOSS_COUNT, BEACON_NS
 from skyrange.radio.control_link.wifi_rates import MAX_RETRIES, MIN_SNIR_DB
@@ -37,26 +28,26 @@ GIVEN_UP: Final = 0.5 ** (1 + MAX_RETRIES)
 """Probability that a frame is given up without jamming, at most."""
 FRAMES_PER_H: Final = 3600 * 50
 """Frames an hour of one link at most, for the rate of false alarms: assumed, telemetry has some 15 a second."""
-REASSOCIATION_NS: Final[Time] = 400 * NS_PER_MS
+REASSOCIATION_NS: Final[sky.Time] = 400 * sky.NS_PER_MS
 """Longest time for a new association in measurements (Mishra, Shin & Arbaugh, 2003)."""
 
 
 def _channels(numbers: tuple[int, ...]) -> tuple[int, ...]:
     if len(set(numbers)) < len(numbers):
-        raise refuse(Problem("", repr(list(numbers)), "each channel once"))
+        raise sky.refuse(sky.Problem("", repr(list(numbers)), "each channel once"))
     if len(numbers) and max(numbers) - min(numbers) < APART:
         hint = "Channels less than 20 MHz apart overlap: 1, 6 and 11 do not."
-        raise refuse(Problem("", repr(list(numbers)), "two channels at least 4 numbers apart", hint))
+        raise sky.refuse(sky.Problem("", repr(list(numbers)), "two channels at least 4 numbers apart", hint))
     return numbers
 
 
-_Channel = Annotated[Whole, Field(ge=1, le=13)]
+_Channel = Annotated[sky.Whole, Field(ge=1, le=13)]
 _Channels = Annotated[
-    tuple[_Channel, ...], BeforeValidator(items, json_schema_input_type=list[int]), AfterValidator(_channels)
+    tuple[_Channel, ...], BeforeValidator(sky.items, json_schema_input_type=list[int]), AfterValidator(_channels)
 ]
 
 
-@defence(
+@sky.defence(
     "control_link.channel_change",
     surface=("gcs", "medium"),
     place="the radios of access point and aircraft; each knows acknowledgements, failed check sequences, the power of "
@@ -78,46 +69,45 @@ _Channels = Annotated[
         "shared hop sequence": "assumed: no Wi-Fi product hops",
     },
 )
-class ChannelChange(ChannelDefence):
+class ChannelChange(sky.ChannelDefence):
     """Leaves a jammed Wi-Fi channel by a Channel Switch Announcement, or by a scan once the association is lost."""
 
-    channels: _Channels = param(
+    channels: _Channels = sky.param(
         "Wi-Fi channels that both ends know, in the order in which they are tried; channel 6 is that of Remote ID.",
         default=(1, 11), min_length=2, max_length=13,
     )  # fmt: skip
-    false_alarms_per_h: Number = param(
+    false_alarms_per_h: sky.Number = sky.param(
         "False alarms an hour and link, at most, from which the number of frames in a row that are given up follows: 4 "
         "by default.",
         default=0.01, gt=0, le=3600,
     )  # fmt: skip
-    announcements: Whole = param(
+    announcements: sky.Whole = sky.param(
         "Beacons in which the access point announces a change, one every 102.4 ms (IEEE 802.11-2020, 11.8.8; the "
         "number is assumed).",
         default=3, ge=1, le=50,
     )  # fmt: skip
-    dwell_ms: Number = param(
+    dwell_ms: sky.Number = sky.param(
         "Time on each channel of a scan in milliseconds; 111: a passive scan of Linux's mac80211, HZ/9.",
         default=111.0, ge=1, le=10_000,
     )  # fmt: skip
-    retune_ms: Number = param(
+    retune_ms: sky.Number = sky.param(
         "Time in milliseconds in which a radio that changes its channel carries nothing; 5: as Linux's iwlwifi plans "
         "(IWL_CHANNEL_TUNE_TIME).",
         default=5.0, ge=0, le=1000,
     )  # fmt: skip
-    margin_db: Number = param(
+    margin_db: sky.Number = sky.param(
         "A lost association is jamming if the other end was last received with the SNIR of 6 Mb/s and this many dB "
         "more; 20: in Rayleigh fading 1 % of the time is weaker than the mean by that much.",
         default=20.0, ge=0, le=60,
     )  # fmt: skip
-    hop_s: Number | None = param(
+    hop_s: sky.Number | None = sky.param(
         "Both ends change by a pseudo-random sequence that they share, every so many seconds, attacked or not; "
         "default: they change only when they must. Their clocks agree by the beacons' time stamps (assumed).",
         default=None, gt=0.1, le=3600,
     )  # fmt: skip
-    chance: Chance
+    chance: sky.Chance
 
-    def prepare(self, context: DefenceContext) -> None:
-        """Have what hops are drawn from."""
+    def prepare(self, context: sky.DefenceContext) -> None:
         self.chance = context.chance
 
     def make_station(self, address: bytes, links: Sequence[str]) -> StationPolicy:
@@ -132,7 +122,7 @@ class ChannelChange(ChannelDefence):
     def _hops(self, address: bytes) -> HopSequence | None:
         if self.hop_s is None:
             return None
-        return HopSequence(from_seconds(self.hop_s), self.channels, self.chance, hash64(address.hex()))
+        return HopSequence(sky.from_seconds(self.hop_s), self.channels, self.chance, sky.hash64(address.hex()))
 
 
 @dataclass(slots=True)
@@ -157,13 +147,13 @@ class _Run:
 class HopSequence:
     """The channel of each hop; both ends have the same."""
 
-    period_ns: Time
+    period_ns: sky.Time
     channels: tuple[int, ...]
-    chance: Chance
+    chance: sky.Chance
     key: int
     _hop: int = -1
 
-    def next(self, now: Time) -> int | None:
+    def next(self, now: sky.Time) -> int | None:
         """The channel to change to, once for each hop; else `None`."""
         hop = now // self.period_ns
         if hop == self._hop:
@@ -185,11 +175,11 @@ class StationPolicy:
     alarms: Mapping[str, Alarm]
     hops: HopSequence | None
     _runs: dict[str, _Run] = field(default_factory=dict)
-    _settled_ns: Time = 0
+    _settled_ns: sky.Time = 0
 
-    def step(self, now: Time, reports: Sequence[EndReport]) -> list[ChannelOrder | Alert]:
+    def step(self, now: sky.Time, reports: Sequence[EndReport]) -> list[ChannelOrder | sky.Alert]:
         """As `ChannelPolicy.step`."""
-        acts: list[ChannelOrder | Alert] = []
+        acts: list[ChannelOrder | sky.Alert] = []
         channel = reports[0].channel
         if now < self._settled_ns:
             self._runs.clear()
@@ -209,12 +199,12 @@ class StationPolicy:
         if jammed is not None:
             there = next_channel(channel, self.params.channels)
             announced = self.params.announcements
-            retune_ns = round(self.params.retune_ms * NS_PER_MS)
+            retune_ns = round(self.params.retune_ms * sky.NS_PER_MS)
             acts.append(ChannelOrder(jammed.link, "station", there, announced, retune_ns))
             self._settled_ns = now + announced * BEACON_NS + stay_ns(self.params)
         return acts
 
-    def _hop(self, now: Time, report: EndReport) -> list[ChannelOrder]:
+    def _hop(self, now: sky.Time, report: EndReport) -> list[ChannelOrder]:
         return _hop(self.hops, now, report, "station", self.params)
 
 
@@ -225,12 +215,12 @@ class AircraftPolicy:
     params: ChannelChange
     alarm: Alarm
     hops: HopSequence | None
-    _next_ns: Time | None = None
+    _next_ns: sky.Time | None = None
 
-    def step(self, now: Time, reports: Sequence[EndReport]) -> list[ChannelOrder | Alert]:
+    def step(self, now: sky.Time, reports: Sequence[EndReport]) -> list[ChannelOrder | sky.Alert]:
         """As `ChannelPolicy.step`."""
         report = reports[0]
-        acts: list[ChannelOrder | Alert] = []
+        acts: list[ChannelOrder | sky.Alert] = []
         if report.associated:
             self._next_ns = None
         elif self._next_ns is None:
@@ -240,7 +230,7 @@ class AircraftPolicy:
         if self.hops is not None:
             return [*acts, *_hop(self.hops, now, report, "aircraft", self.params)]
         if self._next_ns is not None and now >= self._next_ns:
-            self._next_ns = now + round(self.params.dwell_ms * NS_PER_MS)
+            self._next_ns = now + round(self.params.dwell_ms * sky.NS_PER_MS)
             there = after(report.channel, self.params.channels)
             acts.append(ChannelOrder(report.link, "aircraft", there, action="scan"))
         return acts
@@ -271,15 +261,17 @@ def next_channel(channel: int, channels: Sequence[int]) -> int:
     return after(channel, channels)
 
 
-def stay_ns(params: ChannelChange) -> Time:
+def stay_ns(params: ChannelChange) -> sky.Time:
     """Longest time in which an aircraft finds the access point on a new channel: lost beacons, a scan, association."""
-    scan_ns = round((len(params.channels) + 1) * params.dwell_ms * NS_PER_MS)
+    scan_ns = round((len(params.channels) + 1) * params.dwell_ms * sky.NS_PER_MS)
     return (1 + BEACON_LOSS_COUNT) * BEACON_NS + scan_ns + REASSOCIATION_NS
 
 
-def _hop(hops: HopSequence | None, now: Time, report: EndReport, end: str, params: ChannelChange) -> list[ChannelOrder]:
+def _hop(
+    hops: HopSequence | None, now: sky.Time, report: EndReport, end: str, params: ChannelChange
+) -> list[ChannelOrder]:
     there = hops.next(now) if hops is not None else None
     if there is None or there == report.channel:
         return []
-    retune_ns = round(params.retune_ms * NS_PER_MS)
+    retune_ns = round(params.retune_ms * sky.NS_PER_MS)
     return [ChannelOrder(report.link, "station" if end == "station" else "aircraft", there, 0, retune_ns, "hop")]

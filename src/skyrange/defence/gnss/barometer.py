@@ -8,14 +8,7 @@ from dataclasses import dataclass, field
 from math import exp, isfinite, sqrt
 from typing import Final, NamedTuple
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.components import SensorAct, Sensors
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.time import NS_PER_S, Time
-from skyrange.defence.bases.fix_checks import FixCheck
-from skyrange.defence.contract import DefenceContext
-from skyrange.defence.declaration import defence
+import skyrange.plugin as sky
 from skyrange.defence.fix_guard import NewFixes
 from skyrange.defence.gnss.gates import normal_gate
 from skyrange.world.sensing import sensor_errors as errors
@@ -30,7 +23,7 @@ _LEAST_STEP_S: Final = 0.15
 _GAP_S: Final = 5.0
 
 
-@defence(
+@sky.defence(
     "gnss.barometer",
     surface=("gnss", "baro"),
     place="between sensors and autopilot; knows the readings of receiver and barometer, and not which of them is false",
@@ -44,42 +37,41 @@ _GAP_S: Final = 5.0
         "barometer's weather drift": "assumed: 1 m in half an hour",
     },
 )
-class BarometerCheck(FixCheck):
+class BarometerCheck(sky.FixCheck):
     """Compares height and climb rate of GNSS fixes with the barometer, at once and over 5 and 20 s."""
 
-    pressure_error_m: Number = param(
+    pressure_error_m: sky.Number = sky.param(
         "Change of the barometer's error by the flow of air around the airframe, one sigma, in metres; 0.5 is 6 Pa, "
         "40 % of the dynamic pressure at 5 m/s (ArduPilot corrects it by BARO1_WCF_FWD and others).",
         default=0.5, ge=0, le=100,
     )  # fmt: skip
-    baro_noise_m: Number = param(
+    baro_noise_m: sky.Number = sky.param(
         "Noise of a reading of the barometer, one sigma, in metres.", default=errors.BARO_NOISE_M, gt=0, le=10
     )
-    weather_m: Number = param(
+    weather_m: sky.Number = sky.param(
         "Drift of the barometer by weather, one sigma, in metres.", default=errors.BARO_DRIFT_M, ge=0, le=100
     )
-    wander_up_m: Number = param(
+    wander_up_m: sky.Number = sky.param(
         "Slow error of the height of a fix under an open sky, one sigma, in metres.",
         default=errors.GNSS_WANDER_UP_M, gt=0, le=100,
     )  # fmt: skip
-    speed_mps: Number = param(
+    speed_mps: sky.Number = sky.param(
         "Error of the receiver's climb rate, one sigma, in m/s.", default=errors.GNSS_SPEED_MPS, gt=0, le=10
     )
     slow: bool = True
     fixes: NewFixes
     heights: list[Heights]
 
-    def prepare(self, context: DefenceContext) -> None:
-        """Have the heights of each aircraft."""
+    def prepare(self, context: sky.DefenceContext) -> None:
         gate = normal_gate(self.chance(_TESTS))
         self.fixes = NewFixes(len(self.vehicles))
         self.heights = [Heights(HeightErrors(self), gate) for _ in self.vehicles]
 
-    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
+    def on_sensors(self, now: sky.Time, sensors: sky.Sensors) -> Sequence[sky.SensorAct | sky.Alert]:
         """Test the new fixes; take away those of aircraft about which an alarm lasts."""
         for one, up_m in zip(self.heights, sensors.baro_up_m.tolist(), strict=True):
             one.read_barometer(now, up_m)
-        found: list[SensorAct | Alert] = []
+        found: list[sky.SensorAct | sky.Alert] = []
         for row in self.fixes.rows(sensors):
             accuracy = claimed_over_usual(sensors, row)
             kind, score, off_m = self.heights[row].compare(
@@ -93,7 +85,7 @@ class BarometerCheck(FixCheck):
         return [*found, *self.guard.apply(sensors)]
 
 
-def claimed_over_usual(sensors: Sensors, row: int) -> float:
+def claimed_over_usual(sensors: sky.Sensors, row: int) -> float:
     """By how much the receiver claims to be worse than under an open sky, in height or speed; at least 1."""
     _, height_m, speed_mps = sensors.gnss_accuracy[row].tolist()
     ratios = (height_m / errors.GNSS_ACCURACY[1], speed_mps / errors.GNSS_ACCURACY[2])
@@ -103,7 +95,7 @@ def claimed_over_usual(sensors: Sensors, row: int) -> float:
 class Sample(NamedTuple):
     """One fix, and what the barometer read at its time."""
 
-    time_ns: Time
+    time_ns: sky.Time
     gnss_up_m: float
     climbed_m: float
     """Integral of the climb rate of the fixes."""
@@ -134,7 +126,7 @@ class HeightErrors:
 
     def of_climb(self, seconds: float, accuracy: float) -> float:
         """One sigma of the integral of the climb rate minus the change of the barometer, metres."""
-        interval_s = errors.GNSS_PERIOD_NS / NS_PER_S
+        interval_s = errors.GNSS_PERIOD_NS / sky.NS_PER_S
         integral = (accuracy * self.params.speed_mps) ** 2 * interval_s * max(seconds, interval_s)
         return sqrt(integral + self.of_barometer(seconds))
 
@@ -146,22 +138,22 @@ class Heights:
     errors: HeightErrors
     gate: float
     """In standard deviations."""
-    _baro: deque[tuple[Time, float]] = field(init=False)
+    _baro: deque[tuple[sky.Time, float]] = field(init=False)
     _past: deque[Sample] = field(init=False)
     _first: Sample | None = None
 
     def __post_init__(self) -> None:
         self._baro, self._past = deque(maxlen=_SAMPLES), deque(maxlen=WINDOWS[-1] + 1)
 
-    def read_barometer(self, now: Time, up_m: float) -> None:
+    def read_barometer(self, now: sky.Time, up_m: float) -> None:
         """Keep a reading; the sensor is read at 10 Hz, so an unchanged value is not a new one."""
         if not isfinite(up_m) or (self._baro and (up_m == self._baro[-1][1] or now < self._baro[-1][0] + _READ_NS)):
             return
         self._baro.append((now, up_m))
 
-    def height_at(self, time: Time) -> float | None:
+    def height_at(self, time: sky.Time) -> float | None:
         """Barometer at the time of a fix, between its two readings; `None` for one that is older than they are."""
-        later: tuple[Time, float] | None = None
+        later: tuple[sky.Time, float] | None = None
         for when, up_m in reversed(self._baro):
             if when <= time:
                 if later is None:
@@ -171,7 +163,7 @@ class Heights:
             later = when, up_m
         return None
 
-    def compare(self, time: Time, up_m: float, climb_mps: float, accuracy: float) -> tuple[str, float, float]:
+    def compare(self, time: sky.Time, up_m: float, climb_mps: float, accuracy: float) -> tuple[str, float, float]:
         """Test a fix: the test that it fails most, by how many gates (plausible up to 1), and the metres."""
         baro_m = self.height_at(time)
         if baro_m is None:
@@ -179,7 +171,7 @@ class Heights:
         last = self._past[-1] if self._past else None
         climbed_m = 0.0
         if last is not None:
-            dt_s = (time - last.time_ns) / NS_PER_S
+            dt_s = (time - last.time_ns) / sky.NS_PER_S
             if not 0.0 < dt_s < _GAP_S:
                 self._past.clear()
             climbed_m = last.climbed_m + 0.5 * (climb_mps + last.climb_mps) * dt_s
@@ -195,13 +187,13 @@ class Heights:
         return worst
 
     def _test_height(self, then: Sample, one: Sample, kind: str) -> tuple[str, float, float]:
-        seconds = max((one.time_ns - then.time_ns) / NS_PER_S, 0.0)
+        seconds = max((one.time_ns - then.time_ns) / sky.NS_PER_S, 0.0)
         off_m = one.gnss_up_m - then.gnss_up_m - (one.baro_up_m - then.baro_up_m)
         sigma = self.errors.of_height(seconds, max(one.accuracy, then.accuracy))
         return kind, abs(off_m) / sigma / self.gate, off_m
 
     def _test_climb(self, then: Sample, one: Sample) -> tuple[str, float, float]:
-        seconds = max((one.time_ns - then.time_ns) / NS_PER_S, 0.0)
+        seconds = max((one.time_ns - then.time_ns) / sky.NS_PER_S, 0.0)
         off_m = one.climbed_m - then.climbed_m - (one.baro_up_m - then.baro_up_m)
         sigma = self.errors.of_climb(seconds, max(one.accuracy, then.accuracy))
         return "barometer.climb", abs(off_m) / sigma / self.gate, off_m

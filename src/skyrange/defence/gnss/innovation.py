@@ -16,14 +16,8 @@ from typing import Final
 
 import numpy as np
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.components import Floats, SensorAct, Sensors
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.time import NS_PER_S, Time, from_seconds
-from skyrange.defence.bases.fix_checks import FIXES_PER_H, FixCheck
-from skyrange.defence.contract import DefenceContext
-from skyrange.defence.declaration import defence
+import skyrange.plugin as sky
+from skyrange.defence.bases.fix_checks import FIXES_PER_H
 from skyrange.defence.fix_guard import NewFixes
 from skyrange.defence.gnss.dead_reckoning import ALIGN_STEPS, DeadReckoning
 from skyrange.defence.gnss.gates import chi_square_gate, cusum_gate
@@ -38,7 +32,7 @@ _WINDOW: Final = 25
 _SHIFT: Final = 0.5
 """The shift of the mean that the CUSUM is made for, in standard deviations of an innovation."""
 _TESTS: Final = 3
-_IMU_S: Final = errors.IMU_PERIOD_NS / NS_PER_S
+_IMU_S: Final = errors.IMU_PERIOD_NS / sky.NS_PER_S
 _GYRO_NOISE: Final = (errors.GYRO_FLOOR_RADPS + errors.GYRO_MOTORS_RADPS) ** 2 * _IMU_S
 """rad²/s at full throttle."""
 _GYRO_REST: Final = errors.GYRO_FLOOR_RADPS**2 / ALIGN_STEPS * 60.0
@@ -64,7 +58,7 @@ class Gates:
     drift: float
 
 
-@defence(
+@sky.defence(
     "gnss.innovation",
     surface=("gnss",),
     place="between sensors and autopilot; knows the readings of gyroscopes, accelerometers, compass and receiver",
@@ -78,31 +72,33 @@ class Gates:
         "bias by temperature and vibration": "assumed: none; with it the gates have to be wider",
     },
 )
-class InnovationCheck(FixCheck):
+class InnovationCheck(sky.FixCheck):
     """Tests every GNSS fix against inertial dead reckoning, for jumps by chi-square and for drifts by a cumulative
     sum.
     """
 
-    coast_s: Number = param(
+    coast_s: sky.Number = sky.param(
         "Time in seconds for which dead reckoning without fixes can clear a receiver after an alarm; later fixes stay "
         "rejected until the aircraft stands still. A bias of 0.05 m/s² makes 2.5 m in 10 s.",
         default=10.0, gt=0, le=600,
     )  # fmt: skip
-    wander_m: Number = param(
+    wander_m: sky.Number = sky.param(
         "Slow error of a fix under an open sky along a level axis, one sigma, in metres; 1.27 is 1.5 m circular error "
         "probable (data sheet of the u-blox SAM-M10Q). 1.5 times that in height.",
         default=errors.GNSS_WANDER_M, gt=0, le=100,
     )  # fmt: skip
-    wander_s: Number = param("Correlation time of that error in seconds.", default=errors.GNSS_WANDER_S, gt=0, le=3_600)
-    speed_mps: Number = param(
+    wander_s: sky.Number = sky.param(
+        "Correlation time of that error in seconds.", default=errors.GNSS_WANDER_S, gt=0, le=3_600
+    )
+    speed_mps: sky.Number = sky.param(
         "Error of the receiver's velocity along an axis, one sigma, in m/s (same data sheet).",
         default=errors.GNSS_SPEED_MPS, gt=0, le=10,
     )  # fmt: skip
-    accel_bias_mps2: Number = param(
+    accel_bias_mps2: sky.Number = sky.param(
         "Bias of an accelerometer after calibration, one sigma, in m/s²; 0.05 is 5 mg.",
         default=errors.ACCEL_BIAS_MPS2, gt=0, le=5,
     )  # fmt: skip
-    accel_noise_mps2: Number = param(
+    accel_noise_mps2: sky.Number = sky.param(
         "Noise of an accelerometer at 100 Hz and full throttle, one sigma, in m/s².",
         default=errors.ACCEL_FLOOR_MPS2 + errors.ACCEL_MOTORS_MPS2, gt=0, le=50,
     )  # fmt: skip
@@ -111,10 +107,9 @@ class InnovationCheck(FixCheck):
     reckoning: DeadReckoning
     fixes: NewFixes
     filters: list[ErrorFilter]
-    fused_ns: list[Time]
+    fused_ns: list[sky.Time]
 
-    def prepare(self, context: DefenceContext) -> None:
-        """Begin dead reckoning of each aircraft."""
+    def prepare(self, context: sky.DefenceContext) -> None:
         count = len(self.vehicles)
         self.gates, self.fixes = self.find_gates(), NewFixes(count)
         self.reckoning = DeadReckoning(count, magnetic_field_at(context.origin))
@@ -129,15 +124,15 @@ class InnovationCheck(FixCheck):
             cusum_gate(_SHIFT / 2.0, samples),
         )
 
-    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
+    def on_sensors(self, now: sky.Time, sensors: sky.Sensors) -> Sequence[sky.SensorAct | sky.Alert]:
         """Test the new fixes; take away those of aircraft about which an alarm lasts."""
         self.reckoning.update(now, sensors)
-        found: list[SensorAct | Alert] = []
+        found: list[sky.SensorAct | sky.Alert] = []
         for row in self.fixes.rows(sensors):
             found += self._test(row, now, sensors)
         return [*found, *self.guard.apply(sensors)]
 
-    def _test(self, row: int, now: Time, sensors: Sensors) -> list[Alert]:
+    def _test(self, row: int, now: sky.Time, sensors: sky.Sensors) -> list[sky.Alert]:
         time = int(sensors.gnss_time_ns[row])
         one, reckoning = self.filters[row], self.reckoning
         reckoned = reckoning.at(row, time)
@@ -169,10 +164,16 @@ class InnovationCheck(FixCheck):
         return []
 
     def _coast(
-        self, row: int, now: Time, white: Floats, innovation: Floats, spread: Floats, fix: tuple[Floats, ...]
-    ) -> list[Alert]:
+        self,
+        row: int,
+        now: sky.Time,
+        white: sky.Floats,
+        innovation: sky.Floats,
+        spread: sky.Floats,
+        fix: tuple[sky.Floats, ...],
+    ) -> list[sky.Alert]:
         """While an alarm lasts, no fix is fused: dead reckoning alone may clear the receiver, for as long as it can."""
-        square, coast_ns = float(white @ white), from_seconds(self.coast_s)
+        square, coast_ns = float(white @ white), sky.from_seconds(self.coast_s)
         one = self.filters[row]
         if now > self.fused_ns[row] + coast_ns + self.guard.recover_ns:
             if self.guard.rejects:
@@ -199,16 +200,16 @@ class ErrorFilter:
     """The error of one aircraft's dead reckoning, and the statistics of the innovations of its fixes."""
 
     params: InnovationCheck
-    state: Floats = field(init=False)
-    covariance: Floats = field(init=False)
-    time_ns: Time = -1
+    state: sky.Floats = field(init=False)
+    covariance: sky.Floats = field(init=False)
+    time_ns: sky.Time = -1
     """When the last fix was measured; -1 before the first."""
-    base_m: Floats = field(init=False)
+    base_m: sky.Floats = field(init=False)
     """Position of the first fix: where dead reckoning began."""
-    force: Floats = field(init=False)
-    rotation: Floats = field(init=False)
+    force: sky.Floats = field(init=False)
+    rotation: sky.Floats = field(init=False)
     _squares: deque[float] = field(init=False)
-    _sums: Floats = field(init=False)
+    _sums: sky.Floats = field(init=False)
 
     def __post_init__(self) -> None:
         self.base_m, self.force, self.rotation = np.zeros(3), np.zeros(3), np.zeros((3, 3))
@@ -216,10 +217,12 @@ class ErrorFilter:
         self._squares, self._sums = deque(maxlen=_WINDOW), np.zeros(2 * _AXES)
 
     @property
-    def _wander(self) -> Floats:
+    def _wander(self) -> sky.Floats:
         return self.params.wander_m * np.array([1.0, 1.0, errors.GNSS_WANDER_UP_M / errors.GNSS_WANDER_M])
 
-    def start(self, time: Time, position: Floats, force: Floats, rotation: Floats, attitude: Floats) -> None:
+    def start(
+        self, time: sky.Time, position: sky.Floats, force: sky.Floats, rotation: sky.Floats, attitude: sky.Floats
+    ) -> None:
         """Begin at rest with a fix: its slow error is that of the place at which dead reckoning begins.
 
         `attitude` (3, 3) is the rotation from body to local.
@@ -237,7 +240,9 @@ class ErrorFilter:
         self.covariance[8, 8] = _YAW_RAD**2
         self.forget()
 
-    def restart(self, position: Floats, velocity: Floats, reckoned_m: Floats, reckoned_mps: Floats) -> None:
+    def restart(
+        self, position: sky.Floats, velocity: sky.Floats, reckoned_m: sky.Floats, reckoned_mps: sky.Floats
+    ) -> None:
         """Take position and velocity from a fix; attitude and biases stay."""
         for part in (P, V, W):
             self.state[part] = 0.0
@@ -258,9 +263,9 @@ class ErrorFilter:
         self._squares.clear()
         self._sums[:] = 0.0
 
-    def predict(self, time: Time, force: Floats, rotation: Floats, resting: bool) -> None:
+    def predict(self, time: sky.Time, force: sky.Floats, rotation: sky.Floats, resting: bool) -> None:
         """Go on to the time of a fix; `force` and `rotation` are the integrals since the start."""
-        dt_s = max((time - self.time_ns) / NS_PER_S, 0.0)
+        dt_s = max((time - self.time_ns) / sky.NS_PER_S, 0.0)
         push, turned = force - self.force, rotation - self.rotation
         self.time_ns, self.force, self.rotation = time, force, rotation
         keep = exp(-dt_s / self.params.wander_s)
@@ -276,7 +281,9 @@ class ErrorFilter:
         self.state = move @ self.state
         self.covariance = move @ self.covariance @ move.T + np.diag(noise)
 
-    def innovate(self, offset_m: Floats, offset_mps: Floats, accuracy: Floats) -> tuple[Floats, Floats, Floats]:
+    def innovate(
+        self, offset_m: sky.Floats, offset_mps: sky.Floats, accuracy: sky.Floats
+    ) -> tuple[sky.Floats, sky.Floats, sky.Floats]:
         """Innovation (6,) velocity first, its covariance, and its whitened form, for a fix minus dead reckoning.
 
         Where the receiver claims a worse accuracy than under an open sky, its noise is so much larger.
@@ -292,14 +299,14 @@ class ErrorFilter:
         white = np.linalg.solve(np.linalg.cholesky(spread), innovation)
         return innovation, spread, white
 
-    def fuse(self, innovation: Floats, spread: Floats) -> None:
+    def fuse(self, innovation: sky.Floats, spread: sky.Floats) -> None:
         """Correct the error by a fix."""
         gain = np.linalg.solve(spread, _OBSERVED @ self.covariance).T
         self.state = self.state + gain @ innovation
         after = self.covariance - gain @ spread @ gain.T
         self.covariance = 0.5 * (after + after.T)
 
-    def judge(self, white: Floats) -> tuple[float, float, float]:
+    def judge(self, white: sky.Floats) -> tuple[float, float, float]:
         """Sum of squares of this fix and of the window, and the largest of the cumulative sums."""
         square = float(white @ white)
         self._squares.append(square)

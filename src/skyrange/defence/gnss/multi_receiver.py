@@ -12,26 +12,15 @@ from dataclasses import dataclass, field
 from math import dist
 from typing import ClassVar, Final, Literal, NamedTuple
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.orders import read
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink import message_id
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.contracts.verdicts import Drop, Verdict
-from skyrange.core.errors import InputError
-from skyrange.core.geodesy import Origin
-from skyrange.core.ids import operator_of
-from skyrange.core.time import NS_PER_S, Time, from_seconds
-from skyrange.defence.bases.link_ends import STATION, SpeakingTap
-from skyrange.defence.contract import DefenceContext
-from skyrange.defence.declaration import defence
-from skyrange.defence.path_rules import PathEnd, PathRule, Sends
+from skyrange.defence.bases.link_ends import STATION
 
 ALERT: Final = "receivers.one_place"
-FRESH_NS: Final[Time] = 3 * NS_PER_S
+FRESH_NS: Final[sky.Time] = 3 * sky.NS_PER_S
 """A fix that is older than this is not compared."""
-ASK_NS: Final[Time] = 5 * NS_PER_S
+ASK_NS: Final[sky.Time] = 5 * sky.NS_PER_S
 """It asks again for fixes that do not come for so long."""
 _REPORTS: Final = frozenset((
     mav.MAVLINK_MSG_ID_GPS_RAW_INT, mav.MAVLINK_MSG_ID_HEARTBEAT, mav.MAVLINK_MSG_ID_COMMAND_ACK,
@@ -41,7 +30,7 @@ _REPORTS: Final = frozenset((
 class Fix(NamedTuple):
     """The last fix of an aircraft: when it arrived, and its place in metres from the origin."""
 
-    at_ns: Time
+    at_ns: sky.Time
     place: tuple[float, float, float]
 
 
@@ -50,10 +39,10 @@ class FleetFixes:
     """What the station knows of the receivers of its aircraft. All its taps share it."""
 
     near_m: float
-    hold_ns: Time
+    hold_ns: sky.Time
     fixes: dict[str, Fix] = field(default_factory=dict)
     armed: dict[str, bool] = field(default_factory=dict)
-    since_ns: dict[tuple[str, str], Time] = field(default_factory=dict)
+    since_ns: dict[tuple[str, str], sky.Time] = field(default_factory=dict)
     """Since when two aircraft report one place."""
 
     def take(self, vehicle: str, fix: Fix) -> tuple[str, float]:
@@ -77,7 +66,7 @@ class FleetFixes:
         return found, nearest_m
 
 
-@defence(
+@sky.defence(
     "gnss.multi_receiver",
     surface=("gcs",),
     place="the station's ends of the gcs links of an operator; knows the fixes that its aircraft report",
@@ -92,7 +81,7 @@ class FleetFixes:
         "distance that honest aircraft keep": "assumed: more than near_m and the errors of two fixes",
     },
 )
-class MultiReceiver(SpeakingTap):
+class MultiReceiver(sky.SpeakingTap):
     """Compares the GNSS fixes of an operator's aircraft: receivers that one transmitter has captured report one
     place.
     """
@@ -101,59 +90,61 @@ class MultiReceiver(SpeakingTap):
     decides: ClassVar = "comparison of the fixes"
     shares: ClassVar = ("fleets",)
 
-    near_m: Number = param(
+    near_m: sky.Number = sky.param(
         "Distance in metres between the fixes of two armed aircraft up to which they are at one place; less than the "
         "aircraft keep from each other, by the errors of two fixes at least.",
         default=3.0, gt=0, le=1_000,
     )  # fmt: skip
-    hold_s: Number = param("Time in seconds for which they have to be at one place.", default=3.0, ge=0, le=600)
-    ask_hz: Number = param("Fixes a second that it asks each aircraft for, as GPS_RAW_INT.", default=1.0, ge=0.2, le=10)
-    action: Literal["land", "alarm"] = param(
+    hold_s: sky.Number = sky.param("Time in seconds for which they have to be at one place.", default=3.0, ge=0, le=600)
+    ask_hz: sky.Number = sky.param(
+        "Fixes a second that it asks each aircraft for, as GPS_RAW_INT.", default=1.0, ge=0.2, le=10
+    )
+    action: Literal["land", "alarm"] = sky.param(
         "What both aircraft are commanded: land (NAV_LAND), or nothing but an alarm.", default="alarm"
     )
-    origin: Origin
+    origin: sky.Origin
     fleets: dict[str, FleetFixes]
     """By operator. All taps share them."""
-    ask_ns: Time = 0
+    ask_ns: sky.Time = 0
     """When it asks next, unless a fix comes."""
     commanded: bool = False
 
     @staticmethod
-    def inspects(frame: Frame) -> bool:
+    def inspects(frame: sky.Frame) -> bool:
         """Whether a frame is one that it reads."""
-        return frame.direction == "rev" and message_id(frame.payload) in _REPORTS
+        return frame.direction == "rev" and sky.message_id(frame.payload) in _REPORTS
 
-    def prepare(self, context: DefenceContext) -> None:
+    def prepare(self, context: sky.DefenceContext) -> None:
         """Compare within operators. Raises `InputError` where none has two aircraft that are protected."""
         vehicles = self.find_protected(context)
-        operators = [operator_of(vehicle) for vehicle in vehicles]
+        operators = [sky.operator_of(vehicle) for vehicle in vehicles]
         if len(set(operators)) == len(operators):
             expected = "two aircraft of one operator at least, whose fixes its station can compare"
-            raise InputError.one(context.id, "vehicles", ", ".join(vehicles) or "none", expected)
-        self.origin, hold_ns = context.origin, from_seconds(self.hold_s)
+            raise sky.InputError.one(context.id, "vehicles", ", ".join(vehicles) or "none", expected)
+        self.origin, hold_ns = context.origin, sky.from_seconds(self.hold_s)
         self.fleets = {operator: FleetFixes(self.near_m, hold_ns) for operator in operators}
 
     def find_end(self) -> tuple[str, str]:
         """See `EndTap`."""
         return "gcs", "gcs"
 
-    def find_rules(self, end: PathEnd) -> Sequence[PathRule]:
+    def find_rules(self, end: sky.PathEnd) -> Sequence[sky.PathRule]:
         """What it sends."""
         lands = [mav.MAV_CMD_NAV_LAND] if self.action == "land" else []
         commands = frozenset(map(int, [mav.MAV_CMD_SET_MESSAGE_INTERVAL, *lands]))
-        return [Sends(end, "fwd", frozenset((mav.MAVLINK_MSG_ID_COMMAND_LONG,)), commands)]
+        return [sky.Sends(end, "fwd", frozenset((mav.MAVLINK_MSG_ID_COMMAND_LONG,)), commands)]
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> Sequence[sky.Verdict]:
         """Learn from what the aircraft reports; take the own answers off the link."""
-        if frame.direction != "rev" or message_id(frame.payload) not in _REPORTS:
+        if frame.direction != "rev" or sky.message_id(frame.payload) not in _REPORTS:
             return ()
         message = read(frame.payload)
         if message is None or message.get_srcSystem() != self.system:
             return ()
-        number, fleet = message.get_msgId(), self.fleets[operator_of(self.vehicle)]
+        number, fleet = message.get_msgId(), self.fleets[sky.operator_of(self.vehicle)]
         if number == mav.MAVLINK_MSG_ID_COMMAND_ACK:
             mine = (message.target_system, message.target_component) == (STATION, self.component)
-            return [Drop()] if mine else ()
+            return [sky.Drop()] if mine else ()
         if number == mav.MAVLINK_MSG_ID_HEARTBEAT:
             if message.autopilot != mav.MAV_AUTOPILOT_INVALID:
                 fleet.armed[self.vehicle] = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -166,18 +157,16 @@ class MultiReceiver(SpeakingTap):
         other, away_m = fleet.take(self.vehicle, fix)
         if not other:
             return ()
-        answer: list[Verdict] = []
+        answer: list[sky.Verdict] = []
         if self.action == "land" and not self.commanded and self.is_acting(now):
             self.commanded = True
             answer.append(self.command(int(mav.MAV_CMD_NAV_LAND)))
         return [*answer, *self.alarm.raise_at(now, ALERT, 1.0, other=other, distance_m=round(away_m, 2))]
 
-    def next_wakeup(self) -> Time | None:
-        """When it asks for fixes."""
+    def next_wakeup(self) -> sky.Time | None:
         return self.ask_ns
 
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Ask for fixes, if none has come for a while."""
+    def on_wakeup(self, now: sky.Time) -> Sequence[sky.Verdict]:
         if now < self.ask_ns:
             return ()
         self.ask_ns = now + ASK_NS

@@ -9,27 +9,20 @@ from math import dist, inf, isfinite, sqrt
 from statistics import median
 from typing import ClassVar, Final
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.components import SensorAct, Sensors
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.time import NS_PER_MS, NS_PER_S, Time, from_seconds
-from skyrange.defence.bases.fix_checks import FixCheck
-from skyrange.defence.contract import DefenceContext
-from skyrange.defence.declaration import defence
+import skyrange.plugin as sky
 from skyrange.defence.fix_guard import LEAST_INTERVAL_NS
 from skyrange.defence.gnss.gates import normal_gate
 from skyrange.world.sensing import sensor_errors as errors
 
 _FIX_3D: Final = errors.FIX_3D
-_FUTURE_NS: Final = 20 * NS_PER_MS
+_FUTURE_NS: Final = 20 * sky.NS_PER_MS
 _USUAL: Final = 150
 """Fixes whose median is the usual accuracy and count of satellites: 30 s."""
 _LEAST_USUAL: Final = 25
 _TESTS: Final = 1
 
 
-@defence(
+@sky.defence(
     "gnss.receiver",
     surface=("gnss",),
     place="between sensors and autopilot; knows what the receiver reports, and the autopilot's own clock",
@@ -43,47 +36,46 @@ _TESTS: Final = 1
         "satellites, claimed accuracy": "assumed: what attacks write of them",
     },
 )
-class ReceiverCheck(FixCheck):
+class ReceiverCheck(sky.FixCheck):
     """Checks a GNSS receiver's time, claimed accuracy and satellites, and the place of its fixes after a loss."""
 
     needs_fixes: ClassVar = True
 
-    clock_error_s: Number = param(
+    clock_error_s: sky.Number = sky.param(
         "Largest change in seconds of the receiver's UTC against the autopilot's own clock at once; 0.5 is from where "
         "on AP_RTC and NTP step a clock.",
         default=0.5, gt=0, le=86_400,
     )  # fmt: skip
-    clock_ppm: Number = param(
+    clock_ppm: sky.Number = sky.param(
         "Largest error of the rate of the autopilot's clock, in parts per million; a crystal has 20 to 50.",
         default=100.0, ge=0, le=1e6,
     )  # fmt: skip
-    lost_s: Number = param(
+    lost_s: sky.Number = sky.param(
         "Time in seconds without a new fix that raises an alarm; receivers lose it for up to 3 s at times.",
         default=errors.OUTAGE_MAX_S + 1.0, gt=0, le=3_600,
     )  # fmt: skip
-    worse: Number = param(
+    worse: sky.Number = sky.param(
         "Factor by which claimed accuracy gets worse, or satellites get fewer, against the last 30 s that raises an "
         "alarm; it never rejects fixes, because the receiver says itself what they are worth.",
         default=2.0, ge=1.1, le=100,
     )  # fmt: skip
-    accel_mps2: Number = param(
+    accel_mps2: sky.Number = sky.param(
         "Largest mean acceleration of the aircraft in m/s², by which the place after a gap is judged; 5 is that of a "
         "lean of 30 degrees, ATC_ANGLE_MAX.",
         default=5.0, gt=0, le=100,
     )  # fmt: skip
-    speed_max_mps: Number = param(
+    speed_max_mps: sky.Number = sky.param(
         "Largest ground speed of the aircraft in m/s, wind included.", default=25.0, gt=0, le=500
     )
     receivers: list[Receiver]
 
-    def prepare(self, context: DefenceContext) -> None:
-        """Follow the receiver of each aircraft."""
+    def prepare(self, context: sky.DefenceContext) -> None:
         gate = normal_gate(self.chance(_TESTS))
         self.receivers = [Receiver(self, gate) for _ in self.vehicles]
 
-    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
+    def on_sensors(self, now: sky.Time, sensors: sky.Sensors) -> Sequence[sky.SensorAct | sky.Alert]:
         """Test the new fixes and the silence of receivers; take away fixes while an alarm about time or place lasts."""
-        found: list[SensorAct | Alert] = []
+        found: list[sky.SensorAct | sky.Alert] = []
         times, fixes = sensors.gnss_time_ns.tolist(), sensors.gnss_fix.tolist()
         for row, receiver in enumerate(self.receivers):
             if receiver.is_new(times[row], fixes[row]):
@@ -94,7 +86,7 @@ class ReceiverCheck(FixCheck):
                     found += self.guard.tell(row, now, kind, score)
         return [*found, *self.guard.apply(sensors)]
 
-    def _take(self, row: int, now: Time, time: Time, sensors: Sensors) -> list[Alert]:
+    def _take(self, row: int, now: sky.Time, time: sky.Time, sensors: sky.Sensors) -> list[sky.Alert]:
         receiver = self.receivers[row]
         place, velocity = sensors.gnss_enu_m[row].tolist(), sensors.gnss_vel_enu_mps[row].tolist()
         accuracy_m = float(sensors.gnss_accuracy[row, 0])
@@ -119,14 +111,14 @@ class Receiver:
 
     params: ReceiverCheck
     gate: float
-    _changed_ns: Time | None = None
+    _changed_ns: sky.Time | None = None
     """When a new fix last arrived."""
-    _seen_ns: Time | None = None
+    _seen_ns: sky.Time | None = None
     """When the last fix was measured, and when the last plausible one was."""
-    _time_ns: Time | None = None
+    _time_ns: sky.Time | None = None
     _place: tuple[float, ...] = ()
     _velocity: tuple[float, ...] = ()
-    _clock: tuple[Time, Time] | None = None
+    _clock: tuple[sky.Time, sky.Time] | None = None
     """Own time at the first fix, and UTC minus own time there, in nanoseconds."""
     _accuracy: deque[float] = field(init=False)
     _satellites: deque[float] = field(init=False)
@@ -134,22 +126,22 @@ class Receiver:
     def __post_init__(self) -> None:
         self._accuracy, self._satellites = deque(maxlen=_USUAL), deque(maxlen=_USUAL)
 
-    def find_loss(self, now: Time) -> tuple[str, float]:
+    def find_loss(self, now: sky.Time) -> tuple[str, float]:
         """The alarm of a receiver that has not had a new fix for too long; "" for none."""
-        if self._changed_ns is None or now <= self._changed_ns + from_seconds(self.params.lost_s):
+        if self._changed_ns is None or now <= self._changed_ns + sky.from_seconds(self.params.lost_s):
             return "", 0.0
-        gap_s = (now - self._changed_ns) / NS_PER_S
+        gap_s = (now - self._changed_ns) / sky.NS_PER_S
         return "receiver.lost", gap_s / self.params.lost_s
 
-    def is_new(self, time: Time, fix: int) -> bool:
+    def is_new(self, time: sky.Time, fix: int) -> bool:
         """Whether a reading is a fix that has not been taken in yet."""
         seen = self._seen_ns
         return fix >= _FIX_3D and (seen is None or time < seen or time >= seen + LEAST_INTERVAL_NS)
 
     def take(
         self,
-        now: Time,
-        time: Time,
+        now: sky.Time,
+        time: sky.Time,
         utc_error_ns: int,
         place: Sequence[float],
         velocity: Sequence[float],
@@ -164,27 +156,27 @@ class Receiver:
         self._changed_ns, self._seen_ns = now, time
         return found, score
 
-    def _test_time(self, now: Time, time: Time, utc_error_ns: int) -> tuple[str, float]:
+    def _test_time(self, now: sky.Time, time: sky.Time, utc_error_ns: int) -> tuple[str, float]:
         """UTC against the own clock since the first fix, and the order of fixes."""
         ahead_ns = time + utc_error_ns - now
         if self._clock is None:
             self._clock = now, ahead_ns
         since, first_ns = self._clock
-        allowed = self.params.clock_error_s * NS_PER_S + 1e-6 * self.params.clock_ppm * (now - since)
+        allowed = self.params.clock_error_s * sky.NS_PER_S + 1e-6 * self.params.clock_ppm * (now - since)
         score = abs(ahead_ns - first_ns) / allowed
         if score > 1.0:
             return "receiver.utc", score
         seen = time if self._seen_ns is None else self._seen_ns
         wrong_ns = max(time - now - _FUTURE_NS, seen - time)
-        return ("receiver.time", 1.0 + wrong_ns / NS_PER_S) if wrong_ns > 0 else ("", 0.0)
+        return ("receiver.time", 1.0 + wrong_ns / sky.NS_PER_S) if wrong_ns > 0 else ("", 0.0)
 
     def _test_place(
-        self, time: Time, place: Sequence[float], velocity: Sequence[float], claimed_m: float
+        self, time: sky.Time, place: Sequence[float], velocity: Sequence[float], claimed_m: float
     ) -> tuple[str, float]:
         """Whether the aircraft can have come here from the last place, at its last velocity and by its thrust."""
         if self._time_ns is None:
             return "", 0.0
-        gap_s = (time - self._time_ns) / NS_PER_S
+        gap_s = (time - self._time_ns) / sky.NS_PER_S
         expected = [at + rate * gap_s for at, rate in zip(self._place, self._velocity, strict=True)]
         reach_m = min(0.5 * self.params.accel_mps2 * gap_s**2, 2.0 * self.params.speed_max_mps * gap_s)
         worse = max(claimed_m / errors.GNSS_ACCURACY[0], 1.0)

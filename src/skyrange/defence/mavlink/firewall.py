@@ -8,25 +8,13 @@ from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.orders import read
 from skyrange.attack.bases.mavlink.params import COMMANDS
-from skyrange.attack.contract import Aircraft
-from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.tapped_links import MESSAGE_NUMBERS, Messages
-from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.params import Number, Whole, items, refuse
-from skyrange.contracts.plugins.fields import param
-from skyrange.contracts.verdicts import Drop, Verdict
-from skyrange.core.errors import Problem, nearest
-from skyrange.core.geodesy import Origin
-from skyrange.core.time import NS_PER_S, Time
-from skyrange.defence.bases.link_ends import EndTap, role_of
-from skyrange.defence.contract import DefenceContext
-from skyrange.defence.declaration import defence
-from skyrange.defence.path_rules import Passes, PathEnd, PathRule
+from skyrange.defence.bases.link_ends import role_of
 from skyrange.defence.placement import inspects_forward
 
 _SCALE: Final = 1e7
@@ -41,21 +29,23 @@ def _commands(names: tuple[str, ...]) -> tuple[str, ...]:
     for place, name in enumerate(names):
         if name not in COMMANDS:
             expected = "a command such as 'DO_SET_MODE', as in MAV_CMD"
-            raise refuse(Problem(str(place), name, expected, nearest(name, COMMANDS)))
+            raise sky.refuse(sky.Problem(str(place), name, expected, sky.nearest(name, COMMANDS)))
     return names
 
 
 def _modes(names: tuple[str, ...]) -> tuple[str, ...]:
     for place, name in enumerate(names):
         if name not in COPTER_MODE_NUMBERS:
-            raise refuse(Problem(str(place), name, "a flight mode such as 'AUTO'", nearest(name, COPTER_MODE_NUMBERS)))
+            raise sky.refuse(
+                sky.Problem(str(place), name, "a flight mode such as 'AUTO'", sky.nearest(name, COPTER_MODE_NUMBERS))
+            )
     return names
 
 
-_Texts = Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str])]
+_Texts = Annotated[tuple[str, ...], BeforeValidator(sky.items, json_schema_input_type=list[str])]
 
 
-@defence(
+@sky.defence(
     "mavlink.firewall",
     surface=("gcs", "autopilot"),
     place="the companion's end of the gcs link, or the proxy's end of the autopilot link; knows the frames that pass",
@@ -72,7 +62,7 @@ _Texts = Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_typ
     evasion="commands what is allowed: AUTO, RTL, or a place within reach",
     cost="reads each frame once; no frame and no delay is added",
 )
-class Firewall(EndTap):
+class Firewall(sky.EndTap):
     """Drops frames towards the aircraft whose message, command, mode, place or rate is not allowed.
 
     The defaults are what a ground station needs to fly a plan and to end it.
@@ -80,12 +70,12 @@ class Firewall(EndTap):
 
     inspects = staticmethod(inspects_forward)
 
-    at: Literal["companion", "proxy"] = param(
+    at: Literal["companion", "proxy"] = sky.param(
         "Where it is: companion, at its end of the gcs link, or proxy, at its end of the autopilot link, where "
         "commands of the companion pass too.",
         default="companion",
     )
-    messages: Annotated[Messages, Field(min_length=1)] = param(
+    messages: Annotated[Messages, Field(min_length=1)] = sky.param(
         "Messages that pass; at the proxy also OPEN_DRONE_ID_ARM_STATUS, which the companion sends. mission.hash sends "
         "its hashes as TUNNEL.",
         default=(
@@ -93,27 +83,27 @@ class Firewall(EndTap):
             "MISSION_REQUEST_INT", "MISSION_ACK", "SET_POSITION_TARGET_GLOBAL_INT", "TIMESYNC", "TUNNEL",
         ),
     )  # fmt: skip
-    commands: Annotated[_Texts, AfterValidator(_commands)] = param(
+    commands: Annotated[_Texts, AfterValidator(_commands)] = sky.param(
         "Commands that pass in COMMAND_LONG and COMMAND_INT, by the names of MAV_CMD without MAV_CMD_.",
         default=(
             "SET_MESSAGE_INTERVAL", "REQUEST_MESSAGE", "DO_SET_MODE", "COMPONENT_ARM_DISARM", "MISSION_START",
             "NAV_RETURN_TO_LAUNCH", "NAV_LAND", "NAV_TAKEOFF", "DO_CHANGE_SPEED",
         ),
     )  # fmt: skip
-    modes: Annotated[_Texts, AfterValidator(_modes)] = param(
+    modes: Annotated[_Texts, AfterValidator(_modes)] = sky.param(
         "Flight modes that may be set.", default=("GUIDED", "AUTO", "RTL", "SMART_RTL", "LAND", "BRAKE")
     )
-    disarm_in_flight: bool = param(
+    disarm_in_flight: bool = sky.param(
         "Whether a command to disarm passes while the aircraft is armed.", default=False, strict=True
     )
-    mission_in_flight: bool = param(
+    mission_in_flight: bool = sky.param(
         "Whether mission items pass while the aircraft is armed.", default=False, strict=True
     )
-    reach_m: Number = param(
+    reach_m: sky.Number = sky.param(
         "Largest horizontal distance in metres from the aircraft's start of a place that is commanded.",
         default=2_000.0, gt=0, le=1_000_000,
     )  # fmt: skip
-    frames_per_s: Whole = param(
+    frames_per_s: sky.Whole = sky.param(
         "Largest number of frames a second; a burst of one second passes.", default=50, ge=1, le=1_000_000
     )
     numbers: frozenset[int]
@@ -121,13 +111,12 @@ class Firewall(EndTap):
     allowed: frozenset[int]
     """Numbers of the commands that pass."""
     mode_numbers: frozenset[int]
-    origin: Origin
+    origin: sky.Origin
     start_m: tuple[float, float]
     allowance: float = 0.0
-    filled_ns: Time = -NS_PER_S
+    filled_ns: sky.Time = -sky.NS_PER_S
 
-    def prepare(self, context: DefenceContext) -> None:
-        """Look up what is allowed."""
+    def prepare(self, context: sky.DefenceContext) -> None:
         names = (*self.messages, *(_OF_COMPANION if self.at == "proxy" else ()))
         self.numbers = frozenset(MESSAGE_NUMBERS[name] for name in names)
         self.allowed = frozenset(COMMANDS[name] for name in self.commands)
@@ -138,21 +127,20 @@ class Firewall(EndTap):
         """See `EndTap`."""
         return role_of(self.at), self.at
 
-    def find_exclusive(self, vehicle: str) -> list[Exclusive]:
+    def find_exclusive(self, vehicle: str) -> list[sky.Exclusive]:
         """The list of this place."""
-        return [Exclusive(f"allow list of {self.at} of {vehicle}")]
+        return [sky.Exclusive(f"allow list of {self.at} of {vehicle}")]
 
-    def find_rules(self, end: PathEnd) -> Sequence[PathRule]:
+    def find_rules(self, end: sky.PathEnd) -> Sequence[sky.PathRule]:
         """What passes."""
-        return [Passes(end, "fwd", self.numbers, self.allowed)]
+        return [sky.Passes(end, "fwd", self.numbers, self.allowed)]
 
-    def begin(self, aircraft: Aircraft) -> None:
-        """Know where the aircraft starts."""
+    def begin(self, aircraft: sky.Aircraft) -> None:
         self.start_m = aircraft.start_enu_m[0], aircraft.start_enu_m[1]
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> Sequence[sky.Verdict]:
         """Let it pass or drop it; of frames from the aircraft, learn from heartbeats whether it is armed."""
-        number = message_id(frame.payload)
+        number = sky.message_id(frame.payload)
         if frame.direction == "rev":
             if number == mav.MAVLINK_MSG_ID_HEARTBEAT:
                 self.learn_armed(frame.payload)
@@ -161,12 +149,12 @@ class Firewall(EndTap):
         if not problem:
             return ()
         kind, what = problem
-        return [Drop(), *self.alarm.raise_at(now, kind, 1.0, what=what)]
+        return [sky.Drop(), *self.alarm.raise_at(now, kind, 1.0, what=what)]
 
-    def _find_excess(self, now: Time) -> tuple[str, str] | None:
+    def _find_excess(self, now: sky.Time) -> tuple[str, str] | None:
         """A token bucket of one second of the allowed rate."""
         rate = float(self.frames_per_s)
-        self.allowance = min(rate * _BURST_S, self.allowance + rate * (now - self.filled_ns) / NS_PER_S)
+        self.allowance = min(rate * _BURST_S, self.allowance + rate * (now - self.filled_ns) / sky.NS_PER_S)
         self.filled_ns = now
         if self.allowance < 1.0:
             return "firewall.rate", f"more than {self.frames_per_s} frames a second"
@@ -192,7 +180,7 @@ class Firewall(EndTap):
             return self._find_reach_problem(message.lat_int, message.lon_int)
         return None
 
-    def _find_command_problem(self, message: Message) -> tuple[str, str] | None:
+    def _find_command_problem(self, message: sky.MavlinkMessage) -> tuple[str, str] | None:
         command = message.command
         if command not in self.allowed:
             return "firewall.command", f"command {command}"

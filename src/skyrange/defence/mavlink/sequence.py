@@ -12,16 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Final, Literal, NamedTuple
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.orders import read
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.verdicts import Drop, Verdict
-from skyrange.core.ids import hash64
-from skyrange.core.time import Time, from_seconds
-from skyrange.defence.bases.link_ends import EndTap
-from skyrange.defence.declaration import defence
-from skyrange.defence.path_rules import ExpectsOrder, PathEnd, PathRule
 from skyrange.defence.placement import inspects_forward
 
 NUMBERS: Final = 256
@@ -35,7 +27,7 @@ Finding = Literal["", "conflict", "old"]
 class Seen(NamedTuple):
     """What is known of one number: when its frame came, or the gap was made, and the hash of its frame."""
 
-    at_ns: Time
+    at_ns: sky.Time
     content: int | None
     """`None` for a frame that has not come."""
 
@@ -44,13 +36,13 @@ class Seen(NamedTuple):
 class Follower:
     """The sequence numbers of one sender."""
 
-    late_ns: Time
-    silence_ns: Time
+    late_ns: sky.Time
+    silence_ns: sky.Time
     last: int = -1
-    last_ns: Time = 0
+    last_ns: sky.Time = 0
     seen: dict[int, Seen] = field(default_factory=dict)
 
-    def take(self, now: Time, number: int, content: int) -> Finding:
+    def take(self, now: sky.Time, number: int, content: int) -> Finding:
         """Follow a frame: "" for one in order, late or repeated, else what is wrong with it."""
         behind = (self.last - number) % NUMBERS
         if self.last < 0 or now - self.last_ns > self.silence_ns:
@@ -75,7 +67,7 @@ class Follower:
         return ""
 
 
-@defence(
+@sky.defence(
     "mavlink.sequence",
     surface=("gcs",),
     place="the companion's end of the gcs link; knows the frames that arrive",
@@ -86,36 +78,35 @@ class Follower:
     cost="reads each frame once; no frame and no delay is added",
     realism={"sequence numbers": "cited: https://mavlink.io/en/guide/serialization.html"},
 )
-class SequenceCheck(EndTap):
+class SequenceCheck(sky.EndTap):
     """Notices a second sender under one MAVLink id, and recordings, by sequence numbers."""
 
     decides: ClassVar = "sequence check"
     inspects = staticmethod(inspects_forward)
 
-    late_s: Number = param(
+    late_s: sky.Number = sky.param(
         "How late a network may deliver a frame or a copy of it, in seconds; a frame that is later is old. The default "
         "is several times the round trip of a cellular link.",
         default=1.0, gt=0, le=60,
     )  # fmt: skip
-    silence_s: Number = param(
+    silence_s: sky.Number = sky.param(
         "Silence of a sender, in seconds, after which any number is taken, because it may have restarted; the default "
         "is four or five missed heartbeats, as in the heartbeat protocol's timeout. Not longer than the sender needs "
         "for 128 frames.",
         default=5.0, gt=0, le=120,
     )  # fmt: skip
-    drop: bool = param(
+    drop: bool = sky.param(
         "Whether to drop what is found. The first of two frames with one number has passed then, and it may be the "
         "attacker's.",
         default=False, strict=True,
     )  # fmt: skip
-    senders: dict[tuple[int, int], Follower] = state(dict)
+    senders: dict[tuple[int, int], Follower] = sky.state(dict)
 
-    def find_rules(self, end: PathEnd) -> Sequence[PathRule]:
+    def find_rules(self, end: sky.PathEnd) -> Sequence[sky.PathRule]:
         """A frame that was overtaken is old."""
-        return [ExpectsOrder(end, "fwd")]
+        return [sky.ExpectsOrder(end, "fwd")]
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """Follow a frame towards the aircraft."""
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> Sequence[sky.Verdict]:
         if frame.direction == "rev":
             return ()
         message = read(frame.payload)
@@ -126,12 +117,12 @@ class SequenceCheck(EndTap):
         if follower is None:
             if len(self.senders) >= _MOST_SENDERS:
                 return ()
-            follower = self.senders[sender] = Follower(from_seconds(self.late_s), from_seconds(self.silence_s))
-        finding = follower.take(now, message.get_seq(), hash64(frame.payload.hex()))
+            follower = self.senders[sender] = Follower(sky.from_seconds(self.late_s), sky.from_seconds(self.silence_s))
+        finding = follower.take(now, message.get_seq(), sky.hash64(frame.payload.hex()))
         if not finding:
             return ()
         name = f"{sender[0]}/{sender[1]}"
         alarm = self.alarm.raise_at(
             now, f"sequence.{finding}", 1.0, sender=name, number=message.get_seq(), message=str(message.get_type())
         )
-        return [Drop(), *alarm] if self.drop else alarm
+        return [sky.Drop(), *alarm] if self.drop else alarm

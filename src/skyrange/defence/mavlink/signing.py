@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.orders import read
-from skyrange.attack.contract import Aircraft
-from skyrange.attack.exclusive import Exclusive
 from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNED, checksum
 from skyrange.codec.mavlink.signing import (
     SignatureRefusal,
@@ -22,16 +21,7 @@ from skyrange.codec.mavlink.signing import (
     secret_from_passphrase,
     signing_timestamp,
 )
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.plugins.fields import param
-from skyrange.contracts.verdicts import Drop, Replace, Verdict
-from skyrange.core.errors import InputError
-from skyrange.core.ids import operator_of
-from skyrange.core.time import NS_PER_S, Time
-from skyrange.defence.bases.link_ends import EndTap
-from skyrange.defence.contract import Defence, DefenceContext
-from skyrange.defence.declaration import defence
-from skyrange.defence.path_rules import ExpectsOrder, PathRule, Signs, ends_at
+from skyrange.defence.path_rules import ends_at
 
 _KINDS: Final = {
     SignatureRefusal.UNSIGNED: "signing.unsigned",
@@ -44,7 +34,7 @@ _LINK_IDS: Final = {"gcs": 0, "companion": 1}
 """Link ids in signatures: each end has one of its own."""
 
 
-@defence(
+@sky.defence(
     "mavlink.signing",
     surface=("gcs",),
     place="both ends of the gcs link, which share a key",
@@ -59,14 +49,14 @@ _LINK_IDS: Final = {"gcs": 0, "companion": 1}
         "keys": "assumed: shared before the flight",
     },
 )
-class LinkSigning(EndTap):
+class LinkSigning(sky.EndTap):
     """Signs MAVLink on gcs links at both ends, and drops what is not signed."""
 
-    passphrase: str = param(
+    passphrase: str = sky.param(
         "Passphrase of the key of both ends; default: skyrange/SEED/OPERATOR, as where operators sign.",
         default="", max_length=256, strict=True,
     )  # fmt: skip
-    start_up_s: float = param(
+    start_up_s: float = sky.param(
         "Time in seconds after its start in which unsigned frames still pass, because they left before it: more than a "
         "frame is on its way. Without effect on a defence that acts from 0 s on.",
         default=1.0, ge=0, le=60, strict=True,
@@ -79,37 +69,35 @@ class LinkSigning(EndTap):
     signer: Signer
     started: bool = False
 
-    def prepare(self, context: DefenceContext) -> None:
-        """Know what keys are made of."""
+    def prepare(self, context: sky.DefenceContext) -> None:
         self.seed, self.first_timestamp = context.chance.seed, signing_timestamp(context.epoch.unix_ns)
 
-    def build(self, context: DefenceContext) -> Defence:
+    def build(self, context: sky.DefenceContext) -> sky.Defence:
         """Taps at both ends. Raises `InputError` also for aircraft whose operator signs already."""
         vehicles = self.find_protected(context)
         for vehicle in vehicles:
-            if operator_of(vehicle) in context.signed:
-                raise InputError.one(
+            if sky.operator_of(vehicle) in context.signed:
+                raise sky.InputError.one(
                     context.id, "vehicles", vehicle, "aircraft of an operator that does not sign",
-                    f'Set signing = "off" for the operator {operator_of(vehicle)}, or leave its aircraft out.',
+                    f'Set signing = "off" for the operator {sky.operator_of(vehicle)}, or leave its aircraft out.',
                 )  # fmt: skip
-        rules: list[PathRule] = []
+        rules: list[sky.PathRule] = []
         stations, companions = (ends_at("gcs", side, vehicles) for side in _LINK_IDS)
         for station, aircraft in zip(stations, companions, strict=True):
-            rules += [Signs(station, aircraft, "fwd"), Signs(aircraft, station, "rev")]
-            rules += [ExpectsOrder(aircraft, "fwd"), ExpectsOrder(station, "rev")]
-        return Defence(
+            rules += [sky.Signs(station, aircraft, "fwd"), sky.Signs(aircraft, station, "rev")]
+            rules += [sky.ExpectsOrder(aircraft, "fwd"), sky.ExpectsOrder(station, "rev")]
+        return sky.Defence(
             taps=[tap for side in _LINK_IDS for tap in self.place("gcs", side, vehicles, context)],
-            exclusive=[Exclusive(f"signatures on gcs:{vehicle}") for vehicle in vehicles],
+            exclusive=[sky.Exclusive(f"signatures on gcs:{vehicle}") for vehicle in vehicles],
             path_rules=rules,
         )
 
-    def begin(self, aircraft: Aircraft) -> None:
-        """Have the key of the link."""
-        phrase = self.passphrase or range_passphrase(self.seed, operator_of(self.vehicle))
+    def begin(self, aircraft: sky.Aircraft) -> None:
+        phrase = self.passphrase or range_passphrase(self.seed, sky.operator_of(self.vehicle))
         self.leaving = "fwd" if self.side == "gcs" else "rev"
         self.signer = Signer(SigningKey(secret_from_passphrase(phrase), self.first_timestamp), _LINK_IDS[self.side])
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> Sequence[sky.Verdict]:
         """Sign a frame that leaves; drop one that arrives, or take its signature off."""
         if not self.schedule.start_ns <= now < self.schedule.stop_ns:
             return ()
@@ -121,17 +109,21 @@ class LinkSigning(EndTap):
             return () if frame.direction == self.leaving else self._refuse(now, SignatureRefusal.UNSIGNED)
         if frame.direction == self.leaving:
             fits = payload[0] == MAGIC_V2 and not is_signed(payload)
-            return [Replace(self.signer.sign(payload))] if fits else ()
+            return [sky.Replace(self.signer.sign(payload))] if fits else ()
         refusal = self.signer.check(payload)
         if refusal is None:
-            return [Replace(remove_signature(payload))] if is_signed(payload) else ()
+            return [sky.Replace(remove_signature(payload))] if is_signed(payload) else ()
         start_ns = self.schedule.start_ns
-        if refusal is SignatureRefusal.UNSIGNED and start_ns > 0 and now < start_ns + round(self.start_up_s * NS_PER_S):
+        if (
+            refusal is SignatureRefusal.UNSIGNED
+            and start_ns > 0
+            and now < start_ns + round(self.start_up_s * sky.NS_PER_S)
+        ):
             return ()
         return self._refuse(now, refusal)
 
-    def _refuse(self, now: Time, refusal: SignatureRefusal) -> Sequence[Verdict]:
-        return [Drop(), *self.alarm.raise_at(now, _KINDS[refusal], 1.0, what=str(refusal))]
+    def _refuse(self, now: sky.Time, refusal: SignatureRefusal) -> Sequence[sky.Verdict]:
+        return [sky.Drop(), *self.alarm.raise_at(now, _KINDS[refusal], 1.0, what=str(refusal))]
 
 
 def remove_signature(frame: bytes) -> bytes:

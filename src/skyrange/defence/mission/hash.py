@@ -13,25 +13,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from skyrange.attack.exclusive import Exclusive
-from skyrange.codec.mavlink import Packer, message_id
+import skyrange.plugin as sky
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import TapPlacement
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.time import from_seconds
 from skyrange.defence.bases.link_ends import STATION, role_of
 from skyrange.defence.bases.protection import Protection
-from skyrange.defence.contract import Defence, DefenceContext
-from skyrange.defence.declaration import defence
 from skyrange.defence.mission.hash_ends import WRITES, AircraftEnd, StationEnd
 from skyrange.defence.mission.hash_messages import COMPONENT, derive_key
-from skyrange.defence.path_rules import Compares, Holds, PathRule, Sends, ends_at
+from skyrange.defence.path_rules import ends_at
 from skyrange.defence.placement import Alarm, DefenceTap, find_links
 
 
-@defence(
+@sky.defence(
     "mission.hash",
     surface=("gcs", "log", "autopilot"),
     place="both ends of the gcs link, or the station's end and the proxy's end of the autopilot link; share a key, and "
@@ -52,35 +44,38 @@ from skyrange.defence.placement import Alarm, DefenceTap, find_links
 class MissionHash(Protection):
     """Verifies uploads of missions, fences and rally points by a keyed hash that their station sends."""
 
-    at: Literal["companion", "proxy"] = param(
+    at: Literal["companion", "proxy"] = sky.param(
         "Where hashes are verified: companion, at its end of the gcs link, or proxy, at its end of the autopilot link, "
         "where what is altered on board is noticed too.",
         default="companion",
     )
-    passphrase: str = param(
+    passphrase: str = sky.param(
         "What the key of each aircraft is derived from; both ends have it before the flight.",
         default="skyrange", min_length=1, max_length=256, strict=True,
     )  # fmt: skip
-    patience_s: Number = param(
+    patience_s: sky.Number = sky.param(
         "Time in seconds after which a frame without an answer about it raises an alarm; the default is how long "
         "ArduPilot waits for an item of an upload.",
         default=8.0, ge=1, le=60,
     )  # fmt: skip
 
-    def build(self, context: DefenceContext) -> Defence:
+    def build(self, context: sky.DefenceContext) -> sky.Defence:
         """Taps at both ends. Raises `InputError` for aircraft that the scenario does not have."""
         vehicles = self.find_protected(context)
         role, tunnel = role_of(self.at), frozenset((mav.MAVLINK_MSG_ID_TUNNEL,))
-        taps, rules = [], list[PathRule]()
+        taps, rules = [], list[sky.PathRule]()
         for where, side in (("gcs", "gcs"), (role, self.at)):
             for link, vehicle in find_links(where, vehicles, context).items():
                 make = MakeEnd(self, side == "gcs", vehicle, context.vehicles[vehicle].system_id)
-                taps.append(TapPlacement(link, side, make, inspects=_is_hashed))
+                taps.append(sky.TapPlacement(link, side, make, inspects=_is_hashed))
         for station, aircraft in zip(ends_at("gcs", "gcs", vehicles), ends_at(role, self.at, vehicles), strict=True):
-            rules += [Sends(station, "fwd", tunnel, until=aircraft), Sends(aircraft, "rev", tunnel, until=station)]
-            rules += [Compares(station, aircraft, "fwd"), Holds(aircraft, "fwd")]
-        return Defence(
-            taps=taps, exclusive=[Exclusive(f"mission hash of {vehicle}") for vehicle in vehicles], path_rules=rules
+            rules += [
+                sky.Sends(station, "fwd", tunnel, until=aircraft),
+                sky.Sends(aircraft, "rev", tunnel, until=station),
+            ]
+            rules += [sky.Compares(station, aircraft, "fwd"), sky.Holds(aircraft, "fwd")]
+        return sky.Defence(
+            taps=taps, exclusive=[sky.Exclusive(f"mission hash of {vehicle}") for vehicle in vehicles], path_rules=rules
         )
 
 
@@ -97,14 +92,16 @@ class MakeEnd:
         """The tap of a link."""
         key = derive_key(self.kind.passphrase, self.vehicle)
         if self.at_station:
-            return StationEnd(link, key, self.system, Packer(STATION, COMPONENT))  # until the station has sent a frame
-        alarm, patience_ns = Alarm(self.vehicle), from_seconds(self.kind.patience_s)
+            return StationEnd(
+                link, key, self.system, sky.MavlinkPacker(STATION, COMPONENT)
+            )  # until the station has sent a frame
+        alarm, patience_ns = Alarm(self.vehicle), sky.from_seconds(self.kind.patience_s)
         return AircraftEnd(
-            link, key, self.system, Packer(self.system, COMPONENT), alarm, self.kind.schedule, patience_ns
+            link, key, self.system, sky.MavlinkPacker(self.system, COMPONENT), alarm, self.kind.schedule, patience_ns
         )
 
 
-def _is_hashed(frame: Frame) -> bool:
+def _is_hashed(frame: sky.Frame) -> bool:
     """Whether a hash is computed of a frame: of an upload, or one that carries a hash."""
-    number = message_id(frame.payload)
+    number = sky.message_id(frame.payload)
     return number == mav.MAVLINK_MSG_ID_TUNNEL or (frame.direction == "fwd" and number in WRITES)

@@ -10,20 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Final, Literal
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.orders import read
-from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mission.differences import describe_difference
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.verdicts import Drop, Verdict
-from skyrange.core.time import NS_PER_MS, Time, from_seconds
-from skyrange.defence.bases.link_ends import AUTOPILOT, SpeakingTap
-from skyrange.defence.declaration import defence
-from skyrange.defence.path_rules import PathEnd, PathRule, Sends
+from skyrange.defence.bases.link_ends import AUTOPILOT
 
-_TIMEOUT_NS: Final = 1_500 * NS_PER_MS
+_TIMEOUT_NS: Final = 1_500 * sky.NS_PER_MS
 """https://mavlink.io/en/services/mission.html, "Timeouts and retries": default, and number of retries."""
 _RETRIES: Final = 5
 _UNANSWERED: Final = 2
@@ -45,7 +38,7 @@ class Sent:
 
     count: int = -1
     """-1 until one was uploaded."""
-    items: dict[int, Message] = field(default_factory=dict)
+    items: dict[int, sky.MavlinkMessage] = field(default_factory=dict)
     accepted: bool = False
 
     @property
@@ -54,7 +47,7 @@ class Sent:
         return self.count >= 0 and all(seq in self.items for seq in range(self.count))
 
 
-@defence(
+@sky.defence(
     "mission.read_back",
     surface=("gcs",),
     place="the station's end of the gcs link; knows the uploads that leave, and the answers that arrive",
@@ -70,24 +63,24 @@ class Sent:
         "the protocol and what an autopilot stores": "cited: mavlink.io, mission protocol; AP_Mission.cpp",
     },
 )
-class MissionReadBack(SpeakingTap):
+class MissionReadBack(sky.SpeakingTap):
     """Reads missions back in flight at intervals and compares them with what the station has sent."""
 
     component: ClassVar = int(mav.MAV_COMP_ID_USER1)
     decides: ClassVar = "mission read-back"
 
-    every_s: Number = param(
+    every_s: sky.Number = sky.param(
         "Time in seconds from the end of one read-back to the begin of the next; at a cruise of 5 m/s the default is "
         "50 m of flight.",
         default=10.0, ge=1, le=3600,
     )  # fmt: skip
-    action: Literal["rtl", "land", "alarm"] = param(
+    action: Literal["rtl", "land", "alarm"] = sky.param(
         "What an armed aircraft is commanded when its mission differs: rtl (NAV_RETURN_TO_LAUNCH), land (NAV_LAND), or "
         "nothing but an alarm.",
         default="rtl",
     )
-    sent: Sent = state(Sent)
-    due: Time | None = None
+    sent: Sent = sky.state(Sent)
+    due: sky.Time | None = None
     """When the next read-back begins, or the last request is sent again."""
     asked: int = -2
     """The item that was asked for; -1 the count; -2 while nothing is."""
@@ -96,24 +89,24 @@ class MissionReadBack(SpeakingTap):
     """Read-backs in a row of which a request had no answer, and none came since."""
 
     @staticmethod
-    def inspects(frame: Frame) -> bool:
+    def inspects(frame: sky.Frame) -> bool:
         """Whether a frame is of a transfer of a mission towards the station."""
-        return frame.direction == "rev" and message_id(frame.payload) in _ANSWERS
+        return frame.direction == "rev" and sky.message_id(frame.payload) in _ANSWERS
 
     def find_end(self) -> tuple[str, str]:
         """See `EndTap`."""
         return "gcs", "gcs"
 
-    def find_rules(self, end: PathEnd) -> Sequence[PathRule]:
+    def find_rules(self, end: sky.PathEnd) -> Sequence[sky.PathRule]:
         """What it sends."""
         command = _COMMANDS.get(self.action)
         if command is None:
-            return [Sends(end, "fwd", _REQUESTS)]
-        return [Sends(end, "fwd", _REQUESTS | {mav.MAVLINK_MSG_ID_COMMAND_LONG}, frozenset((int(command),)))]
+            return [sky.Sends(end, "fwd", _REQUESTS)]
+        return [sky.Sends(end, "fwd", _REQUESTS | {mav.MAVLINK_MSG_ID_COMMAND_LONG}, frozenset((int(command),)))]
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> Sequence[sky.Verdict]:
         """Learn what the station uploads and whether the aircraft is armed; take the own answers off the link."""
-        number = message_id(frame.payload)
+        number = sky.message_id(frame.payload)
         if frame.direction == "rev":
             if number == mav.MAVLINK_MSG_ID_HEARTBEAT:
                 self.learn_armed(frame.payload)
@@ -123,16 +116,16 @@ class MissionReadBack(SpeakingTap):
             self._learn_mission(frame.payload)
         return ()
 
-    def next_wakeup(self) -> Time | None:
+    def next_wakeup(self) -> sky.Time | None:
         """When a read-back begins or a request is repeated."""
         return self.due
 
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+    def on_wakeup(self, now: sky.Time) -> Sequence[sky.Verdict]:
         """Ask for the count, or again for what has not come."""
         if self.due is None or now < self.due:
             return ()
         if now < self.schedule.start_ns:
-            self.due = now + from_seconds(self.every_s)
+            self.due = now + sky.from_seconds(self.every_s)
             return ()
         if self.asked == -2:
             self.retries = 0
@@ -156,7 +149,7 @@ class MissionReadBack(SpeakingTap):
         else:
             self.sent.items[message.seq] = message
 
-    def _hear(self, now: Time, payload: bytes) -> Sequence[Verdict]:
+    def _hear(self, now: sky.Time, payload: bytes) -> Sequence[sky.Verdict]:
         message = read(payload)
         if message is None or message.target_system != self.packer.system or message.mission_type != _KIND:
             return ()
@@ -165,11 +158,11 @@ class MissionReadBack(SpeakingTap):
             done = number == mav.MAVLINK_MSG_ID_MISSION_ACK and message.type == mav.MAV_MISSION_ACCEPTED
             if done and not self.sent.accepted and self.sent.complete:
                 self.sent.accepted = True
-                self.asked, self.due = -2, now + from_seconds(self.every_s)
+                self.asked, self.due = -2, now + sky.from_seconds(self.every_s)
             return ()
-        return [Drop(), *self._compare(now, message, number)]
+        return [sky.Drop(), *self._compare(now, message, number)]
 
-    def _compare(self, now: Time, message: Message, number: int) -> Sequence[Verdict]:
+    def _compare(self, now: sky.Time, message: sky.MavlinkMessage, number: int) -> Sequence[sky.Verdict]:
         self.unanswered = 0
         if self.asked >= -1 and number == mav.MAVLINK_MSG_ID_MISSION_COUNT:
             # it comes for an item too that the mission no longer has (MissionItemProtocol.cpp, handle_mission_request)
@@ -186,7 +179,7 @@ class MissionReadBack(SpeakingTap):
             return self._differ(now, f"item {message.seq}: {problem}")
         return self._next(now, message.seq + 1)
 
-    def _next(self, now: Time, seq: int) -> Sequence[Verdict]:
+    def _next(self, now: sky.Time, seq: int) -> Sequence[sky.Verdict]:
         """Ask for an item, or end the read-back after the last."""
         self.retries = 0
         if seq < self.sent.count:
@@ -195,16 +188,16 @@ class MissionReadBack(SpeakingTap):
         ack = mav.MAVLink_mission_ack_message(self.system, AUTOPILOT, mav.MAV_MISSION_ACCEPTED, _KIND)
         return [self.say(ack)]
 
-    def _differ(self, now: Time, problem: str) -> Sequence[Verdict]:
+    def _differ(self, now: sky.Time, problem: str) -> Sequence[sky.Verdict]:
         self._end(now)
         command = _COMMANDS.get(self.action)
         answer = [self.command(command)] if self.armed and command is not None else []
         return [*answer, *self.alarm.raise_at(now, "mission.differs", 1.0, what=problem)]
 
-    def _end(self, now: Time) -> None:
-        self.asked, self.due = -2, now + from_seconds(self.every_s)
+    def _end(self, now: sky.Time) -> None:
+        self.asked, self.due = -2, now + sky.from_seconds(self.every_s)
 
-    def _ask(self, now: Time, seq: int) -> list[Verdict]:
+    def _ask(self, now: sky.Time, seq: int) -> list[sky.Verdict]:
         self.asked, self.due = seq, now + _TIMEOUT_NS
         if seq < 0:
             return [self.say(mav.MAVLink_mission_request_list_message(self.system, AUTOPILOT, _KIND))]

@@ -13,19 +13,10 @@ from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator
 
+import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.orders import read
-from skyrange.attack.exclusive import Exclusive
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink import message_id
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.params import Number, items, refuse
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.verdicts import Drop, Verdict
-from skyrange.core.errors import Problem
-from skyrange.core.time import Time, from_seconds
-from skyrange.defence.bases.link_ends import AUTOPILOT, SpeakingTap, role_of
-from skyrange.defence.declaration import defence
-from skyrange.defence.path_rules import Passes, PathEnd, PathRule, Sends
+from skyrange.defence.bases.link_ends import AUTOPILOT, role_of
 
 _NAME_CHARS: Final = 16
 """Size of param_id in PARAM_SET."""
@@ -44,16 +35,18 @@ def _names(names: tuple[str, ...]) -> tuple[str, ...]:
     for place, name in enumerate(names):
         if not (0 < len(name) <= _NAME_CHARS and name.isascii() and name == name.upper()):
             expected = f"a parameter's name: 1 to {_NAME_CHARS} capital ASCII characters"
-            raise refuse(Problem(str(place), repr(name), expected))
+            raise sky.refuse(sky.Problem(str(place), repr(name), expected))
     if len(set(names)) < len(names):
-        raise refuse(Problem("", repr(list(names)), "each parameter once"))
+        raise sky.refuse(sky.Problem("", repr(list(names)), "each parameter once"))
     return names
 
 
-_Names = Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str]), AfterValidator(_names)]
+_Names = Annotated[
+    tuple[str, ...], BeforeValidator(sky.items, json_schema_input_type=list[str]), AfterValidator(_names)
+]
 
 
-@defence(
+@sky.defence(
     "parameter.watch",
     surface=("gcs", "log", "autopilot"),
     place="the proxy's end of the autopilot link, or the companion's end of the gcs link; knows the frames that pass",
@@ -66,20 +59,20 @@ _Names = Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_typ
     nominal=("inject",),
     realism={"PARAM_SET and PARAM_VALUE": "cited: https://mavlink.io/en/services/parameter.html, GCS_Param.cpp"},
 )
-class ParameterWatch(SpeakingTap):
+class ParameterWatch(sky.SpeakingTap):
     """Locks parameters and fence while the aircraft is armed, and sets back watched parameters that changed."""
 
     component: ClassVar = int(mav.MAV_COMP_ID_USER2)
 
-    at: Literal["companion", "proxy"] = param(
+    at: Literal["companion", "proxy"] = sky.param(
         "Where it is: companion, at its end of the gcs link, or proxy, at its end of the autopilot link, where frames "
         "of the companion pass too.",
         default="proxy",
     )
-    allowed: _Names = param(
+    allowed: _Names = sky.param(
         "Parameters that may be set while the aircraft is armed, such as ['WPNAV_SPEED'].", default=()
     )
-    watched: _Names = param(
+    watched: _Names = sky.param(
         "Parameters that are read in turn, and set back where they changed while the aircraft is armed; by default "
         "those of failsafes and of the fence.",
         default=(
@@ -88,41 +81,43 @@ class ParameterWatch(SpeakingTap):
             "FENCE_ALT_MAX",
         ),
     )  # fmt: skip
-    every_s: Number = param("Time in seconds between two parameters that are read.", default=0.5, ge=0.05, le=3600)
-    fence: bool = param(
+    every_s: sky.Number = sky.param(
+        "Time in seconds between two parameters that are read.", default=0.5, ge=0.05, le=3600
+    )
+    fence: bool = sky.param(
         "Whether the fence is locked too: DO_FENCE_ENABLE and uploads of a fence while the aircraft is armed.",
         default=True, strict=True,
     )  # fmt: skip
-    known: dict[str, tuple[float, int]] = state(dict)
+    known: dict[str, tuple[float, int]] = sky.state(dict)
     """Values of watched parameters, and their types, as the autopilot told them."""
-    due: Time = 0
+    due: sky.Time = 0
     turn: int = 0
     """Parameters that were asked for so far."""
-    asked: dict[str, int] = state(dict)
+    asked: dict[str, int] = sky.state(dict)
     """The turn in which each was asked for last."""
 
     @staticmethod
-    def inspects(frame: Frame) -> bool:
+    def inspects(frame: sky.Frame) -> bool:
         """Whether the content of a frame is read."""
-        number = message_id(frame.payload)
+        number = sky.message_id(frame.payload)
         return number in _READ if frame.direction == "fwd" else number == mav.MAVLINK_MSG_ID_PARAM_VALUE
 
     def find_end(self) -> tuple[str, str]:
         """See `EndTap`."""
         return role_of(self.at), self.at
 
-    def find_exclusive(self, vehicle: str) -> list[Exclusive]:
+    def find_exclusive(self, vehicle: str) -> list[sky.Exclusive]:
         """The watched parameters."""
-        return [Exclusive(f"parameters of {vehicle}", frozenset(self.watched))] if self.watched else []
+        return [sky.Exclusive(f"parameters of {vehicle}", frozenset(self.watched))] if self.watched else []
 
-    def find_rules(self, end: PathEnd) -> Sequence[PathRule]:
+    def find_rules(self, end: sky.PathEnd) -> Sequence[sky.PathRule]:
         """What it drops and sends."""
-        passes = Passes(end, "fwd", drops=frozenset((mav.MAVLINK_MSG_ID_PARAM_SET,)))
-        return [passes, Sends(end, "fwd", _ASKS)] if self.watched else [passes]
+        passes = sky.Passes(end, "fwd", drops=frozenset((mav.MAVLINK_MSG_ID_PARAM_SET,)))
+        return [passes, sky.Sends(end, "fwd", _ASKS)] if self.watched else [passes]
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> Sequence[sky.Verdict]:
         """Drop what is locked; learn and compare values."""
-        number = message_id(frame.payload)
+        number = sky.message_id(frame.payload)
         if frame.direction == "rev":
             if number == mav.MAVLINK_MSG_ID_HEARTBEAT:
                 self.learn_armed(frame.payload)
@@ -130,17 +125,15 @@ class ParameterWatch(SpeakingTap):
                 return self._compare(now, frame.payload)
             return ()
         what = self._find_locked(now, frame.payload) if number in _READ else ""
-        return [Drop(), *self.alarm.raise_at(now, "parameter.lock", 1.0, what=what)] if what else ()
+        return [sky.Drop(), *self.alarm.raise_at(now, "parameter.lock", 1.0, what=what)] if what else ()
 
-    def next_wakeup(self) -> Time | None:
-        """When the next parameter is read."""
+    def next_wakeup(self) -> sky.Time | None:
         return self.due
 
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Ask for the next parameter."""
+    def on_wakeup(self, now: sky.Time) -> Sequence[sky.Verdict]:
         if now < self.due:
             return ()
-        self.due = now + from_seconds(self.every_s)
+        self.due = now + sky.from_seconds(self.every_s)
         if now < self.schedule.start_ns or not self.watched:
             return ()
         name = self._choose()
@@ -158,7 +151,7 @@ class ParameterWatch(SpeakingTap):
         self.asked[name] = self.turn
         return name
 
-    def _find_locked(self, now: Time, payload: bytes) -> str:
+    def _find_locked(self, now: sky.Time, payload: bytes) -> str:
         """What of a frame is locked; "" for nothing."""
         message = read(payload)
         if message is None:
@@ -178,7 +171,7 @@ class ParameterWatch(SpeakingTap):
             return "FENCE_POINT"
         return "fence upload" if message.mission_type == mav.MAV_MISSION_TYPE_FENCE else ""
 
-    def _compare(self, now: Time, payload: bytes) -> Sequence[Verdict]:
+    def _compare(self, now: sky.Time, payload: bytes) -> Sequence[sky.Verdict]:
         """Learn a value while disarmed; set it back where it differs while armed."""
         message = read(payload)
         name = "" if message is None else _clean(message.param_id)

@@ -6,14 +6,8 @@ from collections.abc import Sequence
 from math import ceil, log
 from typing import ClassVar, Final
 
-from skyrange.city.city import City
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.verdicts import Verdict
-from skyrange.core.time import NS_PER_S, Time, from_seconds
+import skyrange.plugin as sky
 from skyrange.defence.bases.receptions import BroadcastJudge
-from skyrange.defence.contract import DefenceContext
-from skyrange.defence.declaration import defence
 from skyrange.defence.receptions import Claim, Finding, Held, Sender
 from skyrange.defence.remote_id.signal import ErrorRate, is_in_sight
 from skyrange.defence.remote_id.strength_test import FADING_DB, distance_m, free_space_loss_db, shadowing_db
@@ -28,7 +22,7 @@ TAKE_OFF_M: Final = 15.0
 several metres a second it is not heard sooner, and one radio that starts late has as many seconds (assumed)."""
 
 
-@defence(
+@sky.defence(
     "remote_id.appearance",
     surface=("rid_down",),
     place="the companion's ends of rid_down and rid_data; knows the broadcasts received, its own aircraft's position, "
@@ -52,28 +46,27 @@ class AppearanceCheck(BroadcastJudge):
 
     decides: ClassVar = "appearance check"
 
-    power_dbm: Number = param(
+    power_dbm: sky.Number = sky.param(
         "Power (EIRP) in dBm that every honest aircraft has at least; with it the reach follows from the model of "
         "signals (assumed: modules have 10 to 20 dBm).",
         default=10.0, ge=-30, le=50,
     )  # fmt: skip
-    miss: ErrorRate = param(
+    miss: ErrorRate = sky.param(
         "Largest share of an aircraft's broadcasts within reach that is lost, to collisions and traffic.", default=0.5
     )
-    false_alarm: ErrorRate = param(
+    false_alarm: ErrorRate = sky.param(
         "Probability that all broadcasts that should have been heard were lost.", default=0.001
     )
-    hold_s: Number = param(
+    hold_s: sky.Number = sky.param(
         "Time in seconds for which a sender that appears so is not believed. A transmitter that was switched on in "
         "flight is believed after it.",
         default=60.0, ge=0, le=86_400,
     )  # fmt: skip
-    city: City | None
-    known: Held = state(Held)
+    city: sky.City | None
+    known: Held = sky.state(Held)
     """By `Sender` without an address if it has an id: the finding and when it ends, or True."""
 
-    def prepare(self, context: DefenceContext) -> None:
-        """Have the map."""
+    def prepare(self, context: sky.DefenceContext) -> None:
         self.city = context.city
 
     @property
@@ -81,7 +74,7 @@ class AppearanceCheck(BroadcastJudge):
         """How many broadcasts must be missing: miss to this power is the false-alarm probability."""
         return ceil(log(self.false_alarm) / log(self.miss))
 
-    def judge(self, now: Time, sender: Sender, claim: Claim | None) -> Sequence[Verdict]:
+    def judge(self, now: sky.Time, sender: Sender, claim: Claim | None) -> Sequence[sky.Verdict]:
         """Drop the broadcasts of a sender that appeared where it should have been heard before."""
         who = Sender(b"", sender.uas_id) if sender.uas_id else sender
         state = self.known.touch(who)
@@ -89,23 +82,25 @@ class AppearanceCheck(BroadcastJudge):
             if claim is None:
                 return ()
             found = self._find(now, claim)
-            state = True if found is None else (found, now + from_seconds(self.hold_s))
+            state = True if found is None else (found, now + sky.from_seconds(self.hold_s))
             self.known.put(who, state)
         if not isinstance(state, tuple):
             return ()
         finding, until = state
         return self.refuse(now, sender, finding) if now < until else ()
 
-    def _find(self, now: Time, claim: Claim) -> Finding | None:
+    def _find(self, now: sky.Time, claim: Claim) -> Finding | None:
         missing = self.broadcasts
-        if self.own.since_ns < 0 or now - self.own.since_ns < missing * NS_PER_S:  # it has not listened for long enough
+        if (
+            self.own.since_ns < 0 or now - self.own.since_ns < missing * sky.NS_PER_S
+        ):  # it has not listened for long enough
             return None
         if claim.place is None or claim.velocity is None or claim.grounded:
             return None
         if claim.height_m is not None and claim.height_m < TAKE_OFF_M:
             return None
         for second in range(1, missing + 1):  # each element is broadcast at least once a second (14 CFR 89.310)
-            here = self.own.place_at(now - second * NS_PER_S)
+            here = self.own.place_at(now - second * sky.NS_PER_S)
             x, y, z = (p - v * second for p, v in zip(claim.place, claim.velocity, strict=True))
             if here is None or not self._in_reach(here, (x, y, z)):
                 return None

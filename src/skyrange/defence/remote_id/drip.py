@@ -5,19 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar, Final, Literal
 
-from skyrange.attack.contract import Aircraft
+import skyrange.plugin as sky
 from skyrange.codec.drip import parse_session_id
-from skyrange.codec.f3411 import BasicId, Location, MessagePack, decode, printable_id
+from skyrange.codec.f3411 import printable_id
 from skyrange.codec.remote_id.link_payload import NO_RSSI, RidHeader, pack, unpack
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.mailboxes import Note
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.verdicts import Inject, Verdict
-from skyrange.core.errors import DecodeError, InputError
-from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.defence.bases.receptions import ReceptionTap
-from skyrange.defence.contract import Defence, DefenceContext
-from skyrange.defence.declaration import defence
 from skyrange.defence.receptions import Finding, Held, Sender
 from skyrange.remoteid.broadcast_profiles import sender_address
 from skyrange.remoteid.drip.verification.policy import Verification
@@ -42,16 +34,16 @@ _ALARMS: Final = {
 }
 """Kinds of alarms about senders that are not believed. A signature that is not verified yet, or no longer fresh, is no
 sign of an attack."""
-GAP_NS: Final[Time] = from_seconds(STALE_S)
+GAP_NS: Final[sky.Time] = sky.from_seconds(STALE_S)
 """A sender that was not heard for so long counts as a new one, because its track is forgotten."""
 
 
 def _setting(kind: Any, default: Any) -> Any:
     """A parameter whose type has its description."""
-    return param(kind.__metadata__[-1].description, default=default)
+    return sky.param(kind.__metadata__[-1].description, default=default)
 
 
-@defence(
+@sky.defence(
     "remote_id.drip",
     surface=("rid_down",),
     place="the companion's ends of rid_down and rid_data; knows the broadcasts received, the keys of authorities, and "
@@ -72,7 +64,7 @@ class SignatureCheck(ReceptionTap):
     decides: ClassVar = "verification of Remote ID"
     shares: ClassVar = ("verification",)
 
-    policy: Literal["ignore-forged", "ignore-unsigned", "ignore-unverified"] = param(
+    policy: Literal["ignore-forged", "ignore-unsigned", "ignore-unverified"] = sky.param(
         "Senders whose broadcasts are dropped. ignore-forged: those that were refused, replayed or contradicted; "
         "ignore-unsigned: these and those that sign nothing; ignore-unverified: all but those with a signed Location "
         "or System message that was verified in the last 15 s.",
@@ -87,32 +79,30 @@ class SignatureCheck(ReceptionTap):
     """Of its own broadcasts."""
     uas_id: str
     """Of its own broadcasts. A radio does not receive itself, so what has this address or id is a copy or a lie."""
-    heard: Held = state(Held)
+    heard: Held = sky.state(Held)
     """Of each address, by a `Sender` without an id: when it was first and last heard."""
 
-    def prepare(self, context: DefenceContext) -> None:
-        """Have the keys of authorities."""
+    def prepare(self, context: sky.DefenceContext) -> None:
         self.find_protected(context)
         self.verification = Verification.of(
             context.anchors(self.authorities), self.policy, self.clock_error_s, self.verifications_per_s
         )
 
-    def build(self, context: DefenceContext) -> Defence:
+    def build(self, context: sky.DefenceContext) -> sky.Defence:
         """Taps. Raises `InputError` also where all aircraft would be ignored."""
         made = super().build(context)
         signs = any(parse_session_id(one.uas_id) is not None for one in context.vehicles.values())
         if not signs and self.policy != "ignore-forged":
             expected = "an aircraft that signs its Remote ID: this policy ignores all others"
             hint = 'Give an operator or aircraft remote_id = { auth = "drip" }, or set policy = "ignore-forged".'
-            raise InputError.one(context.id, "policy", self.policy, expected, hint)
+            raise sky.InputError.one(context.id, "policy", self.policy, expected, hint)
         return made
 
-    def begin(self, aircraft: Aircraft) -> None:
-        """Verify for one aircraft."""
+    def begin(self, aircraft: sky.Aircraft) -> None:
         self.verifier, self.address = Verifier([self.verification]), sender_address(self.vehicle)
         self.uas_id = aircraft.uas_id
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> Sequence[sky.Verdict]:
         """Verify a broadcast; drop it if it has a Location or a Basic ID, and is not to be acted on.
 
         What has neither makes no track: authentication pages pass. Of an address that several use, the newest Location
@@ -122,14 +112,16 @@ class SignatureCheck(ReceptionTap):
             return ()
         try:
             header, body = unpack(frame.payload)
-            message = decode(body)
-        except DecodeError:
+            message = sky.decode_remote_id(body)
+        except sky.DecodeError:
             return ()
         sender, _ = self.reader.take(header.address, header.time_ns, None, message)
         self.verifier.set_clock(0, now, self.own.clock_us(now))
         judged = self.verifier.receive(0, now, header.address, header.counter, body, frame.id)
-        verdicts: list[Verdict] = [
-            Note("event.remote_id_trust", self.vehicle, change.data, () if change.cause is None else (change.cause,))
+        verdicts: list[sky.Verdict] = [
+            sky.Note(
+                "event.remote_id_trust", self.vehicle, change.data, () if change.cause is None else (change.cause,)
+            )
             for change in self.verifier.changes()
         ]
         heard_s = self._listen(now, header.address)
@@ -141,21 +133,21 @@ class SignatureCheck(ReceptionTap):
                 verdicts += self.refuse(now, shown, finding)
         for one, heard_ns in self.verifier.release(0, now, judged):
             address = one.address.to_bytes(6, "big")
-            if address != self.address and self.uas_id not in (_identities(decode(one.body)) or ()):
+            if address != self.address and self.uas_id not in (_identities(sky.decode_remote_id(one.body)) or ()):
                 again = pack(RidHeader(header.transport, header.channel, 0, address, NO_RSSI, heard_ns), one.body)
-                verdicts.append(Inject(again, "fwd", frame.src, frame.dst))
+                verdicts.append(sky.Inject(again, "fwd", frame.src, frame.dst))
         return verdicts
 
-    def _listen(self, now: Time, address: bytes) -> float:
+    def _listen(self, now: sky.Time, address: bytes) -> float:
         """For how long a sender has been heard, in seconds."""
         who = Sender(address, "")
         times = self.heard.touch(who)
         first = times[0] if isinstance(times, tuple) and now - times[1] <= GAP_NS else now
         self.heard.put(who, (first, now))
-        return float(now - first) / NS_PER_S
+        return float(now - first) / sky.NS_PER_S
 
     def _find(
-        self, now: Time, address: bytes, identities: Sequence[str], judged: Judged, heard_s: float
+        self, now: sky.Time, address: bytes, identities: Sequence[str], judged: Judged, heard_s: float
     ) -> Finding | None:
         """Why a broadcast is not to be acted on; `None` if it is."""
         number = int.from_bytes(address, "big")
@@ -176,7 +168,7 @@ class SignatureCheck(ReceptionTap):
 
 def _identities(message: object) -> list[str] | None:
     """The UAS IDs in a broadcast; `None` if it has neither these nor a Location, so that no track is made of it."""
-    parts = message.messages if isinstance(message, MessagePack) else (message,)
-    if not any(isinstance(part, (BasicId, Location)) for part in parts):
+    parts = message.messages if isinstance(message, sky.MessagePack) else (message,)
+    if not any(isinstance(part, (sky.BasicId, sky.Location)) for part in parts):
         return None
-    return [part.uas_id for part in parts if isinstance(part, BasicId)]
+    return [part.uas_id for part in parts if isinstance(part, sky.BasicId)]

@@ -9,22 +9,10 @@ from typing import Annotated, Final
 
 from pydantic import AfterValidator, BeforeValidator
 
+import skyrange.plugin as sky
 from skyrange.attack.contract import GroundReceiver
 from skyrange.attack.declaration import Acting
-from skyrange.attack.exclusive import Exclusive
-from skyrange.city.city import City
-from skyrange.codec.f3411 import decode as decode_body
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import TapPlacement
-from skyrange.contracts.params import items
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.verdicts import Drop, Replace, Verdict
-from skyrange.core.errors import DecodeError, InputError, nearest
-from skyrange.core.ids import link_name
-from skyrange.core.time import Time
 from skyrange.defence.bases.receptions import TapOf
-from skyrange.defence.contract import Defence, DefenceContext
-from skyrange.defence.declaration import defence
 from skyrange.defence.placement import Alarm
 from skyrange.defence.receptions import Held, Reader, Sender
 from skyrange.defence.remote_id.signal import ErrorRate, PowerLimits, doubt_m, is_usable
@@ -32,10 +20,10 @@ from skyrange.defence.remote_id.strength_test import StrengthTest
 from skyrange.radio.ground_receptions import Reception, ReceptionReport, decode, encode
 
 KIND: Final = "remote_id.ground"
-_Names = Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str]), AfterValidator(tuple)]
+_Names = Annotated[tuple[str, ...], BeforeValidator(sky.items, json_schema_input_type=list[str]), AfterValidator(tuple)]
 
 
-@defence(
+@sky.defence(
     "remote_id.ground",
     surface=("oracle",),
     place="the station's end of the oracle link; knows what its ground receivers decoded, their places, and a map of "
@@ -53,56 +41,55 @@ _Names = Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_typ
 class GroundCheck(Acting):
     """Takes receptions out of a station's reports whose strengths at its receivers do not fit the claimed position."""
 
-    operators: _Names = param("Operators whose receivers are compared; default: all that have receivers.", default=())
-    legal_dbm: PowerLimits = param(
+    operators: _Names = sky.param(
+        "Operators whose receivers are compared; default: all that have receivers.", default=()
+    )
+    legal_dbm: PowerLimits = sky.param(
         "Least and greatest power (EIRP) of honest aircraft in dBm. 36 is the limit in the USA (47 CFR 15.247(b), 1 W "
         "and 6 dBi), 20 in Europe (EN 300 328); the least is assumed.",
         default=(0.0, 36.0),
     )
-    false_alarm: ErrorRate = param(
+    false_alarm: ErrorRate = sky.param(
         "Largest probability that an honest sender in sight is ever rejected by one station.", default=0.001
     )
-    city: City | None
+    city: sky.City | None
     reader: Reader
     own: Mapping[str, GroundReceiver]
     """Of a tap: the receivers of its operator."""
     alarm: Alarm
-    held: Held = state(Held)
+    held: Held = sky.state(Held)
 
-    def prepare(self, context: DefenceContext) -> None:
-        """Have the map."""
+    def prepare(self, context: sky.DefenceContext) -> None:
         self.city, self.reader = context.city, Reader(context.origin)
 
-    def build(self, context: DefenceContext) -> Defence:
+    def build(self, context: sky.DefenceContext) -> sky.Defence:
         """Taps. Raises `InputError` where nobody has receivers on the ground, or a named operator has none."""
         found = sorted({one.operator for one in context.receivers.values()})
         if not found:
             hint = "Add [[radio.receivers]]."
-            raise InputError.one(
+            raise sky.InputError.one(
                 context.id, "operators", "no receivers", "an operator with receivers on the ground", hint
             )
         for place, name in enumerate(self.operators):
             if name not in found:
                 expected = "an operator with receivers on the ground"
-                raise InputError.one(context.id, f"operators.{place}", name, expected, nearest(name, found))
+                raise sky.InputError.one(context.id, f"operators.{place}", name, expected, sky.nearest(name, found))
         operators, taps = self.operators or found, []
         for operator in operators:
             tap = deepcopy(self)
             tap.own = {name: one for name, one in context.receivers.items() if one.operator == operator}
             tap.alarm = Alarm(operator)
-            taps.append(TapPlacement(link_name("oracle", operator), "gcs", TapOf(tap), inspects=_is_report))
-        agreements = [Exclusive(f"agreement of the receivers of {operator}") for operator in operators]
-        return Defence(taps=taps, exclusive=agreements)
+            taps.append(sky.TapPlacement(sky.link_name("oracle", operator), "gcs", TapOf(tap), inspects=_is_report))
+        agreements = [sky.Exclusive(f"agreement of the receivers of {operator}") for operator in operators]
+        return sky.Defence(taps=taps, exclusive=agreements)
 
-    def next_wakeup(self) -> Time | None:
-        """Never."""
+    def next_wakeup(self) -> sky.Time | None:
         return None
 
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Nothing."""
+    def on_wakeup(self, now: sky.Time) -> Sequence[sky.Verdict]:
         return ()
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> Sequence[sky.Verdict]:
         """Add the strengths of a report to the tests of its senders; malformed reports pass, as the station refuses
         them.
         """
@@ -110,9 +97,9 @@ class GroundCheck(Acting):
             return ()
         try:
             report = decode(frame.payload)
-        except DecodeError:
+        except sky.DecodeError:
             return ()
-        alerts: list[Verdict] = []
+        alerts: list[sky.Verdict] = []
         kept = []
         for reception in report.body:
             found = self._judge(now, reception)
@@ -122,14 +109,14 @@ class GroundCheck(Acting):
                 alerts += found
         if len(kept) == len(report.body):
             return ()
-        return [Replace(encode(ReceptionReport(body=tuple(kept)))) if kept else Drop(), *alerts]
+        return [sky.Replace(encode(ReceptionReport(body=tuple(kept)))) if kept else sky.Drop(), *alerts]
 
-    def _judge(self, now: Time, reception: Reception) -> list[Verdict] | None:
+    def _judge(self, now: sky.Time, reception: Reception) -> list[sky.Verdict] | None:
         """The alarms of a reception that is not believed; `None` if it is."""
         receiver = self.own.get(reception.receiver)
         try:
-            message = decode_body(bytes.fromhex(reception.body))
-        except (DecodeError, ValueError):
+            message = sky.decode_remote_id(bytes.fromhex(reception.body))
+        except (sky.DecodeError, ValueError):
             return None
         if receiver is None:
             return None
@@ -156,6 +143,6 @@ class GroundCheck(Acting):
         return test
 
 
-def _is_report(frame: Frame) -> bool:
+def _is_report(frame: sky.Frame) -> bool:
     """Whether a frame is one of those that may report receptions."""
     return frame.direction == "rev"

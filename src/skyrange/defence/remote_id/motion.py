@@ -7,12 +7,8 @@ from dataclasses import dataclass
 from math import hypot, log, sqrt
 from typing import ClassVar, Final
 
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.verdicts import Verdict
-from skyrange.core.time import NS_PER_S, Time, from_seconds
+import skyrange.plugin as sky
 from skyrange.defence.bases.receptions import BroadcastJudge
-from skyrange.defence.declaration import defence
 from skyrange.defence.receptions import HOUR_S, UNKNOWN_M, Claim, Finding, Held, Sender
 
 SPEED: Final = "remote_id.speed"
@@ -33,13 +29,13 @@ LATENCY_S: Final = 1.0
 class _Heard:
     """What is held of a sender."""
 
-    first_ns: Time
+    first_ns: sky.Time
     last: Claim | None = None
     bad: Finding | None = None
-    bad_ns: Time = 0
+    bad_ns: sky.Time = 0
 
 
-@defence(
+@sky.defence(
     "remote_id.motion",
     surface=("rid_down",),
     place="the companion's end of rid_down; knows the broadcasts received",
@@ -59,28 +55,28 @@ class MotionCheck(BroadcastJudge):
 
     decides: ClassVar = "motion check"
 
-    speed_mps: Number = param(
+    speed_mps: sky.Number = sky.param(
         "Largest speed over ground in m/s. 44.7 is the limit of 14 CFR 107.51(a) (100 mph).",
         default=44.7, gt=0, le=250,
     )  # fmt: skip
-    acceleration_mps2: Number = param(
+    acceleration_mps2: sky.Number = sky.param(
         "Largest horizontal acceleration in m/s². 9.8 is that of a multirotor that tilts by 45° in level flight "
         "(assumed as the most; ArduCopter's ANGLE_MAX is 30°).",
         default=9.8, gt=0, le=200,
     )  # fmt: skip
-    false_alarm: Number = param(
+    false_alarm: sky.Number = sky.param(
         "Probability that two positions of an honest aircraft with normal errors are found to be a jump.",
         default=1e-6, gt=0, lt=0.05,
     )  # fmt: skip
-    hold_s: Number = param(
+    hold_s: sky.Number = sky.param(
         "Time in seconds for which a sender's broadcasts are dropped after the last finding; after 10 s without "
         "broadcasts a companion has forgotten the track. An address that uses the identity of another one is dropped "
         "for good.",
         default=10.0, ge=0, le=3600,
     )  # fmt: skip
-    held: Held = state(Held)
+    held: Held = sky.state(Held)
 
-    def judge(self, now: Time, sender: Sender, claim: Claim | None) -> Sequence[Verdict]:
+    def judge(self, now: sky.Time, sender: Sender, claim: Claim | None) -> Sequence[sky.Verdict]:
         """Drop a broadcast of a sender with a finding of late."""
         heard = self.held.touch(sender)
         if not isinstance(heard, _Heard):
@@ -94,7 +90,7 @@ class MotionCheck(BroadcastJudge):
             heard.last = claim
         if heard.bad is None:
             return ()
-        if heard.bad.kind != TWO_PLACES and now - heard.bad_ns > from_seconds(self.hold_s):
+        if heard.bad.kind != TWO_PLACES and now - heard.bad_ns > sky.from_seconds(self.hold_s):
             return ()
         return self.refuse(now, sender, heard.bad)
 
@@ -145,7 +141,7 @@ class MotionCheck(BroadcastJudge):
         """Whether an address that was heard earlier sends the same id from a place that cannot be reached."""
         if not claim.sender.uas_id:
             return None
-        stale_ns = from_seconds(self.hold_s)
+        stale_ns = sky.from_seconds(self.hold_s)
         for sender, other in self.held.senders.items():
             if sender == claim.sender or sender.uas_id != claim.sender.uas_id or not isinstance(other, _Heard):
                 continue
@@ -166,7 +162,7 @@ class MotionCheck(BroadcastJudge):
 
 def elapsed(old: Claim, new: Claim) -> tuple[float, float]:
     """Time from one position to the other in seconds, and its error: by their timestamps if receptions agree."""
-    received_s = (new.at_ns - old.at_ns) / NS_PER_S
+    received_s = (new.at_ns - old.at_ns) / sky.NS_PER_S
     if old.timestamp_s is not None and new.timestamp_s is not None:
         said_s = (new.timestamp_s - old.timestamp_s + 0.5 * HOUR_S) % HOUR_S - 0.5 * HOUR_S
         error_s = old.timestamp_error_s + new.timestamp_error_s

@@ -5,13 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar, Final
 
-from skyrange.attack.contract import Aircraft
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.verdicts import Verdict
-from skyrange.core.time import Time
+import skyrange.plugin as sky
 from skyrange.defence.bases.receptions import BroadcastJudge
-from skyrange.defence.declaration import defence
 from skyrange.defence.receptions import HOUR_S, Claim, Finding, Held, Sender
 
 OLD: Final = "remote_id.old"
@@ -24,7 +19,7 @@ WAIT_S: Final = 0.5
 """A Wi-Fi frame waits at most so long for the channel (`radio.builtin.channel_access`)."""
 
 
-@defence(
+@sky.defence(
     "remote_id.replay",
     surface=("rid_down",),
     place="the companion's ends of rid_down and rid_data; knows the broadcasts received, and UTC from its autopilot",
@@ -45,27 +40,26 @@ class AgeCheck(BroadcastJudge):
 
     decides: ClassVar = "age check of Remote ID"
 
-    latency_s: Number = param(
+    latency_s: sky.Number = sky.param(
         "Longest time in seconds from the measurement of a position to its broadcast: 1 s in 14 CFR 89.310 and "
         "F3411-22a.",
         default=1.0, ge=0, le=60,
     )  # fmt: skip
-    clock_error_s: Number = param(
+    clock_error_s: sky.Number = sky.param(
         "Largest error of the receiver's clock in seconds, beside that of the sender's, which the broadcast says.",
         default=0.5, ge=0, le=60,
     )  # fmt: skip
     uas_id: str
     """Of the own aircraft. A radio does not receive itself, so what it receives under this id is a copy or a lie."""
-    newest: Held = state(Held)
+    newest: Held = sky.state(Held)
     """Of each UAS ID, by a `Sender` without an address: timestamp and accuracy of its newest Location."""
-    bad: Held = state(Held)
+    bad: Held = sky.state(Held)
     """Findings about senders whose last Location was refused: what they send beside it is refused as well."""
 
-    def begin(self, aircraft: Aircraft) -> None:
-        """Know the own id."""
+    def begin(self, aircraft: sky.Aircraft) -> None:
         self.uas_id = aircraft.uas_id
 
-    def judge(self, now: Time, sender: Sender, claim: Claim | None) -> Sequence[Verdict]:
+    def judge(self, now: sky.Time, sender: Sender, claim: Claim | None) -> Sequence[sky.Verdict]:
         """Drop a broadcast with an old Location, and those without one of a sender whose last Location was old."""
         if sender.uas_id == self.uas_id:
             return self.refuse(now, sender, Finding(OWN, 1.0))

@@ -8,16 +8,8 @@ from typing import Annotated, ClassVar, Final
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from skyrange.city.city import City
-from skyrange.contracts.params import Number, items
-from skyrange.contracts.params import refuse as refuse_params
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.verdicts import Verdict
-from skyrange.core.errors import Problem
-from skyrange.core.time import Time
+import skyrange.plugin as sky
 from skyrange.defence.bases.receptions import BroadcastJudge
-from skyrange.defence.contract import DefenceContext
-from skyrange.defence.declaration import defence
 from skyrange.defence.receptions import UNKNOWN_M, Claim, Finding, Held, Place, Sender
 from skyrange.defence.remote_id.strength_test import FREQUENCY_MHZ, StrengthTest, distance_m
 from skyrange.radio.propagation.path_loss import wavelength_m
@@ -27,19 +19,19 @@ KIND: Final = "remote_id.signal"
 
 def _in_order(limits: tuple[float, ...]) -> tuple[float, ...]:
     if len(limits) != 2 or not limits[0] <= limits[1]:
-        raise refuse_params(Problem("", repr(list(limits)), "the least and the greatest power, such as [0, 20]"))
+        raise sky.refuse(sky.Problem("", repr(list(limits)), "the least and the greatest power, such as [0, 20]"))
     return limits
 
 
 PowerLimits = Annotated[
-    tuple[Number, ...],
-    BeforeValidator(items, json_schema_input_type=list[float]),
+    tuple[sky.Number, ...],
+    BeforeValidator(sky.items, json_schema_input_type=list[float]),
     AfterValidator(_in_order),
 ]
-ErrorRate = Annotated[Number, Field(gt=0, lt=1)]
+ErrorRate = Annotated[sky.Number, Field(gt=0, lt=1)]
 
 
-@defence(
+@sky.defence(
     "remote_id.signal",
     surface=("rid_down",),
     place="the companion's ends of rid_down and rid_data; knows broadcasts with signal strength, its own aircraft's "
@@ -63,22 +55,21 @@ class SignalCheck(BroadcastJudge):
 
     decides: ClassVar = "signal strength test"
 
-    legal_dbm: PowerLimits = param(
+    legal_dbm: PowerLimits = sky.param(
         "Least and greatest power (EIRP) of honest aircraft in dBm. 36 is the limit in the USA (47 CFR 15.247(b), 1 W "
         "and 6 dBi), 20 in Europe (EN 300 328); the least is assumed.",
         default=(0.0, 36.0),
     )
-    false_alarm: ErrorRate = param(
+    false_alarm: ErrorRate = sky.param(
         "Largest probability that an honest sender in sight is ever rejected by one receiver.", default=0.001
     )
-    city: City | None
-    held: Held = state(Held)
+    city: sky.City | None
+    held: Held = sky.state(Held)
 
-    def prepare(self, context: DefenceContext) -> None:
-        """Have the map."""
+    def prepare(self, context: sky.DefenceContext) -> None:
         self.city = context.city
 
-    def judge(self, now: Time, sender: Sender, claim: Claim | None) -> Sequence[Verdict]:
+    def judge(self, now: sky.Time, sender: Sender, claim: Claim | None) -> Sequence[sky.Verdict]:
         """Add the strength to the sender's test, and drop the broadcast while the claim is rejected."""
         test = self.held.touch(sender)
         if not isinstance(test, StrengthTest):
@@ -104,7 +95,7 @@ class SignalCheck(BroadcastJudge):
             test.add(self.vehicle, here, there, heard_dbm)
 
 
-def is_usable(city: City | None, a: Place, b: Place, off_m: float) -> bool:
+def is_usable(city: sky.City | None, a: Place, b: Place, off_m: float) -> bool:
     """Whether the model of signals in sight holds between two places: in sight, and below 45° of elevation.
 
     In sight no building comes within 0.6 of the radius √(λ·d)/2 of the first Fresnel zone: then there is no loss by
@@ -115,7 +106,7 @@ def is_usable(city: City | None, a: Place, b: Place, off_m: float) -> bool:
     return abs(a[2] - b[2]) <= hypot(a[0] - b[0], a[1] - b[1]) and is_in_sight(city, a, b, off_m)
 
 
-def is_in_sight(city: City | None, a: Place, b: Place, off_m: float = 0.0) -> bool:
+def is_in_sight(city: sky.City | None, a: Place, b: Place, off_m: float = 0.0) -> bool:
     """Whether no building is in the way, nor within 0.6 of the first Fresnel zone and `off_m` on top."""
     clear_m = 0.3 * (wavelength_m(FREQUENCY_MHZ) * distance_m(a, b)) ** 0.5
     return city is None or city.is_clear([a, b], clear_m + off_m)

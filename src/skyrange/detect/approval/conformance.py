@@ -30,23 +30,12 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext
-from skyrange.contracts.monitors import ObservedFrame, ObservedFrames
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.core.errors import DecodeError
-from skyrange.core.geodesy import Origin
-from skyrange.core.ids import operator_of
-from skyrange.core.time import NS_PER_S, Epoch, Time, to_seconds
-from skyrange.core.volumes import Volume4D, contains
-from skyrange.detect.bases.telemetry import TelemetryDetector
-from skyrange.detect.declaration import detector
+import skyrange.plugin as sky
+from skyrange.core.volumes import contains
 from skyrange.detect.episodes import subject_of_link
-from skyrange.detect.series import Floats, Series, grown, series
-from skyrange.detect.streams import table
+from skyrange.detect.series import Floats, grown
 from skyrange.utm.intent_states import EXCURSION_NS, IntentState
-from skyrange.utm.messages import DecisionBody, EndBody, decode_request, decode_response
+from skyrange.utm.messages import DecisionBody, EndBody
 
 OUTSIDE, UNAPPROVED = "outside", "unapproved"
 _APPROVAL: Final = "approval:"
@@ -58,8 +47,8 @@ _MOST_INTENTS: Final = 65_536
 _STATES: Final = frozenset({IntentState.ACCEPTED, IntentState.ACTIVATED})
 
 
-@detector("approval.conformance")
-class ApprovalConformance(TelemetryDetector):
+@sky.detector("approval.conformance")
+class ApprovalConformance(sky.TelemetryDetector):
     """Compares reported positions with the volumes that the flight approval has accepted (ASTM F3548-21).
 
     The subject of an alert is the vehicle. Its score is the time outside over the longest that is tolerated.
@@ -67,25 +56,24 @@ class ApprovalConformance(TelemetryDetector):
 
     residuals: ClassVar = (OUTSIDE, UNAPPROVED)
 
-    excursion_s: Number = param(
+    excursion_s: sky.Number = sky.param(
         "Time outside the accepted volumes that scores 1, in seconds; 10 is OiMaxDurationPerExcursion of F3548-21.",
-        default=to_seconds(EXCURSION_NS), gt=0.0, le=3600.0,
+        default=sky.to_seconds(EXCURSION_NS), gt=0.0, le=3600.0,
     )  # fmt: skip
-    origin: Origin
-    epoch: Epoch
-    position: Series = series("GLOBAL_POSITION_INT", "lat", "lon", "alt", "relative_alt")
-    asked: dict[str, tuple[str, dict[int, tuple[Volume4D, ...] | None]]] = state(dict)
+    origin: sky.Origin
+    epoch: sky.Epoch
+    position: sky.Series = sky.series("GLOBAL_POSITION_INT", "lat", "lon", "alt", "relative_alt")
+    asked: dict[str, tuple[str, dict[int, tuple[sky.Volume4D, ...] | None]]] = sky.state(dict)
     """Intent id → its vehicle, and the volumes of requests by version; None is one in another state."""
-    accepted: dict[str, dict[str, tuple[Volume4D, ...]]] = state(dict)
+    accepted: dict[str, dict[str, tuple[sky.Volume4D, ...]]] = sky.state(dict)
     """Vehicle → intent id → accepted volumes."""
-    left_s: Floats = table(2, dtype=np.float64)
+    left_s: Floats = sky.table(2, dtype=np.float64)
     """Of each link end: since when it is outside, and unapproved; NaN while it is not."""
 
-    def prepare(self, context: DetectorContext) -> None:
-        """Know where the origin is, and the date."""
+    def prepare(self, context: sky.DetectorContext) -> None:
         self.origin, self.epoch = context.origin, context.epoch
 
-    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+    def observe(self, now: sky.Time, frames: sky.ObservedFrames) -> Sequence[sky.Alert]:
         """Take in requests and decisions, then judge the positions that have arrived since the last service."""
         links = [port.link for port in frames.ports]
         approvals = np.array([link.startswith(_APPROVAL) for link in links], dtype=np.bool_)
@@ -94,7 +82,7 @@ class ApprovalConformance(TelemetryDetector):
         telemetry = np.array([link.startswith(_GCS) for link in links], dtype=np.bool_)
         return super().observe(now, frames.take(telemetry[frames.places]))
 
-    def compare(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+    def compare(self, now: sky.Time, frames: sky.ObservedFrames) -> Sequence[sky.Alert]:
         """Judge the newest position of each link end."""
         self.left_s = grown(self.left_s, len(frames.ports), np.nan)
         links = [port.link for port in frames.ports]
@@ -105,9 +93,9 @@ class ApprovalConformance(TelemetryDetector):
         states = np.zeros((len(steps.places), 2), dtype=np.bool_)
         for row, place in enumerate(steps.places.tolist()):
             vehicle, values = subject_of_link(links[place]), steps.after[row]
-            if "/" in vehicle and operator_of(vehicle) in operators and values[3] > _AIRBORNE_M * 1e3:
+            if "/" in vehicle and sky.operator_of(vehicle) in operators and values[3] > _AIRBORNE_M * 1e3:
                 states[row] = self._judge(vehicle, int(steps.at_ns[row]), values)
-        at_s = steps.at_ns / NS_PER_S
+        at_s = steps.at_ns / sky.NS_PER_S
         since = np.where(states, np.fmin(self.left_s[steps.places], at_s[:, None]), np.nan)
         self.left_s[steps.places] = since
         scores = np.nan_to_num((at_s[:, None] - since) / self.excursion_s)
@@ -116,7 +104,7 @@ class ApprovalConformance(TelemetryDetector):
             alerts += self.alerts(name, frames, steps.places, steps.at_ns, scores[:, column], since_s=since[:, column])
         return alerts
 
-    def _judge(self, vehicle: str, now: Time, values: Floats) -> tuple[bool, bool]:
+    def _judge(self, vehicle: str, now: sky.Time, values: Floats) -> tuple[bool, bool]:
         """Whether a vehicle in flight is outside its accepted volumes, and whether it has none."""
         intents = self.accepted.get(vehicle)
         if not intents:
@@ -125,18 +113,18 @@ class ApprovalConformance(TelemetryDetector):
         up_m = self.origin.ellipsoid_of(float(values[2]) * 1e-3)
         return not any(contains(volumes, now, lat, lon, up_m) for volumes in intents.values()), False
 
-    def _read_approval(self, frame: ObservedFrame) -> None:
+    def _read_approval(self, frame: sky.ObservedFrame) -> None:
         try:
             if frame.received:
                 self._take_decision(frame.payload)
             else:
                 self._take_request(frame.payload, frame.port.link)
-        except DecodeError:
+        except sky.DecodeError:
             return
 
     def _take_request(self, payload: bytes, link: str) -> None:
-        body = decode_request(payload).body
-        if operator_of(body.vehicle) != subject_of_link(link):
+        body = sky.decode_approval_request(payload).body
+        if sky.operator_of(body.vehicle) != subject_of_link(link):
             return
         if isinstance(body, EndBody):
             self._forget(body.id, body.vehicle)
@@ -151,7 +139,7 @@ class ApprovalConformance(TelemetryDetector):
             del versions[next(iter(versions))]
 
     def _take_decision(self, payload: bytes) -> None:
-        body = decode_response(payload).body
+        body = sky.decode_approval_response(payload).body
         if not isinstance(body, DecisionBody) or body.id not in self.asked:
             return
         vehicle, versions = self.asked[body.id]

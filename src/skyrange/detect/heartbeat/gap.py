@@ -16,19 +16,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import ObservedFrames
-from skyrange.contracts.params import Number, Whole
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.time import NEVER, Time, from_seconds, to_seconds
-from skyrange.detect.declaration import Detector, detector
-from skyrange.detect.streams import table
-from skyrange.detect.telemetry import read_messages
+import skyrange.plugin as sky
 
 
-@detector("heartbeat.gap")
-class HeartbeatGap(Detector):
+@sky.detector("heartbeat.gap")
+class HeartbeatGap(sky.Detector):
     """Raises an alert if no heartbeat of a MAVLink component arrives on a link for longer than a limit.
 
     There is one alert for each gap on each link. A gap begins at time 0 or at the last heartbeat. The time of an alert
@@ -36,33 +28,33 @@ class HeartbeatGap(Detector):
     link, the time of the last heartbeat and the limit.
     """
 
-    limit_s: Number = param(
+    limit_s: sky.Number = sky.param(
         "Longest time between two heartbeats that raises no alert, in seconds.", default=5.0, ge=1.0, le=3600.0
     )
-    component: Whole = param(
+    component: sky.Whole = sky.param(
         "MAVLink component id whose heartbeats count: 1 is an autopilot, 190 a ground station.",
         default=1, ge=1, le=255,
     )  # fmt: skip
-    last_ns: Ints = table()
+    last_ns: sky.Ints = sky.table()
     """(ends,) when the last heartbeat arrived."""
-    raised: Ints = table()
+    raised: sky.Ints = sky.table()
     """(ends,) 1 where the gap has had its alert."""
 
-    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+    def observe(self, now: sky.Time, frames: sky.ObservedFrames) -> Sequence[sky.Alert]:
         """Read the heartbeats since the last service. Returns an alert for each link whose gap exceeds the limit."""
         self.grow(len(frames.ports), last_ns=0, raised=0)
-        limit_ns, arrived = from_seconds(self.limit_s), frames.take(frames.received)
-        beats = read_messages(arrived, "HEARTBEAT")
+        limit_ns, arrived = sky.from_seconds(self.limit_s), frames.take(frames.received)
+        beats = sky.read_messages(arrived, "HEARTBEAT")
         rows = beats.rows[beats.components == self.component]
         places, at_ns = arrived.places[rows], np.maximum(arrived.at_ns[rows], 0)
-        first_ns = np.full(len(frames.ports), NEVER, dtype=np.int64)
+        first_ns = np.full(len(frames.ports), sky.NEVER, dtype=np.int64)
         np.minimum.at(first_ns, places, at_ns)
         silent_ns = np.minimum(first_ns, now) - self.last_ns
         late = np.flatnonzero((silent_ns > limit_ns) & (self.raised == 0))
         alerts = []
         for place, last_ns in zip(late.tolist(), self.last_ns[late].tolist(), strict=True):
             link, score = frames.ports[place].link, int(silent_ns[place]) / limit_ns
-            data = {"last_s": to_seconds(last_ns), "limit_s": to_seconds(limit_ns)}
+            data = {"last_s": sky.to_seconds(last_ns), "limit_s": sky.to_seconds(limit_ns)}
             alerts.append(self.alert(last_ns + limit_ns, link, score, data))
         self.raised[late] = 1
         self.raised[places] = 0

@@ -14,44 +14,40 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from skyrange.contracts.detectors import DetectorContext
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.errors import InputError
+import skyrange.plugin as sky
 from skyrange.core.input_files import expand_user
 from skyrange.detect.bases.windows import WindowDetector
-from skyrange.detect.declaration import detector
 from skyrange.detect.learned.model_file import Model, read_model
 from skyrange.detect.series import Floats
 
 
-@detector("learned.windows")
+@sky.detector("learned.windows")
 class LearnedWindows(WindowDetector):
     """Scores the features of each window of a link with a trained model.
 
     A score is the odds that the model gives over its threshold.
     """
 
-    file: str = param(
+    file: str = sky.param(
         "File of the model, such as studies/detectors/models/gradient-boosting.json; a relative one is relative to the "
         "scenario's file.",
         min_length=1,
     )
-    report_above: Number = param(
+    report_above: sky.Number = sky.param(
         "Windows with a score above it raise an alert; 1 is the threshold of the model.", default=1.0, ge=0.0, le=1e3
     )
     model: Model
 
-    def prepare(self, context: DetectorContext) -> None:
+    def prepare(self, context: sky.DetectorContext) -> None:
         """Read the model. Raises `InputError` for a file that holds none."""
         path = expand_user(self.file).absolute()
         try:
             self.model = _load(path, path.stat().st_mtime_ns if path.is_file() else 0)
-        except InputError as error:
+        except sky.InputError as error:
             problems = [
                 replace(one, where="file" if one.where == "file" else f"file.{one.where}") for one in error.problems
             ]
-            raise InputError("detector", problems) from error
+            raise sky.InputError("detector", problems) from error
         self.service_ns = self.model.file.window_ns
 
     def score(self, features: Floats) -> Floats:

@@ -27,19 +27,10 @@ from typing import Annotated, Any, Final, NamedTuple
 import numpy as np
 from pydantic import BeforeValidator
 
+import skyrange.plugin as sky
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import ObservedFrames
-from skyrange.contracts.params import Number, items
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.time import NS_PER_MS, Time
-from skyrange.detect.bases.messages import MessageDetector
-from skyrange.detect.declaration import detector
 from skyrange.detect.message_heads import Flags, MessageHeads, message_numbers
 from skyrange.detect.series import Floats
-from skyrange.detect.streams import table
-from skyrange.detect.telemetry import read_messages
 
 WORST, PROTECTION, COURSE, USUAL = 4.0, 2.0, 1.0, 0.5
 ON_GROUND: Final = 0.1
@@ -129,25 +120,25 @@ class Order(NamedTuple):
     severity: float
 
 
-@detector("mavlink.commands")
-class Commands(MessageDetector):
+@sky.detector("mavlink.commands")
+class Commands(sky.MessageDetector):
     """Raises an alert for rare or dangerous MAVLink orders in flight, by severity.
 
     An order is judged by what was received of the aircraft before the last service.
     """
 
-    airborne_m: Number = param(
+    airborne_m: sky.Number = sky.param(
         "Height above home from which an armed aircraft is in flight, in metres.", default=2.0, ge=0.0, le=1000.0
     )
-    protected: Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str])] = param(
+    protected: Annotated[tuple[str, ...], BeforeValidator(sky.items, json_schema_input_type=list[str])] = sky.param(
         "Beginnings of the names of parameters that protect the aircraft.", default=PROTECTED
     )
-    service_ns: Time = 200 * NS_PER_MS
-    armed: Flags = table(dtype=np.bool_)
-    active: Flags = table(dtype=np.bool_)
-    height_m: Floats = table(dtype=np.float64)
+    service_ns: sky.Time = 200 * sky.NS_PER_MS
+    armed: Flags = sky.table(dtype=np.bool_)
+    active: Flags = sky.table(dtype=np.bool_)
+    height_m: Floats = sky.table(dtype=np.float64)
 
-    def judge(self, now: Time, frames: ObservedFrames, heads: MessageHeads) -> Sequence[Alert]:
+    def judge(self, now: sky.Time, frames: sky.ObservedFrames, heads: MessageHeads) -> Sequence[sky.Alert]:
         """Read orders and telemetry since the last service. Returns an alert for each place that begins or doubles."""
         self.grow(len(frames.ports), armed=False, active=False, height_m=np.nan)
         down = heads.take(heads.to_vehicle)
@@ -165,12 +156,12 @@ class Commands(MessageDetector):
         self._follow(frames, heads.rows[~heads.to_vehicle])
         return alerts
 
-    def _orders(self, frames: ObservedFrames, messages: Ints) -> Iterator[Order]:
+    def _orders(self, frames: sky.ObservedFrames, messages: sky.Ints) -> Iterator[Order]:
         """The orders among frames that have these messages."""
         numbers, present = message_numbers(), set(np.unique(messages).tolist())
         for name in ("COMMAND_LONG", "COMMAND_INT", *MESSAGES, "PARAM_SET"):
             if numbers[name] in present:
-                read = read_messages(frames, name)
+                read = sky.read_messages(frames, name)
                 for row, value in zip(read.rows.tolist(), read.values, strict=True):
                     order = self._judge_order(name, value)
                     if order is not None:
@@ -190,13 +181,13 @@ class Commands(MessageDetector):
             severity = severity(float(value["param1"]), float(value["param2"]))
         return str(mav.enums["MAV_CMD"][int(value["command"])].name).removeprefix("MAV_CMD_"), severity
 
-    def _follow(self, frames: ObservedFrames, from_vehicle: Ints) -> None:
+    def _follow(self, frames: sky.ObservedFrames, from_vehicle: sky.Ints) -> None:
         """Keep the state of the aircraft: the last heartbeat and height of each place."""
         up = frames.take(from_vehicle)
-        beats = read_messages(up, "HEARTBEAT")
+        beats = sky.read_messages(up, "HEARTBEAT")
         own = beats.components == mav.MAV_COMP_ID_AUTOPILOT1
         places = up.places[beats.rows[own]]
         self.armed[places] = beats.values["base_mode"][own] & mav.MAV_MODE_FLAG_SAFETY_ARMED != 0
         self.active[places] = beats.values["system_status"][own] >= mav.MAV_STATE_ACTIVE
-        positions = read_messages(up, "GLOBAL_POSITION_INT")
+        positions = sky.read_messages(up, "GLOBAL_POSITION_INT")
         self.height_m[up.places[positions.rows]] = positions.values["relative_alt"] / 1000.0

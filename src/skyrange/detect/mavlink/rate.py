@@ -24,19 +24,10 @@ from typing import Final
 
 import numpy as np
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext
-from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import ObservedFrames
-from skyrange.contracts.params import Number, Whole
-from skyrange.contracts.plugins.fields import param
+import skyrange.plugin as sky
 from skyrange.contracts.scalars import Scalar
-from skyrange.core.time import NS_PER_S, Time, from_seconds, to_seconds
-from skyrange.detect.bases.messages import MessageDetector
-from skyrange.detect.declaration import detector
 from skyrange.detect.message_heads import MessageHeads, message_numbers, name_message, read_heads
 from skyrange.detect.series import Floats
-from skyrange.detect.streams import table
 
 PARTS: Final = 5
 """Parts of the time to learn, in each of which a stream with a rate has sent."""
@@ -46,46 +37,52 @@ _TRANSFER: Final = (
 )  # fmt: skip
 
 
-@detector("mavlink.rate")
-class MessageRate(MessageDetector):
+@sky.detector("mavlink.rate")
+class MessageRate(sky.MessageDetector):
     """Raises an alert if a MAVLink stream sends more often than it did, or a new one more often than a limit."""
 
-    learn_after_s: Number = param("Time before the detector learns rates, in seconds.", default=3.0, ge=0.0, le=3600.0)
-    learn_s: Number = param("Time in which the detector learns rates, in seconds.", default=10.0, ge=5.0, le=86_400.0)
-    window_s: Whole = param("Time over which messages are counted, in seconds.", default=10, ge=1, le=60)
-    multiple: Number = param("Multiple of the learned rate that is expected at most.", default=1.5, ge=1.0, le=100.0)
-    slack: Whole = param("Messages in a window that are expected beyond the multiple.", default=4, ge=0, le=10_000)
-    others_per_s: Number = param(
+    learn_after_s: sky.Number = sky.param(
+        "Time before the detector learns rates, in seconds.", default=3.0, ge=0.0, le=3600.0
+    )
+    learn_s: sky.Number = sky.param(
+        "Time in which the detector learns rates, in seconds.", default=10.0, ge=5.0, le=86_400.0
+    )
+    window_s: sky.Whole = sky.param("Time over which messages are counted, in seconds.", default=10, ge=1, le=60)
+    multiple: sky.Number = sky.param(
+        "Multiple of the learned rate that is expected at most.", default=1.5, ge=1.0, le=100.0
+    )
+    slack: sky.Whole = sky.param(
+        "Messages in a window that are expected beyond the multiple.", default=4, ge=0, le=10_000
+    )
+    others_per_s: sky.Number = sky.param(
         "Messages per second that are expected at most of a stream without a learned rate.",
         default=10.0, ge=0.1, le=1e5,
     )  # fmt: skip
-    transfer_per_s: Number = param(
+    transfer_per_s: sky.Number = sky.param(
         "The same for messages of transfers: mission items, parameters, files and logs.",
         default=100.0, ge=0.1, le=1e5,
     )  # fmt: skip
-    service_ns: Time = NS_PER_S
-    keys: Ints = table(2)
+    service_ns: sky.Time = sky.NS_PER_S
+    keys: sky.Ints = sky.table(2)
     """(streams, 2) sender and message."""
-    learned: Ints = table(PARTS)
-    counts: Ints
+    learned: sky.Ints = sky.table(PARTS)
+    counts: sky.Ints
     """Messages in the last intervals between services; interval i is in column i modulo their number."""
     turn: int = 0
 
-    def prepare(self, context: DetectorContext) -> None:
-        """Have a column for each second of the window."""
+    def prepare(self, context: sky.DetectorContext) -> None:
         self.counts = np.zeros((0, self.window_s), dtype=np.int64)
 
-    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+    def observe(self, now: sky.Time, frames: sky.ObservedFrames) -> Sequence[sky.Alert]:
         """Count the messages since the last service, also where there are none."""
         return self.judge(now, frames, read_heads(frames))
 
-    def judge(self, now: Time, frames: ObservedFrames, heads: MessageHeads) -> Sequence[Alert]:
-        """An alert for each stream that begins or doubles."""
+    def judge(self, now: sky.Time, frames: sky.ObservedFrames, heads: MessageHeads) -> Sequence[sky.Alert]:
         senders, messages = heads.senders, heads.messages
         streams = self.number(senders << 24 | messages, keys=0, learned=0, counts=0)
         size = len(self.streams)
         self.keys[streams, 0], self.keys[streams, 1] = senders, messages
-        begin_ns, length_ns = from_seconds(self.learn_after_s), from_seconds(self.learn_s)
+        begin_ns, length_ns = sky.from_seconds(self.learn_after_s), sky.from_seconds(self.learn_s)
         part = (heads.at_ns - begin_ns) * PARTS // length_ns
         learning = (part >= 0) & (part < PARTS)
         np.add.at(self.learned, (streams[learning], part[learning]), 1)
@@ -112,7 +109,7 @@ class MessageRate(MessageDetector):
         """(size,) messages per second that each stream has learned; 0 for none."""
         learned = self.learned[:size]
         regular = (learned > 0).all(axis=1)
-        return np.asarray(np.where(regular, learned.sum(axis=1) / to_seconds(from_seconds(self.learn_s)), 0.0))
+        return np.asarray(np.where(regular, learned.sum(axis=1) / sky.to_seconds(sky.from_seconds(self.learn_s)), 0.0))
 
     def _expect(self, rates: Floats, learns: bool) -> Floats:
         """(n,) the most messages in a window that each of the first n streams is expected to send."""

@@ -28,18 +28,11 @@ from typing import Final
 
 import numpy as np
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext
+import skyrange.plugin as sky
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import ObservedFrames
-from skyrange.contracts.params import Number, Whole
-from skyrange.contracts.plugins.fields import param
 from skyrange.core.compiled import compiled
-from skyrange.core.time import Time, from_seconds
-from skyrange.detect.bases.messages import MessageDetector
-from skyrange.detect.declaration import detector
 from skyrange.detect.message_heads import MessageHeads
-from skyrange.detect.streams import EventCounts, table
+from skyrange.detect.streams import EventCounts
 
 FINDINGS: Final = ("", "interleaved", "conflict", "old")
 _NUMBERS: Final = 256
@@ -48,37 +41,37 @@ _CURRENT, _LAST, _LAST_NS = 0, 1, 3
 """Columns of the state of a sender: which counter sent last; last number of both; time of both."""
 
 
-@detector("mavlink.sequence")
-class SequenceNumbers(MessageDetector):
+@sky.detector("mavlink.sequence")
+class SequenceNumbers(sky.MessageDetector):
     """Raises an alert if sequence numbers of a MAVLink sender show a second sender, or a recording."""
 
-    most_lost: Whole = param(
+    most_lost: sky.Whole = sky.param(
         "Most frames lost in a row that do not look like another counter.", default=8, ge=0, le=120
     )
-    late_s: Number = param(
+    late_s: sky.Number = sky.param(
         "Longest time by which a network delivers a frame, or a copy of it, late, in seconds.",
         default=1.0, gt=0.0, le=60.0,
     )  # fmt: skip
-    silence_s: Number = param(
+    silence_s: sky.Number = sky.param(
         "Time after which a counter that did not go on is forgotten, in seconds. Choose less than the sender needs for "
         "256 frames.",
         default=10.0, gt=0.0, le=120.0,
     )  # fmt: skip
-    evidence: Whole = param("Pieces of evidence that make a score of 1.", default=1, ge=1, le=1000)
-    states: Ints = table(5)
-    seen: Ints = table(_NUMBERS)
-    seen_ns: Ints = table(_NUMBERS)
+    evidence: sky.Whole = sky.param("Pieces of evidence that make a score of 1.", default=1, ge=1, le=1000)
+    states: Ints = sky.table(5)
+    seen: Ints = sky.table(_NUMBERS)
+    seen_ns: Ints = sky.table(_NUMBERS)
     counts: EventCounts
 
-    def prepare(self, context: DetectorContext) -> None:
+    def prepare(self, context: sky.DetectorContext) -> None:
         """Count evidence until there is none for `quiet_s`."""
-        self.counts = EventCounts(from_seconds(self.quiet_s))
+        self.counts = EventCounts(sky.from_seconds(self.quiet_s))
 
-    def select(self, frames: ObservedFrames, heads: MessageHeads) -> MessageHeads:
+    def select(self, frames: sky.ObservedFrames, heads: MessageHeads) -> MessageHeads:
         """Those that arrived."""
         return heads.take(heads.received)
 
-    def judge(self, now: Time, frames: ObservedFrames, heads: MessageHeads) -> Sequence[Alert]:
+    def judge(self, now: sky.Time, frames: sky.ObservedFrames, heads: MessageHeads) -> Sequence[sky.Alert]:
         """Follow the frames since the last service. Returns an alert for each sender that begins or doubles."""
         streams = self.number(heads.senders, states=-1, seen=-1, seen_ns=_NEVER)
         begins = np.unique(streams[self.states[streams, _CURRENT] < 0])
@@ -86,7 +79,7 @@ class SequenceNumbers(MessageDetector):
         findings = np.zeros(len(streams), dtype=np.int64)
         _follow(
             streams, heads.at_ns, heads.sequences, heads.checksums, self.states, self.seen, self.seen_ns,
-            self.most_lost, from_seconds(self.late_s), from_seconds(self.silence_s), findings,
+            self.most_lost, sky.from_seconds(self.late_s), sky.from_seconds(self.silence_s), findings,
         )  # fmt: skip
         rows = np.flatnonzero(findings)
         events, found = heads.take(rows), findings[rows]

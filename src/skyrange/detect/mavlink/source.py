@@ -25,18 +25,9 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import BeforeValidator
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext
-from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import ObservedFrames
-from skyrange.contracts.params import Number, Whole, items
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.core.time import Time, from_seconds
-from skyrange.detect.bases.messages import MessageDetector
-from skyrange.detect.declaration import detector
+import skyrange.plugin as sky
 from skyrange.detect.message_heads import MessageHeads, message_numbers
 from skyrange.detect.streams import EventCounts, StreamNumbers
-from skyrange.detect.telemetry import read_messages
 
 RULES: Final = ("unknown", "endpoint", "command", "reply")
 ORDERS: Final = (
@@ -55,32 +46,34 @@ _MISSION, _NOTHING = -1, -2
 """What MISSION_ACK acknowledges, in place of the number of a command."""
 
 
-@detector("mavlink.source")
-class MessageSource(MessageDetector):
+@sky.detector("mavlink.source")
+class MessageSource(sky.MessageDetector):
     """Raises an alert for MAVLink frames of unknown senders, commands of no ground station, and unasked replies."""
 
-    learn_s: Number = param(
+    learn_s: sky.Number = sky.param(
         "Time from the start in which every sender counts as known, in seconds.", default=10.0, ge=0.0, le=86_400.0
     )
     sources: Annotated[
-        tuple[tuple[Whole, Whole], ...], BeforeValidator(items, json_schema_input_type=list[list[int]])
-    ] = param("Senders known from the start, as pairs of system id and component id, such as [255, 190].", default=())
-    ground_systems: Annotated[tuple[Whole, ...], BeforeValidator(items, json_schema_input_type=list[int])] = param(
-        "System ids of ground stations, which may command.", default=(255,)
+        tuple[tuple[sky.Whole, sky.Whole], ...], BeforeValidator(sky.items, json_schema_input_type=list[list[int]])
+    ] = sky.param(
+        "Senders known from the start, as pairs of system id and component id, such as [255, 190].", default=()
     )
-    reply_s: Number = param(
+    ground_systems: Annotated[tuple[sky.Whole, ...], BeforeValidator(sky.items, json_schema_input_type=list[int])] = (
+        sky.param("System ids of ground stations, which may command.", default=(255,))
+    )
+    reply_s: sky.Number = sky.param(
         "Longest time from a request to its last acknowledgement, in seconds.", default=10.0, gt=0.0, le=3600.0
     )
-    known: StreamNumbers = state(StreamNumbers)
-    endpoints: set[tuple[int, str]] = state(set)
-    requested: dict[tuple[int, bool, int], Time] = state(dict)
+    known: StreamNumbers = sky.state(StreamNumbers)
+    endpoints: set[tuple[int, str]] = sky.state(set)
+    requested: dict[tuple[int, bool, int], sky.Time] = sky.state(dict)
     counts: EventCounts
 
-    def prepare(self, context: DetectorContext) -> None:
+    def prepare(self, context: sky.DetectorContext) -> None:
         """Count frames until there is none for `quiet_s`."""
-        self.counts = EventCounts(from_seconds(self.quiet_s))
+        self.counts = EventCounts(sky.from_seconds(self.quiet_s))
 
-    def judge(self, now: Time, frames: ObservedFrames, heads: MessageHeads) -> Sequence[Alert]:
+    def judge(self, now: sky.Time, frames: sky.ObservedFrames, heads: MessageHeads) -> Sequence[sky.Alert]:
         """Read the frames since the last service. Returns an alert for each sender that begins or doubles."""
         orders = np.isin(heads.messages, [message_numbers()[name] for name in ORDERS])
         found = [
@@ -99,17 +92,17 @@ class MessageSource(MessageDetector):
             lambda row: (RULES[int(rules[row])], {"source": frames.names[int(frames.src[events.rows[row]])][:100]}),
         )  # fmt: skip
 
-    def _unknown(self, heads: MessageHeads) -> Ints:
+    def _unknown(self, heads: MessageHeads) -> sky.Ints:
         """Rows of unknown senders; those within the time to learn become known."""
-        self.known.assign(heads.senders[heads.at_ns <= from_seconds(self.learn_s)])
+        self.known.assign(heads.senders[heads.at_ns <= sky.from_seconds(self.learn_s)])
         declared = np.isin(
             heads.systems << 8 | heads.components, [system << 8 | component for system, component in self.sources]
         )
         return np.flatnonzero((self.known.find(heads.senders) < 0) & ~declared)
 
-    def _endpoint(self, heads: MessageHeads, frames: ObservedFrames) -> Ints:
+    def _endpoint(self, heads: MessageHeads, frames: sky.ObservedFrames) -> sky.Ints:
         """Rows of unknown network sources, likewise."""
-        learn_ns = from_seconds(self.learn_s)
+        learn_ns = sky.from_seconds(self.learn_s)
         names = frames.src[heads.rows]
         known = np.ones(len(names), dtype=np.bool_)
         keys, inverse = np.unique(heads.places * len(frames.names) + names, return_inverse=True)
@@ -125,14 +118,14 @@ class MessageSource(MessageDetector):
                 known[rows] = False
         return np.flatnonzero(~known)
 
-    def _replies(self, heads: MessageHeads, frames: ObservedFrames) -> Ints:
+    def _replies(self, heads: MessageHeads, frames: sky.ObservedFrames) -> sky.Ints:
         """Rows of acknowledgements that nobody asked for; keeps the times of requests."""
-        messages, reply_ns = message_numbers(), from_seconds(self.reply_s)
+        messages, reply_ns = message_numbers(), sky.from_seconds(self.reply_s)
         subjects = np.full(len(frames), _NOTHING, dtype=np.int64)
         asks = np.zeros(len(frames), dtype=np.bool_)
         for name in ("COMMAND_LONG", "COMMAND_INT", "COMMAND_ACK", "MISSION_ACK"):
             if (heads.messages == messages[name]).any():
-                found = read_messages(frames, name)
+                found = sky.read_messages(frames, name)
                 subject = _MISSION if name == "MISSION_ACK" else found.values["command"].astype(np.int64)
                 if name.endswith("ACK"):  # those for a companion pass here as well, but not what it asked for
                     target = found.values["target_system"]

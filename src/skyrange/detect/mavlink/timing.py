@@ -28,20 +28,12 @@ from typing import Final
 
 import numpy as np
 
-from skyrange.contracts.alerts import Alert
+import skyrange.plugin as sky
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import ObservedFrames
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
 from skyrange.core.compiled import compiled
-from skyrange.core.time import Time, from_seconds
-from skyrange.detect.bases.messages import MessageDetector
-from skyrange.detect.declaration import detector
 from skyrange.detect.mavlink.cusum import find_interval
 from skyrange.detect.message_heads import Flags, MessageHeads
 from skyrange.detect.series import Floats
-from skyrange.detect.streams import table
-from skyrange.detect.telemetry import read_messages
 
 CHARTS: Final = ("late", "early", "irregular")
 LEAST_INTERVALS: Final = 8
@@ -56,40 +48,42 @@ _FRESH, _WATCHED, _IGNORED = 0, 1, 2
 _COUNT, _SUM, _SQUARES, _MEAN, _DEVIATION, _INTERVAL = range(6)
 
 
-@detector("mavlink.timing")
-class MessageTiming(MessageDetector):
+@sky.detector("mavlink.timing")
+class MessageTiming(sky.MessageDetector):
     """Raises an alert if periodic MAVLink messages come late, early or irregularly (CUSUM charts)."""
 
-    learn_after_s: Number = param(
+    learn_after_s: sky.Number = sky.param(
         "Time before the detector learns intervals, in seconds.", default=3.0, ge=0.0, le=3600.0
     )
-    learn_s: Number = param(
+    learn_s: sky.Number = sky.param(
         "Time in which the detector learns intervals, in seconds.", default=12.0, ge=5.0, le=86_400.0
     )
-    least_deviation_s: Number = param(
+    least_deviation_s: sky.Number = sky.param(
         "Least standard deviation of intervals, in seconds. Ground stations poll every 20 ms.",
         default=0.02, ge=1e-6, le=10.0,
     )  # fmt: skip
-    shift: Number = param("Change to be found soonest, in standard deviations.", default=1.0, ge=0.1, le=10.0)
-    clip: Number = param("Most standard deviations that one period contributes.", default=4.0, ge=1.0, le=1000.0)
-    false_alarm_s: Number = param(
+    shift: sky.Number = sky.param("Change to be found soonest, in standard deviations.", default=1.0, ge=0.1, le=10.0)
+    clip: sky.Number = sky.param(
+        "Most standard deviations that one period contributes.", default=4.0, ge=1.0, le=1000.0
+    )
+    false_alarm_s: sky.Number = sky.param(
         "Average time between false alarms of one stream, in seconds.", default=36_000.0, ge=60.0, le=1e8
     )
-    states: dict[int, tuple[int, int, int]] = state(dict)
+    states: dict[int, tuple[int, int, int]] = sky.state(dict)
     """Sender → mode and state in its last heartbeat."""
-    last_ns: Ints = table()
-    phase: Ints = table()
-    learned: Floats = table(6, dtype=np.float64)
-    charts: Floats = table(3, dtype=np.float64)
+    last_ns: Ints = sky.table()
+    phase: Ints = sky.table()
+    learned: Floats = sky.table(6, dtype=np.float64)
+    charts: Floats = sky.table(3, dtype=np.float64)
 
-    def select(self, frames: ObservedFrames, heads: MessageHeads) -> MessageHeads:
+    def select(self, frames: sky.ObservedFrames, heads: MessageHeads) -> MessageHeads:
         """Those that arrived, without heartbeats that report another mode or state than the one before."""
         return heads.take(heads.received & ~self._is_extra(frames, heads))
 
-    def judge(self, now: Time, frames: ObservedFrames, heads: MessageHeads) -> Sequence[Alert]:
+    def judge(self, now: sky.Time, frames: sky.ObservedFrames, heads: MessageHeads) -> Sequence[sky.Alert]:
         """Take in the messages since the last service. Returns an alert for each stream that begins or doubles."""
-        begin_ns = from_seconds(self.learn_after_s)
-        end_ns = begin_ns + from_seconds(self.learn_s)
+        begin_ns = sky.from_seconds(self.learn_after_s)
+        end_ns = begin_ns + sky.from_seconds(self.learn_s)
         streams = self.number(heads.senders << 24 | heads.messages, phase=_FRESH, last_ns=-1, learned=0.0, charts=0.0)
         if now >= end_ns:
             self._design(np.unique(streams[self.phase[streams] == _FRESH]))
@@ -107,9 +101,9 @@ class MessageTiming(MessageDetector):
             }),
         )  # fmt: skip
 
-    def _is_extra(self, frames: ObservedFrames, heads: MessageHeads) -> Flags:
+    def _is_extra(self, frames: sky.ObservedFrames, heads: MessageHeads) -> Flags:
         """(n,) whether a head is of a heartbeat that reports another mode or state than the one before it."""
-        beats = read_messages(frames, "HEARTBEAT")
+        beats = sky.read_messages(frames, "HEARTBEAT")
         extra = np.zeros(len(frames), dtype=np.bool_)
         senders = np.zeros(len(frames), dtype=np.int64)
         senders[heads.rows] = heads.senders

@@ -39,16 +39,9 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.monitors import ObservedFrames
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.core.time import Time
-from skyrange.detect.bases.telemetry import TelemetryDetector
-from skyrange.detect.declaration import detector
+import skyrange.plugin as sky
 from skyrange.detect.motion.drag_model import DragModels, lean_acceleration
-from skyrange.detect.series import Floats, Series, Steps, grown, series, step_errors
-from skyrange.detect.streams import table
+from skyrange.detect.series import Floats, grown, step_errors
 
 POSITION, CLIMB, ACCELERATION, LEAN, BATTERY = "position", "climb", "acceleration", "lean", "battery"
 _FIELDS: Final = ("lat", "lon", "alt", "relative_alt", "vx", "vy", "vz")
@@ -69,35 +62,35 @@ _AIRBORNE_M: Final = 2.0
 _MOVING_MPS: Final = 1.0
 
 
-@detector("motion.consistency")
-class MotionConsistency(TelemetryDetector):
+@sky.detector("motion.consistency")
+class MotionConsistency(sky.TelemetryDetector):
     """Compares telemetry with a motion model: position, velocity, lean, battery (after SAVIOR, 2020)."""
 
     residuals: ClassVar = (POSITION, CLIMB, ACCELERATION, LEAN, BATTERY)
 
-    allowance: Number = param(
+    allowance: sky.Number = sky.param(
         "The bias b of the CUSUM: a residual in standard deviations that adds nothing to it.",
         default=2.0, ge=0.0, le=100.0,
     )  # fmt: skip
-    threshold: Number = param(
+    threshold: sky.Number = sky.param(
         "CUSUM of a residual, in standard deviations, that scores 1.", default=20.0, gt=0.0, le=1e6
     )
-    position: Series = series("GLOBAL_POSITION_INT", *_FIELDS)
-    attitude: Series = series("ATTITUDE", "roll", "pitch", "yaw")
-    status: Series = series("SYS_STATUS", "battery_remaining", timed=False)
-    drag: DragModels = state(DragModels)
-    begin: Floats = table(3, dtype=np.float64)
+    position: sky.Series = sky.series("GLOBAL_POSITION_INT", *_FIELDS)
+    attitude: sky.Series = sky.series("ATTITUDE", "roll", "pitch", "yaw")
+    status: sky.Series = sky.series("SYS_STATUS", "battery_remaining", timed=False)
+    drag: DragModels = sky.state(DragModels)
+    begin: Floats = sky.table(3, dtype=np.float64)
     """Of each link end's window: its time, and the velocity east and north then; NaN without one."""
-    leans: Floats = table(3, dtype=np.float64)
+    leans: Floats = sky.table(3, dtype=np.float64)
     """Of each link end's window: accelerations by the lean, summed, and their number."""
 
-    def compare(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+    def compare(self, now: sky.Time, frames: sky.ObservedFrames) -> Sequence[sky.Alert]:
         """Judge the steps, the leans and the battery."""
         alerts = self._judge_steps(frames, self.position.read(frames))
         alerts += self._judge_lean(now, frames, self.attitude.read(frames))
         return alerts + self._judge_battery(frames, self.status.read(frames))
 
-    def _judge_steps(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+    def _judge_steps(self, frames: sky.ObservedFrames, steps: sky.Steps) -> list[sky.Alert]:
         steps = steps.take(np.flatnonzero((steps.seconds > 0.0) & (steps.seconds <= _GAP_S)))
         if not len(steps.places):
             return []
@@ -115,7 +108,7 @@ class MotionConsistency(TelemetryDetector):
             alerts += self.alerts(name, frames, steps.places, steps.at_ns, scores, **data)
         return alerts
 
-    def _judge_lean(self, now: Time, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+    def _judge_lean(self, now: sky.Time, frames: sky.ObservedFrames, steps: sky.Steps) -> list[sky.Alert]:
         count = len(frames.ports)
         self.drag.grow(count)
         self.begin, self.leans = grown(self.begin, count, np.nan), grown(self.leans, count)
@@ -139,7 +132,7 @@ class MotionConsistency(TelemetryDetector):
         scores = self.accumulate(LEAN, places, size - self.allowance, _LEAN_SHARE * self.threshold)
         return self.alerts(LEAN, frames, places, now, scores, unexplained_mps2=np.hypot(drag[:, 0], drag[:, 1]))
 
-    def _judge_battery(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+    def _judge_battery(self, frames: sky.ObservedFrames, steps: sky.Steps) -> list[sky.Alert]:
         known = (steps.before[:, 0] >= 0.0) & (steps.after[:, 0] >= 0.0) & (steps.seconds <= _GAP_S)
         steps = steps.take(np.flatnonzero(known & (steps.seconds >= 0.0)))
         change = steps.after[:, 0] - steps.before[:, 0]

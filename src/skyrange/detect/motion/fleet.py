@@ -29,16 +29,8 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import ObservedFrames
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.core.time import NS_PER_S, Time
-from skyrange.detect.bases.telemetry import TelemetryDetector
-from skyrange.detect.declaration import detector
-from skyrange.detect.series import Flags, Floats, Series, Steps, grown, offset_m, series, step_errors
-from skyrange.detect.streams import table
+import skyrange.plugin as sky
+from skyrange.detect.series import Flags, Floats, grown, offset_m, step_errors
 
 COMMON_STEP, SAME_PLACE, REPLAYED, LOST_TOGETHER = "common_step", "same_place", "replayed", "lost_together"
 _FIELDS: Final = ("lat", "lon", "alt", "relative_alt", "vx", "vy", "vz")
@@ -57,8 +49,8 @@ _BROKEN_RUN: Final = -0.25
 _SILENT_S: Final = 5.0
 
 
-@detector("motion.fleet")
-class FleetConsistency(TelemetryDetector):
+@sky.detector("motion.fleet")
+class FleetConsistency(sky.TelemetryDetector):
     """Compares the aircraft of a fleet: common steps, one place for two, replayed telemetry, links lost together.
 
     Each aircraft concerned is the subject of an alert of its own. `data` has their number where several are concerned.
@@ -66,30 +58,30 @@ class FleetConsistency(TelemetryDetector):
 
     residuals: ClassVar = (COMMON_STEP, SAME_PLACE, REPLAYED, LOST_TOGETHER)
 
-    share: Number = param(
+    share: sky.Number = sky.param(
         "Share of the aircraft of a ground station, but at least two, that steps or losses have in common.",
         default=0.3, gt=0.0, le=1.0,
     )  # fmt: skip
-    position: Series = series("GLOBAL_POSITION_INT", *_FIELDS)
-    seen_s: Floats = table(dtype=np.float64)
+    position: sky.Series = sky.series("GLOBAL_POSITION_INT", *_FIELDS)
+    seen_s: Floats = sky.table(dtype=np.float64)
     """(ends,) when telemetry arrived last; NaN before any has."""
-    steps: Floats = table(4, dtype=np.float64)
+    steps: Floats = sky.table(4, dtype=np.float64)
     """Of each link end's largest step within 2 s: when, size in standard deviations, direction east and north."""
-    near_s: Floats = table(dtype=np.float64)
+    near_s: Floats = sky.table(dtype=np.float64)
     """(ends,) since when another aircraft is at the same place; NaN if none is."""
-    told: dict[bytes, tuple[int, float]] = state(dict)
-    told_before: dict[bytes, tuple[int, float]] = state(dict)
+    told: dict[bytes, tuple[int, float]] = sky.state(dict)
+    told_before: dict[bytes, tuple[int, float]] = sky.state(dict)
     """Reports → link end and time: since `turned_s`, and of the `_REMEMBERED_S` before."""
     turned_s: float = 0.0
 
-    def compare(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+    def compare(self, now: sky.Time, frames: sky.ObservedFrames) -> Sequence[sky.Alert]:
         """Compare the aircraft of each ground station."""
         count = len(frames.ports)
         self.seen_s, self.near_s = grown(self.seen_s, count, np.nan), grown(self.near_s, count, np.nan)
         self.steps = grown(self.steps, count)
         steps = self.position.read(frames)
-        self.seen_s[steps.places] = steps.at_ns / NS_PER_S
-        now_s = now / NS_PER_S
+        self.seen_s[steps.places] = steps.at_ns / sky.NS_PER_S
+        now_s = now / sky.NS_PER_S
         self._take_steps(now_s, steps)
         alerts = self._find_replayed(frames, now_s, steps)
         stations = np.unique([port.endpoint for port in frames.ports], return_inverse=True)[1]
@@ -101,10 +93,10 @@ class FleetConsistency(TelemetryDetector):
                 alerts += self._find_lost(frames, now, fleet)
         return alerts
 
-    def _members(self, fleet: Ints) -> int:
+    def _members(self, fleet: sky.Ints) -> int:
         return max(2, ceil(self.share * len(fleet)))
 
-    def _take_steps(self, now_s: float, steps: Steps) -> None:
+    def _take_steps(self, now_s: float, steps: sky.Steps) -> None:
         self.steps[self.steps[:, 0] < now_s - _TOGETHER_S] = 0.0
         rows = np.flatnonzero((steps.seconds > 0.0) & (steps.seconds <= _GAP_S))
         if not len(rows):
@@ -113,11 +105,11 @@ class FleetConsistency(TelemetryDetector):
         size = np.hypot(errors[:, 0], errors[:, 1])
         order = np.argsort(size, kind="stable")  # the largest of a link end is written last
         places, unit = steps.places[rows][order], errors[order, :2] / np.maximum(size[order], 1e-9)[:, None]
-        found = np.column_stack([steps.at_ns[rows][order] / NS_PER_S, (size / spread)[order], unit])
+        found = np.column_stack([steps.at_ns[rows][order] / sky.NS_PER_S, (size / spread)[order], unit])
         larger = found[:, 1] > self.steps[places, 1]
         self.steps[places[larger]] = found[larger]
 
-    def _find_common_steps(self, frames: ObservedFrames, now: Time, fleet: Ints) -> list[Alert]:
+    def _find_common_steps(self, frames: sky.ObservedFrames, now: sky.Time, fleet: sky.Ints) -> list[sky.Alert]:
         sizes, directions = self.steps[fleet, 1], self.steps[fleet, 2:]
         alike = directions @ directions[np.argmax(sizes)] >= _ALIKE
         sizes = np.where(alike, sizes, 0.0)
@@ -127,9 +119,9 @@ class FleetConsistency(TelemetryDetector):
         number = np.full(len(fleet), float(np.count_nonzero(scores)))
         return self.alerts(COMMON_STEP, frames, fleet, now, scores, aircraft=number)
 
-    def _find_same_place(self, frames: ObservedFrames, now: Time, fleet: Ints) -> list[Alert]:
+    def _find_same_place(self, frames: sky.ObservedFrames, now: sky.Time, fleet: sky.Ints) -> list[sky.Alert]:
         values = self.position.values[fleet]
-        age = now / NS_PER_S - self.seen_s[fleet]
+        age = now / sky.NS_PER_S - self.seen_s[fleet]
         flying = (values[:, 3] > _AIRBORNE_M * 1e3) & (age <= _TOGETHER_S)
         self.near_s[fleet[~flying]] = np.nan
         fleet, values, age = fleet[flying], values[flying], age[flying]
@@ -141,17 +133,17 @@ class FleetConsistency(TelemetryDetector):
         up = values[:, 2] * 1e-3 - values[:, 6] * 1e-2 * age
         near = _has_neighbour(east, north, up)
         since = self.near_s[fleet]
-        self.near_s[fleet] = np.where(near, np.where(np.isfinite(since), since, now / NS_PER_S), np.nan)
-        scores = np.nan_to_num((now / NS_PER_S - self.near_s[fleet]) / _NEAR_S)
+        self.near_s[fleet] = np.where(near, np.where(np.isfinite(since), since, now / sky.NS_PER_S), np.nan)
+        scores = np.nan_to_num((now / sky.NS_PER_S - self.near_s[fleet]) / _NEAR_S)
         return self.alerts(SAME_PLACE, frames, fleet, now, np.minimum(scores, 10.0))
 
-    def _find_replayed(self, frames: ObservedFrames, now_s: float, steps: Steps) -> list[Alert]:
+    def _find_replayed(self, frames: sky.ObservedFrames, now_s: float, steps: sky.Steps) -> list[sky.Alert]:
         if now_s - self.turned_s >= _REMEMBERED_S:
             self.told_before, self.told, self.turned_s = self.told, {}, now_s
         rows = np.flatnonzero(np.abs(steps.after[:, 4:6]).max(axis=1, initial=0.0) >= _MOVING_CMPS)
         reports, told, before = steps.after[rows].astype(np.int64), self.told, self.told_before
         terms = np.zeros(len(rows))
-        places, times = steps.places[rows].tolist(), (steps.at_ns[rows] / NS_PER_S).tolist()
+        places, times = steps.places[rows].tolist(), (steps.at_ns[rows] / sky.NS_PER_S).tolist()
         for number, (place, time_s) in enumerate(zip(places, times, strict=True)):
             report = reports[number].tobytes()
             known = told.get(report) or before.get(report)
@@ -162,9 +154,9 @@ class FleetConsistency(TelemetryDetector):
         scores = self.accumulate(REPLAYED, steps.places[rows], terms, _RUN)
         return self.alerts(REPLAYED, frames, steps.places[rows], steps.at_ns[rows], scores)
 
-    def _find_lost(self, frames: ObservedFrames, now: Time, fleet: Ints) -> list[Alert]:
+    def _find_lost(self, frames: sky.ObservedFrames, now: sky.Time, fleet: sky.Ints) -> list[sky.Alert]:
         last = self.seen_s[fleet]
-        silent = now / NS_PER_S - last > _SILENT_S
+        silent = now / sky.NS_PER_S - last > _SILENT_S
         times = np.sort(last[silent])
         number = np.searchsorted(times, last + _TOGETHER_S, "right") - np.searchsorted(times, last - _TOGETHER_S)
         scores = np.where(silent & (number >= 2), number / self._members(fleet), 0.0)

@@ -48,20 +48,12 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext
-from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import ObservedFrames
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.core.time import Time
-from skyrange.detect.bases.telemetry import TelemetryDetector
-from skyrange.detect.declaration import detector
+import skyrange.plugin as sky
 from skyrange.detect.navigation.cs_ema_charts import Chart, CsEma
 from skyrange.detect.navigation.field_reference import FieldReference, turns_to_earth
 from skyrange.detect.navigation.fix_errors import fix_errors
 from skyrange.detect.pressure_altitude import pressure_altitude_m
-from skyrange.detect.series import Floats, Series, Steps, grown, rounds, series
+from skyrange.detect.series import Floats, grown, rounds
 
 SENSORS: Final = ("position", "velocity", "barometer", "magnetometer")
 CHARTS: Final = ("cusum", "ema")
@@ -84,8 +76,8 @@ _FUSED: Final = ("lat", "lon", "vx", "vy", "vz", "alt")
 _ATTITUDE: Final = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
 
 
-def _limit(default: float, sensor: str, chart: str) -> Number:
-    found: Number = param(
+def _limit(default: float, sensor: str, chart: str) -> sky.Number:
+    found: sky.Number = sky.param(
         f"Limit of the {chart} of the {sensor}, in standard deviations, that scores 1; 0 leaves it out.",
         default=default, ge=0.0, le=1e6,
     )  # fmt: skip
@@ -98,7 +90,7 @@ class _First:
     def __init__(self, axes: int) -> None:
         self._values: Floats = np.zeros((0, axes))
 
-    def keep(self, places: Ints, values: Floats) -> Floats:
+    def keep(self, places: sky.Ints, values: Floats) -> Floats:
         """The (n, axes) first values of the link ends of (n, axes) new ones, which are in order of time."""
         self._values = grown(self._values, int(places.max(initial=-1)) + 1, np.nan)
         ends, rows = np.unique(places, return_index=True)
@@ -108,8 +100,8 @@ class _First:
         return first
 
 
-@detector("navigation.cs_ema")
-class CsEmaDetector(TelemetryDetector):
+@sky.detector("navigation.cs_ema")
+class CsEmaDetector(sky.TelemetryDetector):
     """Finds small lasting innovations of fixes, barometer and magnetometer by CS-EMA charts (VIMU, 2024).
 
     `data` of an alert has the sensor and the chart as `residual`, such as `position_ema`, and `ratio`, the last
@@ -118,28 +110,27 @@ class CsEmaDetector(TelemetryDetector):
 
     residuals: ClassVar = tuple(f"{name}_{chart}" for name in SENSORS for chart in CHARTS)
 
-    position_cusum: Number = _limit(3.0, "position", "CUSUM")
-    position_ema: Number = _limit(0.45, "position", "moving average")
-    velocity_cusum: Number = _limit(0.0, "velocity", "CUSUM")
-    velocity_ema: Number = _limit(0.5, "velocity", "moving average")
-    barometer_cusum: Number = _limit(3.0, "barometer", "CUSUM")
-    barometer_ema: Number = _limit(0.15, "barometer", "moving average")
-    magnetometer_cusum: Number = _limit(3.0, "magnetometer", "CUSUM")
-    magnetometer_ema: Number = _limit(0.3, "magnetometer", "moving average")
-    heights: bool = param("Whether the heights of fixes are judged.", default=False, strict=True)
+    position_cusum: sky.Number = _limit(3.0, "position", "CUSUM")
+    position_ema: sky.Number = _limit(0.45, "position", "moving average")
+    velocity_cusum: sky.Number = _limit(0.0, "velocity", "CUSUM")
+    velocity_ema: sky.Number = _limit(0.5, "velocity", "moving average")
+    barometer_cusum: sky.Number = _limit(3.0, "barometer", "CUSUM")
+    barometer_ema: sky.Number = _limit(0.15, "barometer", "moving average")
+    magnetometer_cusum: sky.Number = _limit(3.0, "magnetometer", "CUSUM")
+    magnetometer_ema: sky.Number = _limit(0.3, "magnetometer", "moving average")
+    heights: bool = sky.param("Whether the heights of fixes are judged.", default=False, strict=True)
     charts: dict[str, CsEma]
     """By sensor."""
-    fixes: Series = series("GPS_RAW_INT", *_FIX, timed=False)
-    fused: Series = series("GLOBAL_POSITION_INT", *_FUSED)
-    pressure: Series = series("SCALED_PRESSURE", "press_abs")
-    inertial: Series = series("RAW_IMU", "xmag", "ymag", "zmag", "time_usec", timed=False)
-    attitude: Series = series("ATTITUDE", *_ATTITUDE)
-    fix_height: _First = state(partial(_First, 1))
-    baro_height: _First = state(partial(_First, 1))
-    field: FieldReference = state(FieldReference)
+    fixes: sky.Series = sky.series("GPS_RAW_INT", *_FIX, timed=False)
+    fused: sky.Series = sky.series("GLOBAL_POSITION_INT", *_FUSED)
+    pressure: sky.Series = sky.series("SCALED_PRESSURE", "press_abs")
+    inertial: sky.Series = sky.series("RAW_IMU", "xmag", "ymag", "zmag", "time_usec", timed=False)
+    attitude: sky.Series = sky.series("ATTITUDE", *_ATTITUDE)
+    fix_height: _First = sky.state(partial(_First, 1))
+    baro_height: _First = sky.state(partial(_First, 1))
+    field: FieldReference = sky.state(FieldReference)
 
-    def prepare(self, context: DetectorContext) -> None:
-        """Make the charts."""
+    def prepare(self, context: sky.DetectorContext) -> None:
         self.charts = {
             "position": CsEma(Chart(0.01, 0.85, self.position_ema, 0.5, self.position_cusum), 3),
             "velocity": CsEma(Chart(0.01, 1.1, self.velocity_ema, 1.0, self.velocity_cusum), 2),
@@ -147,7 +138,7 @@ class CsEmaDetector(TelemetryDetector):
             "magnetometer": CsEma(Chart(0.01, 0.52, self.magnetometer_ema, 0.25, self.magnetometer_cusum), 3),
         }
 
-    def compare(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+    def compare(self, now: sky.Time, frames: sky.ObservedFrames) -> Sequence[sky.Alert]:
         """Judge fixes, barometer and magnetometer."""
         self.fused.read(frames)
         attitudes = self.attitude.read(frames)
@@ -155,7 +146,7 @@ class CsEmaDetector(TelemetryDetector):
         alerts += self._judge_pressure(frames, self.pressure.read(frames))
         return alerts + self._judge_field(frames, self.inertial.read(frames), attitudes)
 
-    def _judge_fixes(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+    def _judge_fixes(self, frames: sky.ObservedFrames, steps: sky.Steps) -> list[sky.Alert]:
         fix, fused = steps.after, self.fused.values[steps.places]
         age = fix[:, 9] * 1e-6 - self.fused.time_s[steps.places]
         rows = np.flatnonzero((fix[:, 8] >= _FIX_3D) & (np.abs(age) <= _AGE_S))
@@ -169,7 +160,7 @@ class CsEmaDetector(TelemetryDetector):
         alerts = self._judge("position", frames, places, at_ns, position)
         return alerts + self._judge("velocity", frames, places, at_ns, slip / spread[:, 2:])
 
-    def _judge_pressure(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+    def _judge_pressure(self, frames: sky.ObservedFrames, steps: sky.Steps) -> list[sky.Alert]:
         fused = self.fused.values[steps.places]
         age = steps.time_s - self.fused.time_s[steps.places]
         rows = np.flatnonzero((steps.after[:, 0] > 0.0) & (np.abs(age) <= _AGE_S))
@@ -179,7 +170,7 @@ class CsEmaDetector(TelemetryDetector):
         above = above - self.baro_height.keep(places, above)
         return self._judge("barometer", frames, places, steps.at_ns[rows], above / _BAROMETER_M)
 
-    def _judge_field(self, frames: ObservedFrames, steps: Steps, attitudes: Steps) -> list[Alert]:
+    def _judge_field(self, frames: sky.ObservedFrames, steps: sky.Steps, attitudes: sky.Steps) -> list[sky.Alert]:
         found, age = _nearest(attitudes, steps.places, steps.after[:, 3] * 1e-6)
         rows = np.flatnonzero((np.abs(age) <= _ATTITUDE_AGE_S) & steps.after[:, :3].any(axis=1))
         places, attitude = steps.places[rows], attitudes.after[found[rows]]
@@ -195,20 +186,22 @@ class CsEmaDetector(TelemetryDetector):
             self.field.update(places[fit], fields[fit], turns[fit])
         return self._raise("magnetometer", frames, places, steps.at_ns[rows], ratios, (sums, means))
 
-    def _judge(self, sensor: str, frames: ObservedFrames, places: Ints, at_ns: Ints, ratios: Floats) -> list[Alert]:
+    def _judge(
+        self, sensor: str, frames: sky.ObservedFrames, places: sky.Ints, at_ns: sky.Ints, ratios: Floats
+    ) -> list[sky.Alert]:
         ratios = np.clip(ratios / _STATE, -_MOST_RATIO, _MOST_RATIO)
         return self._raise(sensor, frames, places, at_ns, ratios, self.charts[sensor].add(places, ratios))
 
     def _raise(
         self,
         sensor: str,
-        frames: ObservedFrames,
-        places: Ints,
-        at_ns: Ints,
+        frames: sky.ObservedFrames,
+        places: sky.Ints,
+        at_ns: sky.Ints,
         ratios: Floats,
         statistics: tuple[Floats, Floats],
-    ) -> list[Alert]:
-        alerts: list[Alert] = []
+    ) -> list[sky.Alert]:
+        alerts: list[sky.Alert] = []
         each = np.arange(len(places))
         for chart, values in zip(CHARTS, statistics, strict=True):
             worst = values.argmax(axis=1)
@@ -217,7 +210,7 @@ class CsEmaDetector(TelemetryDetector):
         return alerts
 
 
-def _nearest(steps: Steps, places: Ints, time_s: Floats) -> tuple[Ints, Floats]:
+def _nearest(steps: sky.Steps, places: sky.Ints, time_s: Floats) -> tuple[sky.Ints, Floats]:
     """Of (n,) times at link ends: the row of `steps` of the same end with the nearest time, and the time less its own.
 
     The time is NaN where the end has no row.

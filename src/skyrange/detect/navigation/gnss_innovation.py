@@ -34,18 +34,11 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext
-from skyrange.contracts.monitors import ObservedFrames
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.core.time import NS_PER_S, Time
-from skyrange.detect.bases.telemetry import TelemetryDetector
-from skyrange.detect.declaration import detector
+import skyrange.plugin as sky
 from skyrange.detect.moving_mean import MovingMean
 from skyrange.detect.navigation.fix_errors import fix_errors
 from skyrange.detect.navigation.self_starting import SelfStarting
-from skyrange.detect.series import Floats, Series, Steps, series
+from skyrange.detect.series import Floats
 
 RATIOS: Final = ("velocity", "position", "height")
 OFFSET, SPEED, ACCURACY, TIME = "offset", "speed", "accuracy", "time"
@@ -74,41 +67,40 @@ _CLOCK_SET_US: Final = 1e15
 """Unix time, September 2001: an autopilot's clock is below it until a fix or a ground station sets it."""
 
 
-@detector("navigation.gnss_innovation")
-class GnssInnovation(TelemetryDetector):
+@sky.detector("navigation.gnss_innovation")
+class GnssInnovation(sky.TelemetryDetector):
     """Compares satellite fixes with the estimate: innovations, offsets, accuracies and time of GNSS."""
 
     residuals: ClassVar = (*RATIOS, OFFSET, SPEED, ACCURACY, TIME)
 
-    allowance: Number = param(
+    allowance: sky.Number = sky.param(
         "Deviation of an innovation test ratio from its past that adds nothing to its CUSUM, in standard deviations.",
         default=2.0, ge=0.0, le=100.0,
     )  # fmt: skip
-    threshold: Number = param(
+    threshold: sky.Number = sky.param(
         "CUSUM of a test ratio, in standard deviations, that scores 1.", default=40.0, gt=0.0, le=1e6
     )
-    clock_s: Number = param(
+    clock_s: sky.Number = sky.param(
         "Difference of SYSTEM_TIME from the ground station's clock that scores 1, in seconds.",
         default=2.0, gt=0.0, le=1e6,
     )  # fmt: skip
     unix_ns: int
     """UTC of time 0."""
-    ardupilot: Series = series("EKF_STATUS_REPORT", *_ARDUPILOT, timed=False)
-    px4: Series = series("ESTIMATOR_STATUS", *_PX4, timed=False)
-    fixes: Series = series("GPS_RAW_INT", *_FIX, timed=False)
-    fused: Series = series("GLOBAL_POSITION_INT", *_FUSED)
-    time: Series = series("SYSTEM_TIME", "time_unix_usec")
+    ardupilot: sky.Series = sky.series("EKF_STATUS_REPORT", *_ARDUPILOT, timed=False)
+    px4: sky.Series = sky.series("ESTIMATOR_STATUS", *_PX4, timed=False)
+    fixes: sky.Series = sky.series("GPS_RAW_INT", *_FIX, timed=False)
+    fused: sky.Series = sky.series("GLOBAL_POSITION_INT", *_FUSED)
+    time: sky.Series = sky.series("SYSTEM_TIME", "time_unix_usec")
     normal: list[SelfStarting]
-    offsets: MovingMean = state(partial(MovingMean, _SQUARES_S, 0.0))
-    speeds: MovingMean = state(partial(MovingMean, _SQUARES_S, 0.0))
-    accuracy: MovingMean = state(partial(MovingMean, 60.0))
+    offsets: MovingMean = sky.state(partial(MovingMean, _SQUARES_S, 0.0))
+    speeds: MovingMean = sky.state(partial(MovingMean, _SQUARES_S, 0.0))
+    accuracy: MovingMean = sky.state(partial(MovingMean, 60.0))
 
-    def prepare(self, context: DetectorContext) -> None:
-        """Set the ground station's clock."""
+    def prepare(self, context: sky.DetectorContext) -> None:
         self.unix_ns = context.epoch.unix_ns
         self.normal = [SelfStarting(_RATIO_FLOOR) for _ in RATIOS]
 
-    def compare(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+    def compare(self, now: sky.Time, frames: sky.ObservedFrames) -> Sequence[sky.Alert]:
         """Judge ratios, fixes, accuracies and times."""
         self.fused.read(frames)
         alerts = []
@@ -120,8 +112,8 @@ class GnssInnovation(TelemetryDetector):
         alerts += self._judge_accuracy(frames, fixes)
         return alerts + self._judge_time(frames, self.time.read(frames))
 
-    def _judge_ratios(self, frames: ObservedFrames, steps: Steps, ratios: Floats) -> list[Alert]:
-        alerts: list[Alert] = []
+    def _judge_ratios(self, frames: sky.ObservedFrames, steps: sky.Steps, ratios: Floats) -> list[sky.Alert]:
+        alerts: list[sky.Alert] = []
         for column, name in enumerate(RATIOS):
             ratio = ratios[:, column]
             away = self.normal[column].standardise(steps.places, ratio)
@@ -129,7 +121,7 @@ class GnssInnovation(TelemetryDetector):
             alerts += self.alerts(name, frames, steps.places, steps.at_ns, scores, ratio=ratio)
         return alerts
 
-    def _judge_fixes(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+    def _judge_fixes(self, frames: sky.ObservedFrames, steps: sky.Steps) -> list[sky.Alert]:
         fix, fused = steps.after, self.fused.values[steps.places]
         age = fix[:, 7] * 1e-6 - self.fused.time_s[steps.places]
         rows = np.flatnonzero((fix[:, 6] >= _FIX_3D) & (np.abs(age) <= _AGE_S))
@@ -137,7 +129,7 @@ class GnssInnovation(TelemetryDetector):
         places, at_ns, seconds = steps.places[rows], steps.at_ns[rows], steps.seconds[rows]
         position, velocity = fix_errors(fix, fused, age)
         away, slip = np.hypot(position[:, 0], position[:, 1]), np.hypot(velocity[:, 1], velocity[:, 0])
-        alerts: list[Alert] = []
+        alerts: list[sky.Alert] = []
         for name, error, claimed, unknown, most, own, mean in (
             (OFFSET, away, fix[:, 4], _UNKNOWN_M, _MOST_M, _FUSED_M, self.offsets),
             (SPEED, slip, fix[:, 5], _UNKNOWN_MPS, _MOST_MPS, _FUSED_MPS, self.speeds),
@@ -148,7 +140,7 @@ class GnssInnovation(TelemetryDetector):
             alerts += self.alerts(name, frames, places, at_ns, scores, difference=error)
         return alerts
 
-    def _judge_accuracy(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+    def _judge_accuracy(self, frames: sky.ObservedFrames, steps: sky.Steps) -> list[sky.Alert]:
         claimed = np.log(np.maximum(steps.after[:, 4], 1.0))
         fixed = steps.after[:, 6] >= _FIX_3D
         known = np.where(fixed & (steps.after[:, 4] > 0.0), claimed, np.nan)
@@ -160,9 +152,9 @@ class GnssInnovation(TelemetryDetector):
         h_acc_m, fix_type = steps.after[:, 4] * 1e-3, steps.after[:, 6]
         return self.alerts(ACCURACY, frames, steps.places, steps.at_ns, scores, h_acc_m=h_acc_m, fix_type=fix_type)
 
-    def _judge_time(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+    def _judge_time(self, frames: sky.ObservedFrames, steps: sky.Steps) -> list[sky.Alert]:
         rows = np.flatnonzero(steps.after[:, 0] >= _CLOCK_SET_US)
         at_ns = steps.at_ns[rows]
-        error = steps.after[rows, 0] * 1e-6 - (self.unix_ns / NS_PER_S + at_ns / NS_PER_S)
+        error = steps.after[rows, 0] * 1e-6 - (self.unix_ns / sky.NS_PER_S + at_ns / sky.NS_PER_S)
         scores = np.abs(error) / self.clock_s
         return self.alerts(TIME, frames, steps.places[rows], at_ns, scores, ahead_s=error)

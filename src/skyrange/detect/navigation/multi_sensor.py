@@ -32,16 +32,10 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.monitors import ObservedFrames
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.core.time import Time
-from skyrange.detect.bases.telemetry import TelemetryDetector
-from skyrange.detect.declaration import detector
+import skyrange.plugin as sky
 from skyrange.detect.moving_mean import MovingMean
 from skyrange.detect.pressure_altitude import pressure_altitude_m
-from skyrange.detect.series import Flags, Floats, Series, Steps, series
+from skyrange.detect.series import Flags, Floats
 
 GNSS_HEIGHT, FUSED_HEIGHT, HEADING, TURN, AIR_SPEED = "gnss_height", "fused_height", "heading", "turn", "air_speed"
 _MEAN_S: Final = 5.0
@@ -66,7 +60,7 @@ class _Change:
     def __init__(self, usual_s: float) -> None:
         self._usual, self._recent = MovingMean(usual_s), MovingMean(_MEAN_S)
 
-    def add(self, steps: Steps, difference: Floats) -> Floats:
+    def add(self, steps: sky.Steps, difference: Floats) -> Floats:
         """The (n,) changes after each of n values; 0 where there is none."""
         seconds = np.minimum(steps.seconds, _STALE_S)
         usual = self._usual.add(steps.places, seconds, difference)
@@ -74,28 +68,28 @@ class _Change:
         return np.nan_to_num(recent - usual)
 
 
-@detector("navigation.multi_sensor")
-class MultiSensor(TelemetryDetector):
+@sky.detector("navigation.multi_sensor")
+class MultiSensor(sky.TelemetryDetector):
     """Compares the sensors of an aircraft: barometer and GNSS, compass and course, gyroscope, air speed."""
 
     residuals: ClassVar = (GNSS_HEIGHT, FUSED_HEIGHT, HEADING, TURN, AIR_SPEED)
 
-    height_m: Number = param(
+    height_m: sky.Number = sky.param(
         "Change of a difference of altitudes that scores 1, in metres.", default=8.0, gt=0.0, le=1e5
     )
-    air_speed_mps: Number = param(
+    air_speed_mps: sky.Number = sky.param(
         "Change of air speed less ground speed that scores 1, in m/s.", default=12.0, gt=0.0, le=1e3
     )
-    pressure: Series = series("SCALED_PRESSURE", "press_abs")
-    fix: Series = series("GPS_RAW_INT", "alt", "fix_type", "time_usec", timed=False)
-    fused: Series = series("GLOBAL_POSITION_INT", "alt", "vx", "vy", "hdg")
-    hud: Series = series("VFR_HUD", "airspeed", "groundspeed", timed=False)
-    attitude: Series = series("ATTITUDE", "yaw", "yawspeed")
-    gnss_height: _Change = state(partial(_Change, _USUAL_HEIGHT_S))
-    fused_height: _Change = state(partial(_Change, _USUAL_HEIGHT_S))
-    wind: _Change = state(partial(_Change, _USUAL_WIND_S))
+    pressure: sky.Series = sky.series("SCALED_PRESSURE", "press_abs")
+    fix: sky.Series = sky.series("GPS_RAW_INT", "alt", "fix_type", "time_usec", timed=False)
+    fused: sky.Series = sky.series("GLOBAL_POSITION_INT", "alt", "vx", "vy", "hdg")
+    hud: sky.Series = sky.series("VFR_HUD", "airspeed", "groundspeed", timed=False)
+    attitude: sky.Series = sky.series("ATTITUDE", "yaw", "yawspeed")
+    gnss_height: _Change = sky.state(partial(_Change, _USUAL_HEIGHT_S))
+    fused_height: _Change = sky.state(partial(_Change, _USUAL_HEIGHT_S))
+    wind: _Change = sky.state(partial(_Change, _USUAL_WIND_S))
 
-    def compare(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+    def compare(self, now: sky.Time, frames: sky.ObservedFrames) -> Sequence[sky.Alert]:
         """Judge heights, headings, turns and air speeds."""
         self.pressure.read(frames)
         fixes, fused = self.fix.read(frames), self.fused.read(frames)
@@ -111,8 +105,8 @@ class MultiSensor(TelemetryDetector):
         return alerts + self.alerts(AIR_SPEED, frames, hud.places, hud.at_ns, scores, change_mps=change)
 
     def _judge_height(
-        self, frames: ObservedFrames, name: str, change: _Change, steps: Steps, time_s: Floats, usable: Flags
-    ) -> list[Alert]:
+        self, frames: sky.ObservedFrames, name: str, change: _Change, steps: sky.Steps, time_s: Floats, usable: Flags
+    ) -> list[sky.Alert]:
         pressure = self.pressure.values[steps.places, 0]
         fresh = usable & (np.abs(time_s - self.pressure.time_s[steps.places]) <= _STALE_S) & (pressure > 0.0)
         height = pressure_altitude_m(np.where(fresh, pressure, np.nan))
@@ -120,7 +114,7 @@ class MultiSensor(TelemetryDetector):
         scores = moved / self.height_m
         return self.alerts(name, frames, steps.places, steps.at_ns, scores, change_m=moved)
 
-    def _judge_heading(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+    def _judge_heading(self, frames: sky.ObservedFrames, steps: sky.Steps) -> list[sky.Alert]:
         before, after = steps.before, steps.after
         course, previous = np.arctan2(after[:, 2], after[:, 1]), np.arctan2(before[:, 2], before[:, 1])
         speed = np.minimum(np.hypot(after[:, 1], after[:, 2]), np.hypot(before[:, 1], before[:, 2])) * 1e-2
@@ -131,7 +125,7 @@ class MultiSensor(TelemetryDetector):
         scores = self.accumulate(HEADING, steps.places, excess, _HEADING_SUM)
         return self.alerts(HEADING, frames, steps.places, steps.at_ns, scores, difference_deg=np.degrees(away))
 
-    def _judge_turn(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+    def _judge_turn(self, frames: sky.ObservedFrames, steps: sky.Steps) -> list[sky.Alert]:
         seconds = np.where((steps.seconds > 0.0) & (steps.seconds <= _STALE_S), steps.seconds, np.nan)
         rate = 0.5 * (steps.before[:, 1] + steps.after[:, 1])
         away = np.abs(_wrapped(steps.after[:, 0] - steps.before[:, 0] - rate * seconds))

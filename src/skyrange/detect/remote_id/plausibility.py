@@ -31,17 +31,11 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from skyrange.contracts.detectors import DetectorContext
-from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.params import Enu, Number, Whole
-from skyrange.contracts.plugins.fields import param, state
+import skyrange.plugin as sky
 from skyrange.core.compiled import compiled
-from skyrange.core.time import NS_PER_S
-from skyrange.detect.bases.receptions import ReceptionDetector
 from skyrange.detect.claims import Claims
-from skyrange.detect.declaration import detector
 from skyrange.detect.series import Floats
-from skyrange.detect.streams import StreamNumbers, table
+from skyrange.detect.streams import StreamNumbers
 
 FREE_SPACE_DB: Final = 20.0 * np.log10(4.0 * np.pi / (299_792_458.0 / 2.437e9))
 """Free-space loss at 1 m and 2437 MHz."""
@@ -60,43 +54,43 @@ _WEIGHT: Final = 1.0 / 8.0
 """Weight of a reception in the recent power."""
 
 
-@detector("remote_id.plausibility")
-class Plausibility(ReceptionDetector):
+@sky.detector("remote_id.plausibility")
+class Plausibility(sky.ReceptionDetector):
     """Raises an alert for Remote ID that cannot be true: its fields, its positions one after another, its strength."""
 
     rules: ClassVar = ("speed", "time", "jump", "velocity", "strength", "power", "receivers")
 
-    speed_mps: Number = param("Largest speed over ground in m/s.", default=44.7, gt=0, le=350)
-    climb_mps: Number = param("Largest rate of climb or descent in m/s.", default=20.0, gt=0, le=100)
-    acceleration_mps2: Number = param(
+    speed_mps: sky.Number = sky.param("Largest speed over ground in m/s.", default=44.7, gt=0, le=350)
+    climb_mps: sky.Number = sky.param("Largest rate of climb or descent in m/s.", default=20.0, gt=0, le=100)
+    acceleration_mps2: sky.Number = sky.param(
         "Largest horizontal acceleration in m/s²: that of a tilt by 45°.", default=9.8, gt=0, le=200
     )
-    latency_s: Number = param("Longest time from a position to its reception, in seconds.", default=2.0, gt=0, le=60)
-    eirp_dbm: Number = param("Highest radiated power (EIRP) in dBm.", default=36.0, ge=-30, le=60)
-    gain_dbi: Number = param("Highest gain of a receiver's antenna in dBi.", default=3.0, ge=-20, le=40)
-    calibration: Whole = param(
+    latency_s: sky.Number = sky.param(
+        "Longest time from a position to its reception, in seconds.", default=2.0, gt=0, le=60
+    )
+    eirp_dbm: sky.Number = sky.param("Highest radiated power (EIRP) in dBm.", default=36.0, ge=-30, le=60)
+    gain_dbi: sky.Number = sky.param("Highest gain of a receiver's antenna in dBi.", default=3.0, ge=-20, le=40)
+    calibration: sky.Whole = sky.param(
         "Receptions of a sender from which its radiated power is learned.", default=10, ge=1, le=10_000
     )
-    change_db: Number = param("Largest change of the implied power in dB.", default=21.0, gt=0, le=200)
-    spread_db: Number = param(
+    change_db: sky.Number = sky.param("Largest change of the implied power in dB.", default=21.0, gt=0, le=200)
+    spread_db: sky.Number = sky.param(
         "Largest difference of the implied power between receivers in dB.", default=40.0, gt=0, le=200
     )
-    receivers: Mapping[str, Enu] = param(
+    receivers: Mapping[str, sky.Enu] = sky.param(
         "Places of ground receivers by their ids: east, north and up in metres.", default={}
     )
-    last: Floats = table(7, dtype=np.float64)
+    last: Floats = sky.table(7, dtype=np.float64)
     """(senders, 7) time in s, east, north, velocity, and errors of the last claim; time NaN for none."""
-    radios: dict[str, int] = state(dict)
-    pairs: StreamNumbers = state(StreamNumbers)
-    powers: Floats = table(3, dtype=np.float64)
+    radios: dict[str, int] = sky.state(dict)
+    pairs: StreamNumbers = sky.state(StreamNumbers)
+    powers: Floats = sky.table(3, dtype=np.float64)
     """(sender and receiver, 3) count, mean and recent mean of the implied power."""
 
-    def prepare(self, context: DetectorContext) -> None:
-        """Know where the ground receivers are."""
+    def prepare(self, context: sky.DetectorContext) -> None:
         self.places = dict(self.receivers)
 
-    def judge(self, claims: Claims, senders: Ints, radios: Sequence[str]) -> Floats:
-        """The scores of the rules."""
+    def judge(self, claims: Claims, senders: sky.Ints, radios: Sequence[str]) -> Floats:
         scores = np.zeros((len(senders), len(self.rules)))
         scores[:, 0] = np.maximum(
             np.nan_to_num(claims.speed_mps) / self.speed_mps,
@@ -107,10 +101,10 @@ class Plausibility(ReceptionDetector):
         scores[:, 4:] = self._judge_strength(claims, senders, radios)
         return scores
 
-    def _judge_motion(self, claims: Claims, senders: Ints) -> Floats:
+    def _judge_motion(self, claims: Claims, senders: sky.Ints) -> Floats:
         """(n, 2) scores of jumps and velocities: each claim against the one before it of its sender."""
         late = np.nan_to_num(np.abs(claims.age_s), nan=np.inf) > self.latency_s
-        measured = claims.time_ns / NS_PER_S - np.where(late, 0.0, np.nan_to_num(claims.age_s))
+        measured = claims.time_ns / sky.NS_PER_S - np.where(late, 0.0, np.nan_to_num(claims.age_s))
         doubt_s = np.where(late, self.latency_s, TIME_ERROR_S)
         rows = np.column_stack((measured, claims.enu_m[:, :2], claims.velocity_mps, QUANTILE * claims.error_m, doubt_s))
         usable = np.isfinite(claims.enu_m[:, 0])
@@ -144,7 +138,7 @@ class Plausibility(ReceptionDetector):
         scores[chosen] = np.nan_to_num(np.column_stack((jump, velocity)))
         return scores
 
-    def _judge_strength(self, claims: Claims, senders: Ints, radios: Sequence[str]) -> Floats:
+    def _judge_strength(self, claims: Claims, senders: sky.Ints, radios: Sequence[str]) -> Floats:
         """(n, 3) scores of strength, power and receivers; 0 where a receiver's place is not known."""
         scores = np.zeros((len(claims.senders), 3))
         nowhere = (np.nan, np.nan, np.nan)
@@ -169,7 +163,7 @@ class Plausibility(ReceptionDetector):
 
 
 @compiled
-def _follow_power(pairs: Ints, power_dbm: Floats, facts: Floats, calibration: int, changes_db: Floats) -> None:
+def _follow_power(pairs: sky.Ints, power_dbm: Floats, facts: Floats, calibration: int, changes_db: Floats) -> None:
     """Learn the power of each sender at each receiver, then follow it; writes its change, 0 while it is learned."""
     for row in range(pairs.shape[0]):
         fact = facts[pairs[row]]
@@ -182,7 +176,7 @@ def _follow_power(pairs: Ints, power_dbm: Floats, facts: Floats, calibration: in
             changes_db[row] = abs(fact[_RECENT_DB] - fact[_MEAN_DB])
 
 
-def _spread_db(senders: Ints, time_ns: Ints, power_dbm: Floats) -> Floats:
+def _spread_db(senders: sky.Ints, time_ns: sky.Ints, power_dbm: Floats) -> Floats:
     """(n,) the largest difference between receptions of the broadcast of each row; rows are in order of both keys."""
     begins = np.ones(len(senders), dtype=np.bool_)
     begins[1:] = (senders[1:] != senders[:-1]) | (np.diff(time_ns) > SAME_BROADCAST_NS)

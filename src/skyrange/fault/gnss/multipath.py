@@ -7,19 +7,11 @@ from typing import Final
 
 import numpy as np
 
-from skyrange.attack.bases.fixes import FIX_2D, UNALTERED, OnReceivers
+import skyrange.plugin as sky
+from skyrange.attack.bases.fixes import FIX_2D, UNALTERED
 from skyrange.attack.gnss.emitter import FIX_NONE
 from skyrange.attack.gnss.receiver_noise import CHIP_M, LEAST_SATELLITES
-from skyrange.attack.victims import Victims
-from skyrange.city.city import City
-from skyrange.contracts.components import Floats, Ints, Sensors
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.chance import Chance
-from skyrange.core.errors import InputError
-from skyrange.core.ids import hash64
-from skyrange.fault.contract import FaultContext
-from skyrange.fault.declaration import fault
+from skyrange.contracts.components import Ints
 from skyrange.fault.sky_view import Seen, even_sky, see, solve
 
 STREAM: Final = "fault.gnss_multipath"
@@ -31,7 +23,7 @@ DEGRADED, LOST = range(2)
 """Phases of a receiver."""
 
 
-@fault(
+@sky.fault(
     "gnss.multipath",
     surface=("gnss",),
     effect="fixes near walls are metres to tens of metres off, and jump from fix to fix",
@@ -47,44 +39,44 @@ DEGRADED, LOST = range(2)
         "claimed accuracy": "simulated: grows with the dilution of precision; errors of reflections are not claimed",
     },
 )
-class Multipath(OnReceivers):
+class Multipath(sky.OnReceivers):
     """Gives GNSS fixes among buildings the errors of hidden and reflected satellites."""
 
-    vehicles: Victims = param("Aircraft whose GNSS fixes are affected, such as ['blue/b1'].")
-    reflection: Number = param(
+    vehicles: sky.Victims = sky.param("Aircraft whose GNSS fixes are affected, such as ['blue/b1'].")
+    reflection: sky.Number = sky.param(
         "Amplitude of a reflected signal, as a share of the direct one's.", default=0.5, gt=0, le=1
     )
-    spacing_chips: Number = param(
+    spacing_chips: sky.Number = sky.param(
         "Spacing of the receiver's correlators in C/A chips: 1 is wide, 0.1 narrow.", default=0.1, gt=0, le=1
     )
-    radius_m: Number = param("Distance in metres up to which buildings count.", default=150.0, ge=10, le=1_000)
-    city: City
-    chance: Chance
+    radius_m: sky.Number = sky.param("Distance in metres up to which buildings count.", default=150.0, ge=10, le=1_000)
+    city: sky.City
+    chance: sky.Chance
 
-    def prepare(self, context: FaultContext) -> None:
+    def prepare(self, context: sky.FaultContext) -> None:
         """Look for the city. Raises `InputError` without one."""
         if context.city is None:
             hint = "Add [city], such as city = { grid = {} }."
-            raise InputError.one(context.id, "vehicles", "no buildings", "a scenario with a city", hint)
+            raise sky.InputError.one(context.id, "vehicles", "no buildings", "a scenario with a city", hint)
         self.city, self.chance = context.city, context.chance
 
-    def receive(self, rows: Ints, sensors: Sensors) -> None:
+    def receive(self, rows: Ints, sensors: sky.Sensors) -> None:
         """Give each new fix the error of reflected signals at the place where it was measured."""
         for row in rows.tolist():
             self.restore(row)
             self.phases[row] = self._degrade(row, sensors)
 
-    def _degrade(self, row: int, sensors: Sensors) -> int:
+    def _degrade(self, row: int, sensors: sky.Sensors) -> int:
         """What a receiver makes of its satellites; returns its phase."""
         count = int(sensors.gnss_satellites[row])
         if sensors.gnss_fix[row] < FIX_2D or count < LEAST_SATELLITES:
             return UNALTERED
         east, north, up = sensors.gnss_enu_m[row].tolist()
-        sky = even_sky(count, 2.0 * pi * self.chance.uniform4(STREAM, hash64(self.name), 0)[0])
-        seen = see(self.city, (east, north, up), sky, self.radius_m)
+        hemisphere = even_sky(count, 2.0 * pi * self.chance.uniform4(STREAM, sky.hash64(self.name), 0)[0])
+        seen = see(self.city, (east, north, up), hemisphere, self.radius_m)
         errors_m = pseudorange_errors(seen, self.reflection, self.spacing_chips)
         strength = np.where(seen.hidden > 0.0, self.reflection, 1.0)
-        solved, open_sky = solve(sky, errors_m, strength), solve(sky, np.zeros(count), np.ones(count))
+        solved, open_sky = solve(hemisphere, errors_m, strength), solve(hemisphere, np.zeros(count), np.ones(count))
         received = int(np.isfinite(errors_m).sum())
         if solved is None or open_sky is None:
             self.fix[row], self.satellites[row] = FIX_NONE, received
@@ -98,7 +90,7 @@ class Multipath(OnReceivers):
         return DEGRADED
 
 
-def pseudorange_errors(seen: Seen, reflection: float, spacing_chips: float) -> Floats:
+def pseudorange_errors(seen: Seen, reflection: float, spacing_chips: float) -> sky.Floats:
     """Errors (n,) in metres of the pseudoranges; NaN for a satellite that is hidden and not reflected.
 
     A hidden satellite has the whole detour of its reflection. One in sight has the error of a reflection that a delay

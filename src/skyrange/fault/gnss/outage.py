@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from skyrange.attack.bases.sensors import OnSensors
+import skyrange.plugin as sky
 from skyrange.attack.gnss.emitter import FIX_NONE
-from skyrange.attack.victims import Victims
-from skyrange.contracts.components import Sensors
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.time import Time
-from skyrange.fault.declaration import fault
 
 
-@fault(
+@sky.fault(
     "gnss.outage",
     surface=("gnss",),
     effect="the estimator stops aiding, and the autopilot fails safe",
@@ -19,14 +14,13 @@ from skyrange.fault.declaration import fault
     not_modelled="the way to the loss and back: no satellites at once, and a full fix at once when it stops",
     realism={"fix type and satellites": "assumed: no fix and no satellites while the fault acts"},
 )
-class Outage(OnSensors):
+class Outage(sky.OnSensors):
     """Takes the GNSS fix away for as long as it acts."""
 
     slow = True
 
-    vehicles: Victims = param("Aircraft whose receivers have no fix, such as ['blue/b1'].")
+    vehicles: sky.Victims = sky.param("Aircraft whose receivers have no fix, such as ['blue/b1'].")
 
-    def act(self, now: Time, sensors: Sensors) -> None:
-        """Take fix and satellites away."""
+    def act(self, now: sky.Time, sensors: sky.Sensors) -> None:
         sensors.gnss_fix[:] = FIX_NONE
         sensors.gnss_satellites[:] = 0

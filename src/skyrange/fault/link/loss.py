@@ -5,22 +5,14 @@ from __future__ import annotations
 from math import log1p
 from typing import Final
 
-from skyrange.attack.bases.on_path import OnLinks
-from skyrange.attack.tapped_links import EVERY_LINK
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.contracts.verdicts import Drop, Verdicts
-from skyrange.core.ids import hash64
-from skyrange.core.time import Time, from_seconds
-from skyrange.fault.declaration import fault
+import skyrange.plugin as sky
 
 STREAM: Final = "fault.link_loss"
 
 
-@fault(
+@sky.fault(
     "link.loss",
-    surface=EVERY_LINK,
+    surface=sky.EVERY_LINK,
     effect="frames are lost in bursts: telemetry has gaps, and commands are repeated",
     cause="fading, interference from other users of the band, or a full queue in a network",
     not_modelled="delay: frames that arrive are as early as before",
@@ -29,7 +21,7 @@ STREAM: Final = "fault.link_loss"
         "probability of loss": "assumed: the same for frames of every size, none in the good state",
     },
 )
-class LossBursts(OnLinks):
+class LossBursts(sky.OnLinks):
     """Loses frames of links in bursts.
 
     The link is bad at the start of the fault, then good, and so on by turns. Times in each state are exponential
@@ -37,25 +29,26 @@ class LossBursts(OnLinks):
     geometric ones for frames in slots). The n-th of a link depends on fault, link and n alone, whatever is sent.
     """
 
-    burst_s: Number = param("Mean time in seconds that the link is bad.", default=2.0, gt=0, le=3_600)
-    gap_s: Number = param("Mean time in seconds that it is good between two bursts.", default=4.0, gt=0, le=3_600)
-    loss: Number = param(
+    burst_s: sky.Number = sky.param("Mean time in seconds that the link is bad.", default=2.0, gt=0, le=3_600)
+    gap_s: sky.Number = sky.param(
+        "Mean time in seconds that it is good between two bursts.", default=4.0, gt=0, le=3_600
+    )
+    loss: sky.Number = sky.param(
         "Probability that a frame is lost while the link is bad, above 0 to 1.", default=0.7, gt=0, le=1
     )
     number: int = -1
     """Of the state that the link is in; even numbers are bad."""
-    until: Time = 0
+    until: sky.Time = 0
 
-    def act(self, now: Time, frame: Frame) -> Verdicts:
-        """Drop it, with the probability of a bad link."""
+    def act(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         if self.number < 0:
             self.until = self.schedule.start_ns
         while now >= self.until:
             self.number += 1
             self.until += self._duration_ns(self.number)
-        return () if self.number % 2 or self.draw(frame)[0] >= self.loss else (Drop(),)
+        return () if self.number % 2 or self.draw(frame)[0] >= self.loss else (sky.Drop(),)
 
-    def _duration_ns(self, number: int) -> Time:
+    def _duration_ns(self, number: int) -> sky.Time:
         """How long the n-th state lasts, at least 1 ns."""
-        uniform = self.chance.uniform4(STREAM, hash64(f"{self.id}|{self.link}"), 0, number)[0]
-        return max(1, round(-log1p(-uniform) * from_seconds(self.gap_s if number % 2 else self.burst_s)))
+        uniform = self.chance.uniform4(STREAM, sky.hash64(f"{self.id}|{self.link}"), 0, number)[0]
+        return max(1, round(-log1p(-uniform) * sky.from_seconds(self.gap_s if number % 2 else self.burst_s)))

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from skyrange.attack.bases.frame_acts import drop
-from skyrange.attack.bases.on_path import OnLinks
-from skyrange.attack.tapped_links import EVERY_LINK
-from skyrange.fault.declaration import fault
+import skyrange.plugin as sky
 
 
-@fault(
+@sky.fault(
     "link.outage",
-    surface=EVERY_LINK,
+    surface=sky.EVERY_LINK,
     effect="the ends lose each other: failsafes for a lost link fire, and recover when it is back",
     cause="a modem without power, an unplugged cable, or an aircraft out of range",
     not_modelled="the time that a modem takes to register again: the link is back at once",
     realism={"the link": "assumed: every frame is lost while the fault acts, and none before or after"},
 )
-class LostLink(OnLinks):
+class LostLink(sky.OnLinks):
     """Takes links down for as long as it acts."""
 
-    act = drop()
+    act = sky.drop()

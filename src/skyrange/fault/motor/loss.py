@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from skyrange.attack.victims import Victims
-from skyrange.contracts.components import BodyAct, Disturbances
-from skyrange.contracts.params import Number, Whole
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.time import Time
-from skyrange.fault.bodies import OnBodies
-from skyrange.fault.declaration import fault
+import skyrange.plugin as sky
 
 
-@fault(
+@sky.fault(
     "motor.loss",
     surface=("motor",),
     effect="the aircraft turns and falls, or flies on with less control of its heading",
@@ -26,21 +20,21 @@ from skyrange.fault.declaration import fault
         "size of the loss": "assumed: the parameter says it",
     },
 )
-class Loss(OnBodies):
+class Loss(sky.OnBodies):
     """Stops a motor of an aircraft, or takes a share of its thrust away."""
 
-    vehicles: Victims = param("Aircraft that lose a motor, such as ['blue/b1'].")
-    motor: Whole = param(
+    vehicles: sky.Victims = sky.param("Aircraft that lose a motor, such as ['blue/b1'].")
+    motor: sky.Whole = sky.param(
         "Number of the motor, as ArduCopter counts those of a quadrotor in X: 1 front right, 2 rear left, 3 front "
         "left, 4 rear right.",
         default=1, ge=1, le=4,
     )  # fmt: skip
-    loss: Number = param(
+    loss: sky.Number = sky.param(
         "Share of the motor's thrust that is lost at every command: 1 stops it, 0.3 is a damaged one.",
         default=1.0, gt=0, le=1,
     )  # fmt: skip
 
-    def on_bodies(self, now: Time, bodies: Disturbances) -> list[BodyAct]:
+    def on_bodies(self, now: sky.Time, bodies: sky.Disturbances) -> list[sky.BodyAct]:
         """Take it away. Returns an act for each vehicle when it begins."""
         if now < self.schedule.start_ns:
             return []

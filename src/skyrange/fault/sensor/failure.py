@@ -6,22 +6,14 @@ from typing import Final, Literal
 
 import numpy as np
 
-from skyrange.attack.bases.sensors import OnSensors, SampleDetector
-from skyrange.attack.victims import Victims
-from skyrange.contracts.components import Floats, Sensors
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.core.chance import Chance
-from skyrange.core.ids import hash64
-from skyrange.core.time import Time
-from skyrange.fault.contract import FaultContext
-from skyrange.fault.declaration import fault
+import skyrange.plugin as sky
+from skyrange.attack.bases.sensors import SampleDetector
 
 STREAM: Final = "fault.sensor_failure"
 COLUMNS: Final = {"barometer": ("baro", "baro_up_m"), "compass": ("compass", "compass_gauss")}
 
 
-@fault(
+@sky.fault(
     "sensor.failure",
     surface=("baro", "compass"),
     effect="the estimator follows a reading that no longer moves, or one that jumps",
@@ -32,7 +24,7 @@ COLUMNS: Final = {"barometer": ("baro", "baro_up_m"), "compass": ("compass", "co
         "noise": "assumed: white, the sum of four uniforms; new with every measurement",
     },
 )
-class Failure(OnSensors):
+class Failure(sky.OnSensors):
     """Freezes the barometer or the compass, or makes it noisy.
 
     A slow sensor repeats its reading until it measures again, and so does the noise.
@@ -40,32 +32,32 @@ class Failure(OnSensors):
 
     slow = True
 
-    vehicles: Victims = param("Aircraft whose sensor fails, such as ['blue/b1'].")
-    sensor: Literal["barometer", "compass"] = param("The sensor that fails.")
-    failure: Literal["frozen", "noisy"] = param(
+    vehicles: sky.Victims = sky.param("Aircraft whose sensor fails, such as ['blue/b1'].")
+    sensor: Literal["barometer", "compass"] = sky.param("The sensor that fails.")
+    failure: Literal["frozen", "noisy"] = sky.param(
         "frozen: it repeats the reading that it had at the start of the fault; noisy: it adds white noise.",
         default="frozen",
     )
-    noise_m: Number = param("Standard deviation in metres of the noise of a barometer.", default=3.0, gt=0, le=1_000)
-    noise_gauss: Number = param(
+    noise_m: sky.Number = sky.param(
+        "Standard deviation in metres of the noise of a barometer.", default=3.0, gt=0, le=1_000
+    )
+    noise_gauss: sky.Number = sky.param(
         "Standard deviation in gauss, on each axis, of the noise of a compass.", default=0.1, gt=0, le=10
     )
     column: str
     noise: float
-    chance: Chance
+    chance: sky.Chance
     samples: SampleDetector
-    errors: Floats
+    errors: sky.Floats
     """(n, 3) Of the last measurements."""
 
-    def prepare(self, context: FaultContext) -> None:
-        """Choose the sensor."""
+    def prepare(self, context: sky.FaultContext) -> None:
         self.label, self.column = COLUMNS[self.sensor]
         self.noise = self.noise_m if self.sensor == "barometer" else self.noise_gauss
         self.chance, self.samples = context.chance, SampleDetector(len(self.vehicles))
         self.errors = np.zeros((len(self.vehicles), 3))
 
-    def act(self, now: Time, sensors: Sensors) -> None:
-        """Freeze it, or add noise."""
+    def act(self, now: sky.Time, sensors: sky.Sensors) -> None:
         readings = getattr(sensors, self.column).reshape(len(self.vehicles), -1)  # a view, of one or three axes
         held = self.samples.raw[:, : readings.shape[1]]
         if self.failure == "noisy":
@@ -76,9 +68,9 @@ class Failure(OnSensors):
         else:
             held[:] = readings
 
-    def _measure(self, now: Time, readings: Floats) -> None:
+    def _measure(self, now: sky.Time, readings: sky.Floats) -> None:
         """New noise for the sensors that measured again."""
         for row in np.flatnonzero(self.samples.fresh(now, readings)).tolist():
-            who = hash64(f"{self.name}|{self.vehicles[row]}")
+            who = sky.hash64(f"{self.name}|{self.vehicles[row]}")
             uniforms = np.array([self.chance.uniform4(STREAM, who, now, k) for k in range(3)])
             self.errors[row] = self.noise * np.sqrt(3.0) * (uniforms.sum(axis=1) - 2.0)  # variance of the sum: 1/3

@@ -4,23 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from skyrange.attack.bases.on_path import CopyForLink, LinkTap
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import TapPlacement
-from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
-from skyrange.contracts.verdicts import Drop, Verdicts
-from skyrange.core.errors import InputError, nearest
-from skyrange.core.ids import link_name, operator_of
-from skyrange.core.time import Time, from_seconds
-from skyrange.fault.contract import FaultContext, FaultParts
-from skyrange.fault.declaration import fault
+import skyrange.plugin as sky
+from skyrange.attack.bases.on_path import CopyForLink
 
 SIDE: Final = "gcs"
 """The taps are on the station's side: frames to it cross the channel before they are lost."""
 
 
-@fault(
+@sky.fault(
     "station.restart",
     surface=("gcs", "approval"),
     effect="all aircraft of an operator lose their station at once, and it hears none of them",
@@ -29,25 +20,28 @@ SIDE: Final = "gcs"
     "known, and counts the silence as a lost link; a new start would read them from the aircraft again",
     realism={"the station's frames": "assumed: none leaves and none is read while it restarts, then all do at once"},
 )
-class Restart(LinkTap):
+class Restart(sky.LinkTap):
     """Restarts the ground station of an operator: all its links are silent for some seconds."""
 
-    operator: str = param("Operator whose ground station restarts, such as 'blue'.")
-    down_s: Number = param(
+    operator: str = sky.param("Operator whose ground station restarts, such as 'blue'.")
+    down_s: sky.Number = sky.param(
         "Time in seconds until the station is back, or until the fault stops.", default=15.0, gt=0, le=3_600
     )
 
-    def build(self, context: FaultContext) -> FaultParts:
+    def build(self, context: sky.FaultContext) -> sky.FaultParts:
         """Taps at the station. Raises `InputError` for an operator that the scenario does not have."""
-        own = [vehicle for vehicle in context.vehicles if operator_of(vehicle) == self.operator]
+        own = [vehicle for vehicle in context.vehicles if sky.operator_of(vehicle) == self.operator]
         if not own:
-            operators = list(dict.fromkeys(map(operator_of, context.vehicles)))
-            hint = nearest(self.operator, operators)
-            raise InputError.one(context.id, "operator", self.operator, "an operator of the scenario", hint)
-        names = [link_name("approval", self.operator), *(link_name("gcs", vehicle) for vehicle in own)]
+            operators = list(dict.fromkeys(map(sky.operator_of, context.vehicles)))
+            hint = sky.nearest(self.operator, operators)
+            raise sky.InputError.one(context.id, "operator", self.operator, "an operator of the scenario", hint)
+        names = [sky.link_name("approval", self.operator), *(sky.link_name("gcs", vehicle) for vehicle in own)]
         make = CopyForLink(self)
-        return FaultParts(taps=[TapPlacement(name, SIDE, make) for name in names if name in context.links])
+        return sky.FaultParts(taps=[sky.TapPlacement(name, SIDE, make) for name in names if name in context.links])
 
-    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
-        """Drop it while the station is down."""
-        return (Drop(),) if self.is_acting(now) and now - self.schedule.start_ns < from_seconds(self.down_s) else ()
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
+        return (
+            (sky.Drop(),)
+            if self.is_acting(now) and now - self.schedule.start_ns < sky.from_seconds(self.down_s)
+            else ()
+        )

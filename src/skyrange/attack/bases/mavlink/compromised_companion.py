@@ -13,6 +13,7 @@ from skyrange.attack.bases.mavlink.compromised_sender import SenderStream, redir
 from skyrange.attack.bases.mavlink.orders import NOBODY, Sender
 from skyrange.attack.bases.on_path import CopyForLink, LinkTap
 from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.declaration import Facts
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.tapped_links import ends_of
 from skyrange.attack.victims import Victims, check_vehicles
@@ -34,6 +35,15 @@ class CompromisedCompanion(LinkTap):
 
     It holds back the orders that `holds_back` says, and adds the frames of `make` to the companion's own stream.
     """
+
+    attack_facts: ClassVar[Facts] = {
+        "surface": ("log",),
+        "persists": "acts",
+        "position": "in the companion computer",
+        "equipment": "a program on the companion: from its supply chain, an update or a remote login",
+        "load": "the sham: the same orders, addressed to a system that is not there",
+        "placement": "the companion of another aircraft",
+    }
 
     needs: ClassVar[tuple[str, ...]] = ()
     holds_back: ClassVar[Literal["station", "companion", ""]] = ""

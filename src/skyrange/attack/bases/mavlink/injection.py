@@ -9,8 +9,8 @@ from skyrange.attack.bases.mavlink.orders import NOBODY, STATION, Order, Sender,
 from skyrange.attack.bases.on_path import LinkNames, LinkTap
 from skyrange.attack.bases.roles import LINKS_ABOUT, find_links
 from skyrange.attack.contract import Attack, AttackContext, Place
-from skyrange.attack.presets import CONTROL_LINKS
-from skyrange.attack.tapped_links import MESSAGE_NUMBERS, Repetition, ends_of
+from skyrange.attack.declaration import Facts
+from skyrange.attack.tapped_links import CONTROL_LINKS, MESSAGE_NUMBERS, Repetition, ends_of
 from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.codec.mavlink import Message, Packer, message_id
 from skyrange.contracts.frames.frame import Frame
@@ -26,6 +26,10 @@ from skyrange.core.time import Time, from_seconds
 
 class RoundsOnLink(LinkTap):
     """Puts frames on its links when it begins to act, and then every `every_s`: `send` makes those of a round."""
+
+    attack_facts: ClassVar[Facts] = {
+        "surface": CONTROL_LINKS,
+    }
 
     needs: ClassVar[tuple[str, ...]] = ("send",)
 
@@ -95,6 +99,13 @@ class Injection(RoundsOnLink):
     `orders` tells what is sent in a round. With `reads`, `on_message` is shown these messages of the aircraft. The sham
     sends the same frames, addressed to nobody.
     """
+
+    attack_facts: ClassVar[Facts] = {
+        "knowledge": "system ids, from any frame",
+        "position": "on the network of the control link, or on board",
+        "equipment": "a computer with a MAVLink library",
+        "load": "the sham: the same frames, addressed to a system that is not there",
+    }
 
     needs: ClassVar[tuple[str, ...]] = ("orders",)
     reads: ClassVar[tuple[str, ...]] = ()

@@ -14,6 +14,7 @@ from skyrange.attack.bases.mavlink.message_fields import read_fields, write_alte
 from skyrange.attack.bases.on_path import CopyForLink, LinkNames, LinkTap
 from skyrange.attack.bases.roles import find_links
 from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.declaration import Facts
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.tapped_links import MESSAGE_NUMBERS, side_of
 from skyrange.codec.mavlink import dialect, message_id
@@ -42,6 +43,17 @@ class AlteredTelemetry(LinkTap):
     A kind names the messages in `sees`, and `alter` writes into their fields. The sham replaces the same messages by
     themselves, with as many bytes.
     """
+
+    attack_facts: ClassVar[Facts] = {
+        "surface": ("gcs", "log", "autopilot", "rid_data"),
+        "persists": "acts",
+        "position": "on the path between autopilot and receiver: a router, the companion computer or its proxy",
+        "equipment": "a computer that decodes and rewrites MAVLink frames",
+        "budget": "no frames of its own; each altered frame is at most some bytes longer",
+        "load": "the sham: the same frames are replaced by themselves, with as many bytes",
+        "content": "none, because the sham has the true content",
+        "placement": "the same alteration on another link: rid_data instead of gcs",
+    }
 
     needs: ClassVar[tuple[str, ...]] = ("alter",)
     sees: ClassVar[tuple[str, ...]] = ()
