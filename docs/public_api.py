@@ -32,11 +32,12 @@ TOPICS: dict[str, dict[str, str]] = {
     },
     "skyrange.plugin": {
         "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu items refuse Floats Ints",
-        "Kinds that act or listen": "attack defence detector fault param state",
-        "Bases of attacks and faults": """OnPath OnMessages OnLinks LinkTap drop delay Injection InjectionOnLinks Order
-            mode_order CopterMode copter_mode geodetic AUTOPILOT STATION Script Step Upload AlteredTelemetry put
-            OnSensors AddsSignal Signal OnFixes OnReceivers FalseFixes Offset offset_fixes OnBodies claim_identity
-            Transmission Periodic Reception Jamming Noise OnApproval Composite""",
+        "Kinds that act or listen": "attack defence detector fault param place_param state",
+        "Bases of attacks and faults": """OnPath OnMessages OnLinks LinkTap drop delay duplicate alter_field hold_field
+            Injection InjectionOnLinks Order mode_order CopterMode copter_mode geodetic AUTOPILOT STATION
+            Script Step Upload MissionItem Clear AlteredTelemetry MavlinkFields put move_place
+            OnSensors alter_reading hold_reading AddsSignal Signal OnFixes OnReceivers FalseFixes Offset offset_fixes
+            OnBodies claim_identity Transmission Periodic Reception Jamming Noise OnApproval Composite""",
         "Attacks": """AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
             AirLink ClaimedTrack SensorHook SensorAct
             Schedule Act ThreatModel Controls Exclusive

@@ -28,7 +28,7 @@ DECORATORS = (
 and of kinds of plugins."""
 
 DELIBERATE = {
-    "Python calls them": ("__call__", "__dir__", "__getattr__", "__init_subclass__", "_repr_html_", "_repr_svg_"),
+    "Python calls them": ("__call__", "__dir__", "__getattr__", "_repr_html_", "_repr_svg_"),
     "PettingZoo's interface": ("action_space", "observation_space"),
     "OMPL's interface": ("checkMotion", "motionCost", "motionCostHeuristic", "stateCost"),
     "the interface of numba's cache": (

@@ -14,15 +14,19 @@ if TYPE_CHECKING:
     from skyrange.attack.bases.approval import OnApproval
     from skyrange.attack.bases.fixes import FalseFixes, Offset, OnFixes, OnReceivers, offset_fixes
     from skyrange.attack.bases.forged_remote_id import claim_identity
-    from skyrange.attack.bases.frame_acts import delay, drop
+    from skyrange.attack.bases.frame_acts import delay, drop, duplicate
     from skyrange.attack.bases.mavlink.injection import Injection, InjectionOnLinks
-    from skyrange.attack.bases.mavlink.message_fields import put
+    from skyrange.attack.bases.mavlink.message_acts import alter_field, hold_field
+    from skyrange.attack.bases.mavlink.message_fields import Fields as MavlinkFields
+    from skyrange.attack.bases.mavlink.message_fields import move_place, put
     from skyrange.attack.bases.mavlink.messages import OnMessages
     from skyrange.attack.bases.mavlink.orders import AUTOPILOT, STATION, Order, geodetic, mode_order
     from skyrange.attack.bases.mavlink.params import CopterMode, copter_mode
-    from skyrange.attack.bases.mavlink.script import Script, Step, Upload
+    from skyrange.attack.bases.mavlink.script import Clear, Script, Step, Upload
+    from skyrange.attack.bases.mavlink.script import Item as MissionItem
     from skyrange.attack.bases.mavlink.telemetry import AlteredTelemetry
     from skyrange.attack.bases.on_path import LinkNames, LinkTap, OnLinks, OnPath
+    from skyrange.attack.bases.sensor_acts import alter_reading, hold_reading
     from skyrange.attack.bases.sensors import AddsSignal, OnSensors, Signal
     from skyrange.attack.bases.transmission import Jamming, Noise, Periodic, Reception, Transmission
     from skyrange.attack.campaigns.adversary import Adversary, CampaignStage, Observation
@@ -40,6 +44,7 @@ if TYPE_CHECKING:
     )
     from skyrange.attack.declaration import Composite, attack
     from skyrange.attack.exclusive import Exclusive
+    from skyrange.attack.places import place_param
     from skyrange.attack.radio import Broadcaster, down_link, transmitter, up_link
     from skyrange.attack.tapped_links import CONTROL_LINKS, EVERY_LINK, Repetition
     from skyrange.attack.victims import Victims
@@ -226,6 +231,7 @@ __all__ = [
     "ChannelDefence",
     "City",
     "ClaimedTrack",
+    "Clear",
     "Compares",
     "ComponentError",
     "Composite",
@@ -278,6 +284,7 @@ __all__ = [
     "LinkSpec",
     "LinkTap",
     "Location",
+    "MavlinkFields",
     "MavlinkMessage",
     "MavlinkPacker",
     "Medium",
@@ -286,6 +293,7 @@ __all__ = [
     "MediumPlugin",
     "MessageDetector",
     "MessagePack",
+    "MissionItem",
     "Monitor",
     "MonitorPlacement",
     "NoParams",
@@ -377,6 +385,8 @@ __all__ = [
     "Waveform",
     "Whole",
     "World",
+    "alter_field",
+    "alter_reading",
     "attack",
     "claim_identity",
     "copter_mode",
@@ -389,6 +399,7 @@ __all__ = [
     "detector",
     "down_link",
     "drop",
+    "duplicate",
     "encode_approval",
     "encode_remote_id",
     "endpoint",
@@ -397,18 +408,22 @@ __all__ = [
     "from_seconds",
     "geodetic",
     "hash64",
+    "hold_field",
+    "hold_reading",
     "intent_id",
     "items",
     "link_name",
     "mavlink",
     "message_id",
     "mode_order",
+    "move_place",
     "name_mavlink",
     "nearest",
     "offset_fixes",
     "operator_of",
     "owner_of",
     "param",
+    "place_param",
     "policy_plugin",
     "put",
     "read_messages",

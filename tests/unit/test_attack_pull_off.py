@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from skyrange.attack.contract import AttackContext
 from skyrange.attack.gnss.innovation_model import converged
-from skyrange.attack.gnss.pull_off import ALIGNED, CRUISING, PULLING, STOPPING, PullOff
+from skyrange.attack.gnss.pull_off import ALIGNED, PullOff
+from skyrange.attack.gnss.pull_plan import CRUISING, PULLING, STOPPING
 from skyrange.core.time import NS_PER_S
 
 
@@ -18,7 +21,7 @@ def chosen(**params: Any) -> PullOff:
 
 def planned(seconds: int = 120, **params: Any) -> PullOff:
     found = chosen(**params)
-    found.plan(seconds * NS_PER_S)
+    found.prepare(cast("AttackContext", SimpleNamespace(duration_ns=seconds * NS_PER_S)))
     return found
 
 
@@ -26,7 +29,7 @@ def innovations(track: PullOff) -> np.ndarray:
     """What its own model says of its fixes: innovations over their gates, (n, 2)."""
     model = converged(track.assumed)
     rows = []
-    for offset, speed in zip(track.offset_at_m[1:].tolist(), track.speed_at_mps[1:].tolist(), strict=True):
+    for offset, speed in zip(track.plan.offset_at_m[1:].tolist(), track.plan.speed_at_mps[1:].tolist(), strict=True):
         by_m, by_mps = model.innovations(offset, speed)
         rows.append((by_m / model.position_gate_m, by_mps / model.velocity_gate_mps))
         model.fuse(offset, speed)
@@ -72,7 +75,7 @@ def test_a_larger_fraction_is_faster() -> None:
     times = []
     for fraction in (0.3, 0.6, 0.9):
         track = planned(gate_fraction=fraction)
-        times.append(float(np.interp(50.0, track.offset_at_m, np.arange(len(track.offset_at_m)) * 0.2)))
+        times.append(float(np.interp(50.0, track.plan.offset_at_m, np.arange(len(track.plan.offset_at_m)) * 0.2)))
     assert times == sorted(times, reverse=True)
 
 
@@ -92,7 +95,7 @@ def test_position_and_velocity_agree_at_any_time_and_the_phases_follow_each_othe
 
 def test_it_goes_on_after_its_table() -> None:
     track = planned(3_600, aligned_s=0)
-    assert len(track.offset_at_m) < 3_600
+    assert len(track.plan.offset_at_m) < 3_600
     offsets, velocities, _ = track.shift(np.array([3_000.0, 3_001.0]))
     assert offsets[1, 0] - offsets[0, 0] == pytest.approx(10.0)
     assert velocities[1, 0] == pytest.approx(10.0)

@@ -23,7 +23,7 @@ from skyrange.contracts.verdicts import Drop, Inject
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.fault.contract import FaultPlugin
-from skyrange.fault.gnss.multipath import pseudorange_errors
+from skyrange.fault.gnss.reflection_errors import pseudorange_errors
 from skyrange.fault.sky_view import Satellite, Seen, even_sky, see, solve
 from skyrange.scenario.shipped import FAULT_EXAMPLES, load
 from skyrange.scenario.toml_reader import load_text

@@ -24,6 +24,8 @@ from skyrange.core.errors import DecodeError
 MAGIC: Final = 0x1F
 DEAUTHENTICATION: Final = 12
 BROADCAST: Final = b"\xff" * 6
+NOBODY: Final = b"\x02\x00\x00\x00\x00\x00"
+"""A locally administered address that no radio has."""
 CLASS_3_FRAME: Final = 7
 """Reason code: class 3 frame received from a station that is not associated (table 9-49)."""
 

@@ -1,13 +1,4 @@
-"""Discrete gust: a front of moving air that passes over the fleet, with the shape of half a cosine.
-
-MIL-F-8785C, 3.7.1.3: at a distance x into the gust the air moves at 0 before it (x < 0), at V/2·(1 - cos(π·x/d)) in its
-rise of the length d, and at V behind. Here it falls again in the same length, after a part in which it is constant;
-without that part it is the pulse of the gust load conditions of large aeroplanes, 14 CFR 25.341(a)(2).
-
-The gust is a field that is carried along unchanged (Taylor's frozen turbulence, "The Spectrum of Turbulence",
-Proc. R. Soc. A 164, 1938), so x is the way of its front since the start less the place of the aircraft along its
-course. An aircraft that flies against it meets it sooner and faster.
-"""
+"""Discrete gust: a front of moving air that passes over the fleet."""
 
 from __future__ import annotations
 
@@ -17,7 +8,7 @@ import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.sensors import need_one
-from skyrange.core.compiled import compiled
+from skyrange.fault.gust_field import find_shares
 
 
 @sky.fault(
@@ -44,17 +35,13 @@ class Gust(sky.OnBodies):
         "Largest vertical speed in m/s that comes on top; negative is down.", default=0.0, ge=-60, le=60
     )
     from_deg: sky.Number = sky.param(
-        "Direction that the gust comes from and travels from, in degrees clockwise from true north.",
-        default=0.0, ge=0, le=360,
-    )  # fmt: skip
-    length_m: sky.Number = sky.param("Length in metres of the rise, and of the fall.", default=30.0, gt=0, le=10_000)
-    hold_m: sky.Number = sky.param(
-        "Length in metres of the part between them, at full speed.", default=0.0, ge=0, le=100_000
+        "Direction that the gust comes from, in degrees clockwise from true north.", default=0.0, ge=0, le=360
     )
+    length_m: sky.Number = sky.param("Length in metres of the rise, and of the fall.", default=30.0, gt=0, le=10_000)
+    hold_m: sky.Number = sky.param("Length in metres at full speed between them.", default=0.0, ge=0, le=100_000)
     travel_mps: sky.Number = sky.param("Speed in m/s at which the gust travels.", default=10.0, gt=0, le=100)
     at: sky.Enu = sky.param(
-        "Place that the front passes when the fault starts, [east_m, north_m, up_m] in metres; its height does not "
-        "count.",
+        "Place that the front passes at the start, [east_m, north_m, up_m] in metres; its height does not count.",
         default=(0.0, 0.0, 0.0),
     )
     radius_m: sky.Number | None = sky.param(
@@ -69,7 +56,7 @@ class Gust(sky.OnBodies):
     """(n,) Of its full speed, at each vehicle."""
 
     def find_problems(self) -> sky.Problems:
-        """No speed."""
+        """It has no speed."""
         return need_one(self, "speed_mps", "up_mps")
 
     def prepare(self, context: sky.FaultContext) -> None:
@@ -91,30 +78,3 @@ class Gust(sky.OnBodies):
         for k in range(3):
             bodies.wind_enu_mps[:, k] = share * top[k]
         return self.meet(np.flatnonzero(share > 0.0).tolist())
-
-
-@compiled
-def find_shares(
-    position_enu_m: sky.Floats, at_east_m: float, at_north_m: float, east: float, north: float, way_m: float,
-    length_m: float, hold_m: float, radius_m: float, share: sky.Floats,
-) -> bool:  # fmt: skip
-    """Write the gust's share (n,) of its full speed at each place (n, 3); returns whether any is not 0.
-
-    `east` and `north` are its course, `way_m` is the way of its front since the start. Beyond `radius_m` from where it
-    started it fades out within `length_m`.
-    """
-    felt = False
-    for row in range(len(share)):
-        x, y = position_enu_m[row, 0] - at_east_m, position_enu_m[row, 1] - at_north_m
-        into_m = way_m - (x * east + y * north)
-        share[row] = rise_to(min(into_m, 2.0 * length_m + hold_m - into_m) / length_m)
-        if radius_m < np.inf:
-            share[row] *= rise_to((radius_m + length_m - np.hypot(x, y)) / length_m)
-        felt = felt or share[row] > 0.0
-    return felt
-
-
-@compiled
-def rise_to(part: float) -> float:
-    """Half a cosine, from 0 at 0 to 1 at 1."""
-    return float(0.5 * (1.0 - np.cos(np.pi * min(max(part, 0.0), 1.0))))

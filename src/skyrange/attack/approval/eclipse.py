@@ -1,12 +1,9 @@
-"""Eclipse: a node of the hashgraph hears no other members but those that the adversary lets through, and they not it.
-
-Its operator gets no decision. The others go on while they have more than two thirds of all stake.
-"""
+"""Eclipse: a node of the hashgraph and other members do not hear each other."""
 
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.approval import check_member, check_others, list_peers
+from skyrange.attack.bases.hashgraph import find_peers
 from skyrange.attack.tapped_links import Names
 
 
@@ -28,17 +25,13 @@ class Eclipse(sky.OnApproval):
 
     operator: str = sky.param("Operator whose node is cut off, such as 'blue'.")
     through: Names = sky.param(
-        "Operators whose nodes still reach it, such as those of the adversary; default: none.", default=()
+        "Operators whose nodes still reach it, such as the adversary's; default: none.", default=()
     )
+    act = sky.drop()
 
     def build(self, context: sky.AttackContext) -> sky.Attack:
-        """Taps at the node. Raises `InputError` for an operator without a node."""
-        check_member(self.operator, context)
-        peers = list_peers(self.operator, context)
-        check_others(self.through, "through", self.operator, context)
+        peers = find_peers(self.operator, context, through=self.through)
         if len(self.through) == len(peers):
             raise sky.InputError.one(context.id, "through", repr(list(self.through)), "fewer than all other members")
         others = set(peers) - set(self.through)
         return self.at_service(self.operator, context, alters=f"gossip of {self.operator}", others=others)
-
-    act = sky.drop()

@@ -1,15 +1,11 @@
-"""False contingency: an operator reports that its aircraft has left its volumes and flies through a corridor.
-
-No approval may refuse such a report, because the aircraft would be where it is. Everybody else has to stay out of the
-corridor until it ends, whatever their priority.
-"""
+"""False contingency: an operator reports that its aircraft has left its volumes and flies through a corridor."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.corridor import FAR_NS, CorridorClaim
+from skyrange.attack.bases.corridor import CorridorClaim
 from skyrange.utm.intent_states import IntentState
 
 
@@ -24,23 +20,18 @@ from skyrange.utm.intent_states import IntentState
 class FalseContingency(CorridorClaim):
     """Reports that an aircraft, which does not exist, has left its volumes and flies through a corridor.
 
-    The flight is requested for in twenty days, and then reported.
+    The flight is requested for in twenty days, and then reported. No approval may refuse such a report, because the
+    aircraft would be where it is.
     """
 
-    after_s: sky.Number = sky.param(
-        "Time in seconds between the request for an ordinary intent, and the report that its aircraft is contingent.",
-        default=2.0, ge=0.1, le=3_600,
-    )  # fmt: skip
+    after_s: sky.Number = sky.param("Time from the request to the report in seconds.", default=2.0, ge=0.1, le=3_600)
+    times: int = 2
 
-    def prepare(self, context: sky.AttackContext) -> None:
-        super().prepare(context)
-        self.when = sky.Repetition(self.schedule, sky.from_seconds(self.after_s), 2)
+    def period_ns(self) -> sky.Time:
+        return sky.from_seconds(self.after_s)
 
-    def send(self, now: sky.Time, turn: int) -> bytes:
-        intent = self.make_intent("contingent", now)
-        if turn == 2:
-            return self.make_request(replace(intent, state=IntentState.CONTINGENT), version=1)
-        later_ns = 0 if self.sham else FAR_NS  # that of the sham is later already
-        (volume,) = intent.volumes
-        volume = replace(volume, start_ns=volume.start_ns + later_ns, end_ns=volume.end_ns + later_ns)
-        return self.make_request(replace(intent, volumes=(volume,)))
+    def send(self, now: sky.Time) -> sky.Verdicts:
+        if self.clock.done == 1:
+            return [self.inject(self.make_request(self.make_intent("contingent", now, far=True)))]
+        contingent = replace(self.make_intent("contingent", now), state=IntentState.CONTINGENT)
+        return [self.inject(self.make_request(contingent, version=1))]

@@ -1,16 +1,11 @@
-"""Forged decisions: requests for approval are answered in the name of the approver, before the approver does.
-
-A ground station takes the first answer to its request, and later ones change nothing.
-"""
+"""Forged decisions: requests for approval are answered in the name of the approver, before the approver does."""
 
 from __future__ import annotations
 
 from typing import Final, Literal
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.approval import approval_taps
-from skyrange.attack.bases.on_path import CopyForLink
-from skyrange.core.ids import APPROVAL
+from skyrange.attack.bases.approval import approval_taps, read_request
 
 _NEVER_SUBMITTED: Final = 1_000_000
 """Version of an intent that no operator submits: the sham answers it."""
@@ -36,35 +31,20 @@ class ForgedDecision(sky.OnApproval):
 
     vehicles: sky.Victims = sky.param("Aircraft whose requests are answered, such as ['blue/b1'].")
     decision: Literal["Rejected", "Accepted"] = sky.param(
-        "Rejected: the flight does not take place; Accepted: it does, whatever the approver decides.",
-        default="Rejected",
+        "Rejected: the flight does not take place; Accepted: it does, whatever the approver says.", default="Rejected"
     )
-    reason: str = sky.param(
-        "Reason in a rejection, at most 256 characters.", default="conflict with an earlier intent", max_length=256
-    )
-    epoch: sky.Epoch
+    reason: str = sky.param("Reason in a rejection.", default="conflict with an earlier intent", max_length=256)
 
     def build(self, context: sky.AttackContext) -> sky.Attack:
-        """Taps on approval links. Raises `InputError` for aircraft that are not in the scenario."""
-        self.epoch = context.epoch
-        taps = approval_taps(self.vehicles, context, CopyForLink(self))
+        taps = approval_taps(self.vehicles, context, self)
         return sky.Attack(taps=taps, exclusive=[sky.Exclusive(f"decision on {vehicle}") for vehicle in self.vehicles])
 
     def act(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         """Answer a request at once; the sham answers an intent that nobody submitted."""
-        if frame.direction != "fwd":
-            return ()
-        try:
-            body = sky.decode_approval_request(frame.payload).body
-        except sky.DecodeError:
-            return ()
-        if body.vehicle not in self.vehicles:
+        request = read_request(frame, self.vehicles)
+        if request is None:
             return ()
         accepted = self.decision == "Accepted"
         decision = sky.ApprovalDecision(accepted, "" if accepted else self.reason, ovn=_OVN if accepted else "")
-        about = sky.intent_id(body.vehicle, _NEVER_SUBMITTED) if self.sham else body.id
-        return (
-            sky.Inject(
-                sky.encode_approval(sky.ApprovalResponse.of(about, decision, self.epoch)), "rev", APPROVAL, frame.src
-            ),
-        )
+        about = sky.intent_id(request.body.vehicle, _NEVER_SUBMITTED) if self.sham else request.body.id
+        return [self.answer(frame, sky.encode_approval(sky.ApprovalResponse.of(about, decision, self.epoch)))]

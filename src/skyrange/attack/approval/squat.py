@@ -1,7 +1,4 @@
-"""Squatting: an operator claims a corridor for flights that do not exist, so that others get no airspace.
-
-Nothing of it is forged: the operator has an account with its approval, and asks for what it may ask for.
-"""
+"""Squatting: an operator asks, as it may, for a corridor for flights that do not exist; others get no airspace."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ class Squat(CorridorClaim):
 
     def prepare(self, context: sky.AttackContext) -> None:
         super().prepare(context)
-        self.when = sky.Repetition(self.schedule, sky.from_seconds(self.every_s), self.requests)
+        self.times = self.requests
 
-    def send(self, now: sky.Time, turn: int) -> bytes:
-        return self.make_request(self.make_intent(f"squat-{turn}", now))
+    def send(self, now: sky.Time) -> sky.Verdicts:
+        return [self.inject(self.make_request(self.make_intent(f"squat-{self.clock.done}", now)))]

@@ -1,8 +1,4 @@
-"""Suppressed notifications: a USS is not told of intents and constraints of others, and others believe that it was.
-
-Who controls the way to a USS takes off it what others tell, and answers in its name that it has heard. Before a new
-decision the USS learns of all that it has missed from the DSS; for aircraft that fly already it does not ask.
-"""
+"""Suppressed notifications: a USS is not told of intents and constraints of others, and others believe that it was."""
 
 from __future__ import annotations
 
@@ -11,8 +7,8 @@ from typing import Final
 from uas_standards.astm.f3548.v21.api import OperationID
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.approval import check_uss
-from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
+from skyrange.attack.bases.federation import AtUss, read_uss
+from skyrange.codec.f3548.frames import UssRequest, UssResponse, encode
 from skyrange.codec.f3548.operations import path_of
 
 _NOTIFICATIONS: Final = frozenset(
@@ -32,26 +28,20 @@ _NOTIFICATIONS: Final = frozenset(
     content="none, because a notification that arrives is that of the sham",
     placement="a USS whose aircraft fly where nothing is closed",
 )
-class SuppressNotifications(sky.OnApproval):
-    """A USS is not told of intents and constraints of others, who believe that it was."""
+class SuppressNotifications(AtUss):
+    """A USS is not told of intents and constraints of others, who believe that it was.
 
-    uss: str = sky.param("USS that is not told, by name: the operator's id, unless the federation names others.")
+    Before a new decision it learns of all that it has missed from the DSS; for aircraft that fly already it does not
+    ask.
+    """
 
-    def build(self, context: sky.AttackContext) -> sky.Attack:
-        """Taps at the USS. Raises `InputError` for a USS that the scenario does not have."""
-        check_uss(self.uss, context)
-        return self.at_service(self.uss, context, alters=f"notifications to {self.uss}")
+    alters = "notifications to"
 
     def act(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         """Take a notification off the way to the USS and answer it; the sham only answers, before the USS does."""
-        if not frame.dst.endswith(f".{self.uss}"):
+        request = read_uss(frame.payload) if frame.dst.endswith(f".{self.uss}") else None
+        if not isinstance(request, UssRequest) or (request.method, request.path) not in _NOTIFICATIONS:
             return ()
-        try:
-            message = decode(frame.payload)
-        except sky.DecodeError:
-            return ()
-        if not isinstance(message, UssRequest) or (message.method, message.path) not in _NOTIFICATIONS:
-            return ()
-        heard = encode(UssResponse.model_construct(exchange=message.exchange, status=204, body=None))
-        answer = sky.Inject(heard, "rev" if frame.direction == "fwd" else "fwd", frame.dst, frame.src)
+        heard = UssResponse.model_construct(exchange=request.exchange, status=204, body=None)
+        answer = self.answer(frame, encode(heard))
         return (answer,) if self.sham else (sky.Drop(), answer)

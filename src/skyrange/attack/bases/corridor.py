@@ -19,7 +19,7 @@ from skyrange.contracts.plugins.fields import param
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import APPROVAL, link_name, operator_of
-from skyrange.core.time import NS_PER_S, Epoch, Time, from_seconds
+from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.core.volumes import Volume4D
 from skyrange.utm.contract import OperationalIntent, intent_id
 from skyrange.utm.messages import Request, encode
@@ -75,23 +75,25 @@ class CorridorClaim(InCorridor):
         "Until how long after its begin the attack claims it, in seconds.", default=600.0, gt=0, le=86_400
     )
     origin: Origin
-    epoch: Epoch
 
     def prepare(self, context: AttackContext) -> None:
-        """Learn place and date. Raises `InputError` for an operator that is not in the scenario."""
+        """Learn the origin. Raises `InputError` for an operator that is not in the scenario."""
         operators = sorted({operator_of(vehicle) for vehicle in context.vehicles})
         if self.operator not in operators:
             hint = nearest(self.operator, operators)
             raise InputError.one(context.id, "operator", repr(self.operator), "an operator of the scenario", hint)
-        self.origin, self.epoch = context.origin, context.epoch
+        self.origin = context.origin
 
     def build(self, context: AttackContext) -> Attack:
         """A tap on the approval link of the operator."""
         return Attack(taps=[TapPlacement(link_name(APPROVAL, self.operator), SIDES[APPROVAL], CopyForLink(self))])
 
-    def make_intent(self, flight: str, now: Time) -> OperationalIntent:
-        """The claim of the corridor from `now` on, for a flight that does not exist; of the sham for much later."""
-        later_ns = FAR_NS if self.sham else 0
+    def make_intent(self, flight: str, now: Time, far: bool = False) -> OperationalIntent:
+        """The claim of the corridor from `now` on, for a flight that does not exist.
+
+        It is for much later if it is to be `far`, and in a sham.
+        """
+        later_ns = FAR_NS if far or self.sham else 0
         start, end = now + later_ns, now + later_ns + from_seconds(self.until_s)
         vehicle = f"{self.operator}/{flight}"
         volumes = (self.make_volume(self.origin, start, end),)

@@ -16,7 +16,7 @@ from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.victims import Victims
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.params import Enu
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.fields import param, reads_fields
 from skyrange.core.time import NEVER, NS_PER_S, Time
 
 FIX_2D: Final = 2
@@ -78,6 +78,7 @@ class FalseFixes(OnFixes):
     """
 
     attack_facts: ClassVar[Facts] = {
+        "technique": "EX-0014.04",
         "knowledge": "the place of each victim, to align code and Doppler with the authentic signals",
         "position": "in sight of the victims' antennas",
         "equipment": "a GNSS simulator that follows each victim alone",
@@ -193,7 +194,7 @@ def offset_fixes(offset_m: str) -> Any:
         offsets = np.tile(np.array(getattr(self, offset_m), dtype=np.float64), (len(seconds), 1))
         return offsets, np.zeros_like(offsets), np.zeros(len(seconds), dtype=np.int64)
 
-    return shift
+    return reads_fields(shift, offset_m)
 
 
 def fixes_since(start: Time, sensors: Sensors) -> Ints:

@@ -8,13 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from math import atan2, degrees, hypot
-from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple
-
-from pydantic import Field
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from skyrange.attack.bases.transmission import Transmission
 from skyrange.attack.contract import Attack, AttackContext, Place
 from skyrange.attack.declaration import Facts
+from skyrange.attack.places import place_param
 from skyrange.attack.radio import place_transmitter
 from skyrange.codec.drip import parse_session_id
 from skyrange.codec.f3411 import (
@@ -23,8 +22,6 @@ from skyrange.codec.f3411 import (
     IdType,
     Location,
     MessagePack,
-    SelfId,
-    SingleMessage,
     Status,
     System,
     UaType,
@@ -33,7 +30,7 @@ from skyrange.codec.f3411 import (
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.contracts.claims import ClaimedTrack
-from skyrange.contracts.params import Number
+from skyrange.contracts.params import Enu, Number
 from skyrange.contracts.plugins.fields import param
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Epoch, Time
@@ -43,19 +40,6 @@ _HOUR_NS = 3600 * NS_PER_S
 _STOPPED = (0.0, 0.0, 0.0)
 
 Transports = tuple[Literal["wifi_beacon", "wifi_nan", "bt5", "bt4", "bluetooth"], ...]
-CLAIMED_VELOCITY: Final = param("Claimed velocity, [east, north, up] in m/s.", default=(0.0, 0.0, 0.0))
-"""The parameter `velocity_mps` of a kind that forges Remote ID."""
-ON_TRANSPORTS: Final = param("Transports; each carries all broadcasts.", default=("wifi_beacon",), min_length=1)
-"""Its parameter `transports`."""
-TRANSMITTER_PLACE: Final = param(
-    "Position of the attacker's transmitter, [east_m, north_m, up_m] in metres from the origin or the attack's anchor; "
-    "default: 2 m above the ground or roof at the claimed position.",
-    default=None,
-)
-"""Its parameter `transmitter_m`."""
-RadiatedPower = Annotated[Number, Field(ge=-30, le=50)]
-RADIATED_POWER: Final = param("Radiated power (EIRP) in dBm; 20 is the limit in Europe.", default=20.0)
-"""Its parameter `power_dbm`."""
 
 
 class ClaimedIdentity(NamedTuple):
@@ -70,36 +54,29 @@ def claim_identity(name: str, uas_id: str = "") -> ClaimedIdentity:
     return ClaimedIdentity(uas_id or serial_number(name), sender_address(name))
 
 
-def standing_aircraft(name: str, origin: Origin, place: Place) -> list[SingleMessage]:
-    """What a harmless aircraft on the ground at `place` sends: position, identity, and Self-IDs as far as wanted."""
-    lat_deg, lon_deg = origin.geodetic_of(place[0], place[1])
-    altitude_m = origin.ellipsoid_of(origin.alt_msl_m) + place[2]
-    return [
-        Location(status=Status.GROUND, lat_deg=lat_deg, lon_deg=lon_deg, alt_geo_m=altitude_m),
-        BasicId(IdType.SERIAL_NUMBER, UaType.HELICOPTER_OR_MULTIROTOR, claim_identity(name).uas_id),
-        *[SelfId(0, "standing here")] * 9,
-    ]
-
-
 class ForgedRemoteId(Transmission):
     """Broadcasts forged aircraft, one after another within each period, from the start of the attack on.
 
     In the sham all of them report that they are on the ground where the transmitter is. A kind with this base has the
-    parameters below, and sets in `prepare` whom it claims.
+    parameter `vehicle`, and sets in `prepare` whom it claims.
     """
 
-    attack_facts: ClassVar[Facts] = {
-        "honest": True,
-    }
+    attack_facts: ClassVar[Facts] = {"honest": True}
 
     needs: ClassVar[tuple[str, ...]] = ("prepare",)
 
-    at: Place
-    velocity_mps: Place
+    at: Enu = place_param("Claimed position at the start of the attack")
+    velocity_mps: Enu = param("Claimed velocity, [east, north, up] in m/s.", default=(0.0, 0.0, 0.0))
+    rate_hz: Number = param(
+        "Broadcasts per second of each forged aircraft on each transport.", default=1.0, ge=0.1, le=10
+    )
+    transports: Transports = param("Transports; each carries all broadcasts.", default=("wifi_beacon",), min_length=1)
+    transmitter_m: Enu | None = place_param(
+        "Position of the attacker's transmitter, by default 2 m above the ground or roof at the claimed position",
+        default=None,
+    )
+    power_dbm: Number = param("Radiated power (EIRP) in dBm; 20 is the limit in Europe.", default=20.0, ge=-30, le=50)
     vehicle: str | None
-    rate_hz: float
-    transports: Sequence[str]
-
     identities: Sequence[ClaimedIdentity]
     places: Sequence[Place]
     """The claimed positions at the start of the attack: `at`, unless a kind has others."""

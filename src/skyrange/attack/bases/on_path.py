@@ -6,22 +6,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Final, Literal, cast
 
+import numpy as np
 from pydantic import Field
 
+from skyrange.attack.bases.shams import benign_payload
+from skyrange.attack.bases.waiting_frames import WaitingFrames
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.declaration import Acting, Facts
 from skyrange.attack.tapped_links import EVERY_LINK, MESSAGE_NUMBERS, Messages, Names, place_taps
 from skyrange.codec.mavlink import message_id
+from skyrange.contracts.components import Floats
+from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.fields import param, state
 from skyrange.contracts.verdicts import Direction, Inject, Verdict
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.core.time import Time
 
-MAX_INJECTS: Final = 64
-"""Frames that a tap puts on its link at one time."""
 _BLOCK_BITS: Final = 16
 """Bits of an address of chance that number the draws for one frame: a frame takes fewer than 2**16."""
 _STREAM: Final = "attack.link"
@@ -82,12 +85,26 @@ class LinkTap(Acting):
 
     def draw(self, frame: Frame, block: int = 0) -> tuple[float, float, float, float]:
         """Four uniforms in [0, 1) for a frame, by attack, link, direction, sender and serial; a `block` has others."""
-        who = hash64(f"{self.id}|{frame.link}|{frame.direction}|{frame.sender}")
+        who = self._address(frame.link, frame.direction, frame.sender)
         return self.chance.uniform4(_STREAM, who, frame.sent_ns, frame.serial << _BLOCK_BITS | block)
+
+    def draws(self, frames: FrameBlock) -> Floats:
+        """(n, 4) What `draw` returns for each row of a block."""
+        numbers, places = np.unique(frames.link_numbers, return_inverse=True)
+        names = [frames.link_table.names[number] for number in numbers.tolist()]
+        who = np.array([self._address(name.link, name.direction, name.src) for name in names], dtype=np.uint64)
+        serials = frames.serial.astype(np.uint64) << np.uint64(_BLOCK_BITS)
+        return self.chance.uniforms(_STREAM, who[places], np.full(len(frames), frames.sent_ns), serials)
+
+    def _address(self, link: str, direction: str, sender: str) -> int:
+        return hash64(f"{self.id}|{link}|{direction}|{sender}")
 
 
 class OnLinks(LinkTap):
-    """Acts on the frames of links while it acts, in one direction or in both: `act` answers each of them."""
+    """Acts on the frames of links while it acts, in one direction or in both: `act` answers each of them.
+
+    What is in `waiting_frames` is put on the link when it is due.
+    """
 
     attack_facts: ClassVar[Facts] = {
         "surface": EVERY_LINK,
@@ -106,6 +123,9 @@ class OnLinks(LinkTap):
     )
     numbers: frozenset[int] = frozenset()
     """Ids of the messages that it acts on; empty for all frames."""
+    waiting_frames: WaitingFrames = state(WaitingFrames)
+    delayed_until: dict[tuple[str, str], Time] = state(dict)
+    """By link and direction: until when the last of the frames is held that are delayed in their order."""
 
     def build(self, context: AttackContext) -> Attack:
         """A tap on each link. Raises `InputError` for links that the scenario does not have."""
@@ -128,6 +148,19 @@ class OnLinks(LinkTap):
         """The verdicts on a selected frame; none lets it pass."""
         raise NotImplementedError
 
+    def copy_of(self, frame: Frame) -> Inject:
+        """A frame again, for its own link; that of a sham is a benign frame of the same length."""
+        payload = benign_payload(frame.payload) if self.sham else frame.payload
+        return Inject(payload, cast("Direction", frame.direction), frame.src, frame.dst, frame.id)
+
+    def next_wakeup(self) -> Time | None:
+        """When the next frame that waits is due."""
+        return self.waiting_frames.next_due()
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        """Put on the link what is due."""
+        return self.waiting_frames.take(now)
+
 
 class OnPath(OnLinks):
     """Acts on selected messages on the path, such as a router between ground station and aircraft does."""
@@ -138,8 +171,3 @@ class OnPath(OnLinks):
         """See `Acting`."""
         self.numbers = frozenset(MESSAGE_NUMBERS[name] for name in self.messages)
         return super().assemble(context)
-
-
-def inject_again(frame: Frame, payload: bytes) -> Inject:
-    """A copy of a frame on its own link, with `payload`."""
-    return Inject(payload, cast("Direction", frame.direction), frame.src, frame.dst, frame.id)

@@ -1,16 +1,34 @@
-"""Links of some roles, by patterns."""
+"""Links of some roles, by patterns, and the base of kinds on control links."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
-from typing import Final
+from typing import ClassVar
 
-from skyrange.attack.contract import AttackContext
+from skyrange.attack.bases.on_path import LinkNames
+from skyrange.attack.bases.rounds import RoundsOnLink
+from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.declaration import Facts
+from skyrange.attack.tapped_links import CONTROL_LINKS
+from skyrange.contracts.plugins.fields import param
 from skyrange.core.errors import InputError, nearest
 
-LINKS_ABOUT: Final = "Links gcs, log or autopilot by name or pattern, such as ['gcs:blue/b1']."
-"""Description of the parameter that names control links."""
+
+class OnControlLinks(RoundsOnLink):
+    """Has a tap on each control link that the parameters name: it filters what passes, or sends in rounds, or both."""
+
+    attack_facts: ClassVar[Facts] = {
+        "surface": CONTROL_LINKS,
+        "persists": "acts",
+        "position": "on the path between ground station and aircraft",
+    }
+
+    links: LinkNames = param("Links gcs, log or autopilot by name or pattern, such as ['gcs:blue/b1'].")
+
+    def build(self, context: AttackContext) -> Attack:
+        """A tap on each link. Raises `InputError` for links that the scenario does not have, or of another role."""
+        return Attack(taps=self.place(find_links(self.links, context, CONTROL_LINKS), context), shown=self.marks())
 
 
 def find_links(patterns: Sequence[str], context: AttackContext, roles: Sequence[str]) -> list[str]:

@@ -16,7 +16,7 @@ from skyrange.attack.declaration import Acting, Facts
 from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.params import Number, refuse
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.fields import param, state
 from skyrange.contracts.plugins.form import Kind, place_of
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
@@ -25,12 +25,6 @@ SAMPLE_NS: Final = 100 * NS_PER_MS
 """A reading that did not change for so long was measured again."""
 SAMPLED: Final = frozenset({"baro_up_m", "compass_gauss"})
 """Columns of sensors that repeat a reading until they measure again; inertial sensors measure at every tick."""
-
-
-SOUND_AT_AIRCRAFT: Final = {
-    "amplitude at the aircraft": "assumed: a parameter, because it depends on sensor, distance and housing"
-}
-"""Realism of readings that sound alters."""
 
 
 class AltersSensors(Acting):
@@ -89,6 +83,8 @@ class OnSensors(AltersSensors):
     vehicles: Victims = param("Aircraft whose sensors are altered, such as ['blue/b1'].")
     begun: bool = False
     """Whether it has acted before."""
+    held_readings: dict[str, Floats] = state(dict)
+    """By column: the readings that `hold_reading` keeps."""
 
     def act(self, now: Time, sensors: Sensors) -> None:
         """Write into the readings of a tick."""
@@ -153,6 +149,8 @@ class AddsSignal(OnSensors):
     A slow sensor repeats its last reading until it measures again: the error is that of the time at which the reading
     changed.
     """
+
+    attack_facts: ClassVar[Facts] = {"technique": "EX-0014.03"}
 
     needs: ClassVar[tuple[str, ...]] = ("signal",)
     signal: ClassVar[Signal]

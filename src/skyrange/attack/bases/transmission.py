@@ -2,38 +2,41 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, ClassVar, Final
 
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, Place
 from skyrange.attack.declaration import Acting, Facts
+from skyrange.attack.places import place_param
 from skyrange.attack.radio import SERVICE_NS, down_link, transmitter, up_link
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.codec.remote_id.noise_request import CONTINUED, NoiseRequest, pack
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.params import Enu, Number, Whole
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.fields import param, state
 from skyrange.core.errors import DecodeError
-from skyrange.core.ids import Port
+from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time
 
 SILENT_CDBM: Final = -20_000
 """Power of the sham of a jammer, −200 dBm: below the noise of every receiver."""
 WifiChannel = Annotated[Whole, Field(ge=1, le=13)]
-WIFI_CHANNEL: Final = param("Wi-Fi channel.", default=6)
-"""The parameter `channel` of a kind that sends Wi-Fi beacons."""
+MAX_WAITING: Final = 100_000
+"""Most payloads that wait to be sent later; the oldest are discarded."""
+MISSED_BROADCASTS: Final = {
+    "missed broadcasts": "simulated: power at each receiver against noise, interference and walls"
+}
+"""Realism of receptions under noise."""
+_PLACE: Final = place_param("Position of the attacker's transmitter")
 
 
-def transmitter_place(what: str = "transmitter") -> Any:
-    """The parameter `transmitter_m`; `what` is at that place."""
-    return param(f"Position of the {what}, [east_m, north_m, up_m] in metres from the origin or the attack's anchor.")
-
-
-def radiated_power(default: float = 20.0, le: float = 50) -> Any:
+def radiated_power(*, default: float = 20.0, le: float = 50) -> Any:
     """The parameter `power_dbm`, at least −30 and at most `le` dBm."""
     return param("Radiated power (EIRP) in dBm.", default=default, ge=-30, le=le)
 
@@ -108,10 +111,18 @@ class Transmission(RadioAgent):
 
 
 class Reception(RadioAgent):
-    """Receives broadcasts, each of which `hear` gets, and sends because of them."""
+    """Receives broadcasts, each of which `hear` gets, and sends because of them: at once, or what it keeps `waiting`.
 
-    needs: ClassVar[tuple[str, ...]] = ("hear", "send_due", "next_wakeup")
+    A kind with a plan of its own has `send_due` and `next_wakeup` instead.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("hear",)
     listens: ClassVar[bool] = True
+
+    transmitter_m: Enu = _PLACE
+    power_dbm: Number = radiated_power()
+    waiting: deque[tuple[Time, bytes, FrameId]] = state(partial(deque, maxlen=MAX_WAITING))
+    """Payloads to be sent later, in the order of their times, each with the broadcast that caused it."""
 
     def hear(self, now: Time, arrival: Arrival, header: RidHeader, body: bytes, out: Outbox) -> None:
         """Learn from a broadcast that was received, and send at once what answers it."""
@@ -119,7 +130,13 @@ class Reception(RadioAgent):
 
     def send_due(self, now: Time, out: Outbox) -> None:
         """Send what is due at `now`."""
-        raise NotImplementedError
+        while self.waiting and self.waiting[0][0] <= now:
+            _, payload, cause = self.waiting.popleft()
+            out.send(self.up, payload, (cause,))
+
+    def next_wakeup(self) -> Time | None:
+        """When the next waiting payload is due."""
+        return self.waiting[0][0] if self.waiting else None
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         """Hear the broadcasts that arrived, and send what is due; ignore anything else that arrived."""
@@ -139,6 +156,8 @@ class Periodic(Transmission):
 
     needs: ClassVar[tuple[str, ...]] = ("send",)
 
+    transmitter_m: Enu = _PLACE
+    power_dbm: Number = radiated_power()
     period_ns: Time
     turn: int = 0
     """Number of the next period."""
@@ -168,16 +187,22 @@ class Periodic(Transmission):
 class WifiBeacons(Transmission):
     """Transmits Wi-Fi beacons at a constant rate while it acts: `beacon` has what is in them.
 
-    A kind with this base has the parameters `rate_hz` and `channel`. The program wakes on its service grid; the radio
-    holds a beacon until the time in its header, one service time later.
+    A kind with this base has the parameter `rate_hz`. The program wakes on its service grid; the radio holds a beacon
+    until the time in its header, one service time later.
     """
+
+    attack_facts: ClassVar[Facts] = {
+        "technique": "T0814",
+        "counterfactual": "mute",
+        "placement": "the same flood on another channel or at another place",
+    }
 
     needs: ClassVar[tuple[str, ...]] = ("beacon",)
 
-    transmitter_m: Enu = transmitter_place()
+    transmitter_m: Enu = _PLACE
     power_dbm: Number = radiated_power()
     rate_hz: float
-    channel: int
+    channel: WifiChannel = param("Wi-Fi channel.", default=6)
     phase_ns: Time = 0
     """When the first beacon is due, so that radios do not begin together."""
     turn: int = 0
@@ -206,6 +231,16 @@ class WifiBeacons(Transmission):
         raise NotImplementedError
 
 
+def join(parts: Iterable[Attack]) -> Attack:
+    """The agents of several attacks, with their links and radios, as one."""
+    made = list(parts)
+    return Attack(
+        agents=[one for part in made for one in part.agents],
+        links=[one for part in made for one in part.links],
+        radios=[one for part in made for one in part.radios],
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Noise:
     """Bursts of noise: one in each period, on the next of the centres each time."""
@@ -217,23 +252,38 @@ class Noise:
     """Share of the period that a burst takes."""
 
 
-class Jamming(Periodic):
+class OrdersNoise(RadioAgent):
+    """Has its radio transmit noise, of which the sham orders as much at −200 dBm."""
+
+    attack_facts: ClassVar[Facts] = {
+        "counterfactual": "mute",
+        "load": "none, because the noise is the attack; the sham has the same orders at −200 dBm",
+        "content": "none, because noise has no content",
+    }
+
+    power_dbm: Number = radiated_power(default=30.0, le=60)
+
+    @property
+    def noise_cdbm(self) -> int:
+        """Power of the noise, or of the sham's, in 0.01 dBm."""
+        return SILENT_CDBM if self.sham else round(self.power_dbm * 100)
+
+
+class Jamming(OrdersNoise, Periodic):
     """Transmits the bursts of `noise` while it acts; a burst ends when the attack stops.
 
     The sham transmits the same bursts with −200 dBm.
     """
 
     attack_facts: ClassVar[Facts] = {
-        "counterfactual": "mute",
+        "technique": "T0814",
         "position": "within some hundred metres of the receivers, by power and walls",
         "load": "none, because the noise is the attack; the sham has the same bursts at −200 dBm",
-        "content": "none, because noise has no content",
+        "realism": MISSED_BROADCASTS,
     }
 
     needs: ClassVar[tuple[str, ...]] = ("noise",)
 
-    transmitter_m: Enu = transmitter_place("jammer")
-    power_dbm: Number = radiated_power(default=30.0, le=60)
     centres_khz: Sequence[int]
     burst: NoiseRequest
     """A burst of whole length; its centre is replaced."""
@@ -246,12 +296,11 @@ class Jamming(Periodic):
 
     def assemble(self, context: AttackContext) -> Any:
         """See `Acting`."""
-        noise = self.noise()
+        self.sham, noise = context.sham, self.noise()
         self.period_ns = round(noise.period_ms * NS_PER_MS)
         self.centres_khz = [round(centre * 1000) for centre in noise.centres_mhz]
-        power_cdbm = SILENT_CDBM if context.sham else round(self.power_dbm * 100)
         length_us = max(1, round(self.period_ns * noise.duty) // NS_PER_US)
-        self.burst = NoiseRequest(power_cdbm, 0, round(noise.bandwidth_mhz * 1000), length_us)
+        self.burst = NoiseRequest(self.noise_cdbm, 0, round(noise.bandwidth_mhz * 1000), length_us)
         self.continuous = noise.duty == 1.0 and len(self.centres_khz) == 1
         return super().assemble(context)
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
+from skyrange.attack.campaigns.course import MAX_STAGES
 from skyrange.attack.declaration import Composite, Facts
 from skyrange.attack.tapped_links import Messages, Names
-from skyrange.contracts.params import Enu, Number, Params, Whole
+from skyrange.contracts.params import Enu, Number, Params, Whole, items
 from skyrange.contracts.plugins.fields import param
 from skyrange.core.errors import Problem, Problems
 
@@ -89,6 +90,10 @@ class Stage(Params):
         return self.timeout_s is not None or (
             self.until is not None and self.until.model_dump(exclude_defaults=True).keys() == {"after_s"}
         )
+
+
+Stages = Annotated[tuple[Stage, ...], BeforeValidator(items), Field(min_length=1, max_length=MAX_STAGES)]
+"""Stages in their order, one or more."""
 
 
 class CampaignKind(Composite):

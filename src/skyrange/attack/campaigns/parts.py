@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any, Final
+from typing import Final
 
 from pydantic import ValidationError
 
@@ -13,14 +13,13 @@ from skyrange.attack.campaigns.adversary import Adversary, Observation
 from skyrange.attack.campaigns.course import Course
 from skyrange.attack.campaigns.gates import GatedAgent, GatedHook, GatedTapMaker
 from skyrange.attack.campaigns.params import CampaignAct, CampaignKind
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Place, ThreatModel, moved
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, ThreatModel
 from skyrange.attack.exclusive import common
 from skyrange.attack.radio import down_link, transmitter, up_link
 from skyrange.attack.tapped_links import TapMaker, place_taps
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.contracts.params import Params
 from skyrange.contracts.plugins.declaration import MakeKind
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import InputError, Problem
@@ -130,22 +129,8 @@ def make_parts(
     )  # fmt: skip
 
 
-def move_acts(params: Any, by: Place) -> Any:
-    """The parameters of a campaign with the places of its acts moved; an act that is wrong stays as it is."""
-    return params.model_copy(update={"acts": {name: _moved_act(act, by) for name, act in params.acts.items()}})
-
-
 def _is_campaign(plugin: AttackPlugin) -> bool:
     return isinstance(plugin.make, MakeKind) and issubclass(plugin.make.kind, CampaignKind)
-
-
-def _moved_act(act: CampaignAct, by: Place) -> CampaignAct:
-    try:
-        plugin = AttackPlugin.find(act.kind)
-        settings: Params = moved(plugin, plugin.params.model_validate(act.params), by)
-    except (ValidationError, InputError):
-        return act  # named when it is made
-    return act.model_copy(update={"params": settings.model_dump(exclude_none=True)})
 
 
 def _excluded(made: Mapping[str, Attack]) -> dict[tuple[str, str], str]:

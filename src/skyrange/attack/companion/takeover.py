@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
-
 import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.compromised_companion import CompromisedCompanion
 from skyrange.attack.bases.mavlink.leading import Leader
@@ -29,32 +26,20 @@ class Takeover(CompromisedCompanion):
     track: Track = sky.param(
         "Places to lead the aircraft to, in order, each [east_m, north_m, up_m] in metres from the origin."
     )
-    within_m: sky.Number = sky.param(
-        "Distance at which a place counts as reached, in metres.", default=3.0, gt=0, le=1000
-    )
+    within_m: sky.Number = sky.param("Distance at which a place is reached, in metres.", default=3.0, gt=0, le=1000)
     every_s: sky.Number = sky.param("Time between two targets, in seconds.", default=0.5, ge=0.02, le=10)
-
     holds_back = "station"
-    origin: sky.Origin
     leader: Leader
 
-    def build(self, context: sky.AttackContext) -> sky.Attack:
-        return replace(super().build(context), shown={"end of the track": self.track[-1]})
-
-    def prepare(self, context: sky.AttackContext) -> None:
-        self.origin = context.origin
+    def marks(self) -> dict[str, sky.Place]:
+        return {"end of the track": self.track[-1]}
 
     def begin(self) -> None:
         super().begin()
-        period_ns = sky.from_seconds(self.every_s)
-        self.leader = Leader(self.sender, self.schedule, self.origin, self.track, self.within_m, period_ns, False)
+        self.leader = Leader(self.sender, self.schedule, self.origin, self.track, self.within_m)
 
     def see(self, now: sky.Time, frame: sky.Frame) -> None:
         self.leader.see(now, frame)
 
-    def next_wakeup(self) -> sky.Time | None:
-        return self.leader.due
-
-    def make(self, now: sky.Time) -> Iterable[bytes]:
-        """A change of mode, if one is needed, and the target."""
-        return [payload for _, payload in self.leader.make(now)]
+    def orders(self, now: sky.Time) -> list[sky.Order | sky.MavlinkMessage]:
+        return self.leader.orders(now)

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Final, Literal
+from collections.abc import Iterator
+from typing import Literal
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.transmission import radiated_power, transmitter_place
-from skyrange.attack.control_link.wifi_links import WIFI_LINKS, find_wifi_links
-from skyrange.codec.wifi_management import FrameRequest, encode_deauthentication, pack_request
-
-NOBODY: Final = b"\x02\x00\x00\x00\x00\x00"
-"""The receiver of a sham's frames: a locally administered address that no radio has."""
+from skyrange.attack.control_link.wifi_links import OnWifiLinks
+from skyrange.codec.wifi_management import NOBODY, FrameRequest, encode_deauthentication, pack_request
 
 
 @sky.attack(
     "control_link.deauthenticate",
-    technique="T0814",
-    surface=("gcs", "medium"),
     effect="the control link has no association, so that nothing passes in either direction",
     knowledge="channel and addresses of both radios, which every frame tells",
     position="where both ends can decode its frames",
@@ -32,28 +26,16 @@ NOBODY: Final = b"\x02\x00\x00\x00\x00\x00"
         "Shin & Arbaugh, 2003)",
     },
 )
-class Deauthenticate(sky.Periodic):
-    """Ends the Wi-Fi association of a control link by forged deauthentication frames.
+class Deauthenticate(OnWifiLinks):
+    """Ends the Wi-Fi association of a control link by forged deauthentication frames."""
 
-    In each period there is one frame to each receiver of each link, in the name of the link's other end.
-    """
-
-    transmitter_m: sky.Enu = transmitter_place("attacker")
-    links: tuple[str, ...] = WIFI_LINKS
     towards: Literal["both", "aircraft", "station"] = sky.param(
         "Receivers of the frames; each frame is in the name of the link's other end.", default="both"
     )
-    power_dbm: sky.Number = radiated_power(le=60)
-    period_ms: sky.Number = sky.param(
-        "Time between two rounds of frames, in milliseconds.", default=100.0, ge=1, le=60_000
-    )
-
-    targets: Sequence[sky.AirLink]
-    power_cdbm: int
+    period_ms: sky.Number = sky.param("Time from round to round, in milliseconds.", default=100.0, ge=1, le=60_000)
 
     def prepare(self, context: sky.AttackContext) -> None:
-        self.targets = list(find_wifi_links(context, self.links).values())
-        self.period_ns, self.power_cdbm = round(self.period_ms * sky.NS_PER_MS), round(self.power_dbm * 100)
+        self.period_ns = round(self.period_ms * sky.NS_PER_MS)
 
     def send(self, now: sky.Time, number: int) -> Iterator[bytes]:
         for link in self.targets:
@@ -65,4 +47,4 @@ class Deauthenticate(sky.Periodic):
     def _frame(self, link: sky.AirLink, destination: bytes, source: bytes) -> bytes:
         destination = NOBODY if self.sham else destination
         frame = encode_deauthentication(destination, source, link.station_address, self.turn)
-        return pack_request(FrameRequest(link.channel, self.power_cdbm, frame))
+        return pack_request(FrameRequest(link.channel, round(self.power_dbm * 100), frame))

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.fixes import Rate
-from skyrange.attack.gnss.emitter import SPEED_OF_LIGHT_MPS
 from skyrange.attack.gnss.takeover import AFTER_CAPTURE, WHO_IS_CAPTURED, SimulatedSignals, Takeover
 
 
 @sky.attack(
     "gnss.capture",
-    technique="EX-0014.04",
     effect="several aircraft report one simulated place at once, some after a loss of lock, and leave their paths",
     knowledge="GPS time and the broadcast ephemerides; the place of a victim that it captures without loss of lock",
     equipment="a software radio with a GPS signal simulator and one antenna",
@@ -26,26 +24,13 @@ from skyrange.attack.gnss.takeover import AFTER_CAPTURE, WHO_IS_CAPTURED, Simula
     },
 )
 class Capture(Takeover):
-    """Captures all GNSS receivers in the power of one antenna, which then report one and the same simulated place.
+    """Captures all GNSS receivers in the power of one antenna, which then report one and the same simulated place."""
 
-    A GNSS simulator with one antenna. It affects every aircraft by the power at its antenna.
-    """
-
-    transmitter_m: sky.Enu = sky.param(
-        "Position of the transmitting antenna, [east_m, north_m, up_m] in metres from the origin or the attack's "
-        "anchor."
-    )
-    at: sky.Enu = sky.param(
-        "Simulated place at the start of the attack, [east_m, north_m, up_m] in metres from the origin or the attack's "
-        "anchor."
-    )
+    transmitter_m: sky.Enu = sky.place_param("Position of the transmitting antenna")
+    at: sky.Enu = sky.place_param("Simulated place at the start of the attack")
     velocity_mps: Rate = sky.param(
         "Simulated velocity, [east, north, up] in m/s, each from -500 to 500.", default=(0.0, 0.0, 0.0)
     )
-    power_dbm: sky.Number = sky.param(
-        "Power of each simulated signal (EIRP) in dBm; -30 captures up to 1 km away in free space.",
-        default=-30.0, ge=-100, le=60,
-    )  # fmt: skip
     time_error_ns: sky.Number = sky.param(
         "Error of the simulator's time against GPS time, in nanoseconds.", default=0.0, ge=-1e9, le=1e9
     )
@@ -60,8 +45,6 @@ class Capture(Takeover):
     )  # fmt: skip
 
     def prepare(self, context: sky.AttackContext) -> None:
-        """Place the antenna. Raises `InputError` for one inside a building."""
-        delay_m = self.time_error_ns * 1e-9 * SPEED_OF_LIGHT_MPS
-        signals = SimulatedSignals(self.at, self.velocity_mps, delay_m, leads=True)
-        self.transmit(signals, self.transmitter_m, self.power_dbm, context)
+        signals = SimulatedSignals(self.at, self.velocity_mps, self.time_error_ns, leads=True)
+        self.transmit(signals, self.transmitter_m, context)
         self.shown = {"GNSS spoofer": self.transmitter_m, "simulated place": self.at}

@@ -10,34 +10,25 @@ import numpy as np
 import skyrange.plugin as sky
 from skyrange.attack.bases.fixes import Rate, Shift
 
-GROWING, HELD, RETURNING, BACK = range(4)
-"""Phases of a drift."""
+GROWING, HELD, RETURNING, BACK = range(4)  # phases
 
 
 @sky.attack(
     "gnss.drift",
-    technique="EX-0014.04",
     effect="the estimated position leaves the true one, and the autopilot flies the opposite way",
 )
 class Drift(sky.FalseFixes):
-    """Makes GNSS fixes drift away from the truth at a constant rate.
+    """Makes GNSS fixes drift away from the truth at a constant rate."""
 
-    The offset of the fixes grows from zero at a constant rate, up to `largest_m`, and then stays or returns to zero.
-    """
-
-    rate_mps: Rate = sky.param(
-        "Rate at which the fixes move away from the truth, [east, north, up] in m/s, each from -500 to 500."
-    )
+    rate_mps: Rate = sky.param("Velocity of the offset, [east, north, up] in m/s, each from -500 to 500.")
     velocity: Literal["consistent", "unaltered"] = sky.param(
-        "Velocity in the false fixes. consistent: that of the false track; unaltered: as measured.",
-        default="consistent",
+        "Velocity of the fixes. consistent: that of the false track; unaltered: as measured.", default="consistent"
     )
     largest_m: sky.Number | None = sky.param(
         "Largest distance from the truth in metres; default: no limit.", default=None, gt=0, le=1_000_000
     )
     at_largest: Literal["hold", "return"] = sky.param(
-        "What happens at largest_m. hold: the offset stays; return: it goes back to zero at the same rate.",
-        default="hold",
+        "What it does at largest_m. hold: it stays; return: it goes back to zero at the same rate.", default="hold"
     )
 
     def find_problems(self) -> sky.Problems:
@@ -45,7 +36,6 @@ class Drift(sky.FalseFixes):
             yield sky.Problem("largest_m", "missing", "the distance from which at_largest = 'return' goes back")
 
     def shift(self, seconds: sky.Floats) -> Shift:
-        """Along `rate_mps`, up to `largest_m`."""
         rate, speed = np.array(self.rate_mps, dtype=np.float64), hypot(*self.rate_mps)
         turn_s = self.largest_m / speed if self.largest_m is not None and speed > 0.0 else inf
         phases = np.where(seconds < turn_s, GROWING, HELD)

@@ -7,13 +7,12 @@ import skyrange.plugin as sky
 
 @sky.attack(
     "gnss.jump",
-    technique="EX-0014.04",
     effect="the estimator rejects fixes, then resets to the false position or fails safe",
 )
 class Jump(sky.FalseFixes):
     """Shifts GNSS fixes by a constant offset, from one fix to the next.
 
-    All fixes have the same offset. The reported velocity stays true, because the offset does not change.
+    The reported velocity stays true, because the offset does not change.
     """
 
     offset_m: sky.Offset = sky.param(

@@ -1,7 +1,8 @@
-"""Model of a GNSS receiver under noise: C/N0 of its satellites, loss of track, and jitter of its code loop."""
+"""Model of a GNSS receiver under noise: C/N0 of its satellites, jitter of its code loop, and what fixes it gives."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import sqrt
 from typing import Final
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from skyrange.attack.gnss.emitter import AUTHENTIC_DBM
 from skyrange.contracts.components import Floats
+from skyrange.core.time import Time
 
 NOISE_DBM_HZ: Final = -171.0
 """Thermal noise of −174 dBm/Hz and a noise figure of 3 dB."""
@@ -45,3 +47,35 @@ def code_jitter_m(db_hz: float) -> float:
     ratio = 10.0 ** (db_hz / 10.0)
     squaring = 1.0 + 2.0 / (INTEGRATION_S * ratio * (2.0 - SPACING_CHIPS))
     return CHIP_M * sqrt(LOOP_HZ / (2.0 * ratio) * SPACING_CHIPS * squaring)
+
+
+def error_growth(used_db_hz: Floats, db_hz: Floats, accuracy_m: float) -> float:
+    """Factor by which the error of a fix grows, of a receiver that claims an accuracy without the noise.
+
+    Jitter adds to the error, and dilution grows with the root of the satellites that are not used.
+    """
+    clean = code_jitter_m(float(effective_db_hz(np.array([-np.inf]), len(db_hz)).mean()))
+    extra_m2 = code_jitter_m(float(used_db_hz.mean())) ** 2 - clean**2
+    return sqrt(1.0 + max(extra_m2, 0.0) / max(accuracy_m, 0.1) ** 2) * sqrt(len(db_hz) / len(used_db_hz))
+
+
+@dataclass(slots=True)
+class JammedReceiver:
+    """A receiver that loses satellites and its fix under noise; to find them again it needs stronger signals."""
+
+    reacquire_ns: Time
+    """Time to a new fix once it finds enough satellites."""
+    has_fix: bool = True
+    _clear_since: Time = -1
+    """Since when one that has lost its fix finds enough satellites; -1 if it does not."""
+
+    def track(self, time: Time, db_hz: Floats) -> Floats:
+        """C/N0 of the satellites that it uses, of those of a new fix; sets `has_fix`."""
+        used = db_hz[db_hz >= TRACKING_DB_HZ + (0.0 if self.has_fix else REACQUISITION_DB)]
+        enough = len(used) >= LEAST_SATELLITES
+        if not enough or self.has_fix:
+            self._clear_since = -1
+        elif self._clear_since < 0:
+            self._clear_since = time
+        self.has_fix = enough and (self.has_fix or time - self._clear_since >= self.reacquire_ns)
+        return used

@@ -10,18 +10,18 @@ via GPS spoofing, Journal of Field Robotics 2014).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import dist
 from typing import ClassVar, Final
 
 import numpy as np
 
-from skyrange.attack.bases.fixes import FIX_2D, UNALTERED, OnReceivers, fixes_of
+from skyrange.attack.bases.fixes import FIX_2D, UNALTERED, fixes_of
 from skyrange.attack.contract import Attack, AttackContext, Place
 from skyrange.attack.declaration import Facts
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_3D, FIX_NONE, Emitter, emitter_at
+from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_3D, FIX_NONE, SPEED_OF_LIGHT_MPS
+from skyrange.attack.gnss.radiation import Radiation
 from skyrange.contracts.components import Ints, Sensors
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.fields import param
@@ -47,8 +47,8 @@ class SimulatedSignals:
 
     at_enu_m: Place
     velocity_mps: Place
-    delay_m: float
-    """Delay of the transmitter, as a distance."""
+    delay_ns: float
+    """Delay of the transmitter."""
     leads: bool
     """Whether it sends early by the path to the simulated place, as a simulator can and a repeater cannot."""
 
@@ -66,25 +66,29 @@ class SimulatedSignals:
         difference of the delays that are common to all signals.
         """
         place = self.place(seconds)
-        path_m = dist(position, antenna)
-        common_m = path_m + self.delay_m - (dist(place, antenna) if self.leads else 0.0)
+        path_m, delay_m = dist(position, antenna), self.delay_ns * 1e-9 * SPEED_OF_LIGHT_MPS
+        common_m = path_m + delay_m - (dist(place, antenna) if self.leads else 0.0)
         radial = sum((p - a) * v for p, a, v in zip(position, antenna, velocity, strict=True)) / max(path_m, 1.0)
         return dist(place, position) + abs(common_m), dist(self.velocity_mps, velocity) + abs(radial)
 
 
-class Takeover(OnReceivers):
+class Takeover(Radiation):
     """Takes over all receivers within the power of an antenna: they lose lock, and report what it simulates.
 
     A receiver stays captured while the signals are no weaker than the authentic ones. Its antenna is where its fix was
-    measured. A kind says what is sent from where: `prepare` calls `transmit`, and sets `shown`.
+    measured. A kind says what is sent from where: `prepare` calls `transmit`.
     """
 
     attack_facts: ClassVar[Facts] = {
+        "technique": "EX-0014.04",
         "position": "in line of sight of the victims' antennas: 1 km at -30 dBm per signal",
         "budget": "microwatts per signal, for as long as it acts",
         "content": "the sham: the same receivers are captured at the same times, with unaltered fixes",
     }
 
+    power_dbm: Number = param(
+        "Power of each signal (EIRP) in dBm; -30 captures up to 1 km away in free space.", default=-30.0, ge=-100, le=60
+    )
     advantage_db: Number = param(
         "Least received power over that of the authentic signals, in dB; 2 as measured by Tippenhauer et al. (CCS "
         "2011).",
@@ -95,16 +99,10 @@ class Takeover(OnReceivers):
         "start.",
         default=5.0, ge=0, le=120,
     )  # fmt: skip
-    wall_loss_db: Number = param(
-        "Loss in dB where a building of the city blocks the line of sight.", default=30.0, ge=0, le=100
-    )
-    code_alignment_m: float
-    doppler_alignment_mps: float
-    """Largest misalignments of a capture without loss of lock."""
-    emitter: Emitter
+    code_alignment_m: float = 150.0
+    doppler_alignment_mps: float = 5.0
+    """Largest misalignments of a capture without loss of lock: half a C/A chip, and the pull-in range of a loop."""
     signals: SimulatedSignals
-    shown: Mapping[str, Place]
-    """Places to mark on a map, by label."""
     until: Ints
     """(n,) Until when each has lost lock, ns."""
 
@@ -113,15 +111,16 @@ class Takeover(OnReceivers):
         super().allocate(count)
         self.until = np.zeros(count, dtype=np.int64)
 
-    def transmit(self, signals: SimulatedSignals, place: Place, power_dbm: float, context: AttackContext) -> None:
+    def transmit(self, signals: SimulatedSignals, place: Place, context: AttackContext) -> None:
         """Send signals from a place. Raises `InputError` for one inside a building."""
-        self.signals, self.emitter = signals, emitter_at(place, power_dbm, self.wall_loss_db, context)
+        self.radiate(place, self.power_dbm, context)
+        self.signals = signals
 
     def build(self, context: AttackContext) -> Attack:
         """See `AltersSensors`. No other attack may falsify the fixes as far as the signals reach."""
         area = (self.emitter.place_enu_m, self.emitter.reach_m)
         exclusive = [Exclusive(fixes_of(vehicle), area=area) for vehicle in self.vehicles]
-        return Attack(sensor_hooks=super().build(context).sensor_hooks, shown=self.shown, exclusive=exclusive)
+        return replace(super().build(context), exclusive=exclusive)
 
     def receive(self, rows: Ints, sensors: Sensors) -> None:
         """Decide who loses lock and who is captured."""

@@ -1,10 +1,4 @@
-"""GNSS time spoofing: receivers report a wrong UTC with true positions.
-
-A spoofer that sends the authentic signals with altered time of week and week number leaves the position true, because
-all pseudoranges share the error (Nighswander et al., GPS Software Attacks, CCS 2012, which shifts the date of
-receivers); one that delays all signals alike makes the clock drift (Shepard et al., Evaluation of the vulnerability of
-phasor measurement units to GPS spoofing attacks, International Journal of Critical Infrastructure Protection 2012).
-"""
+"""GNSS time spoofing: receivers report a wrong UTC with true positions."""
 
 from __future__ import annotations
 
@@ -41,17 +35,17 @@ ROLLOVER_S = 1024 * 604_800
 class FalseTime(sky.OnFixes):
     """Shifts the time of GNSS receivers and leaves their positions true.
 
-    The UTC of the receivers is ahead of the true one, or behind it. The offset of a fix is that of the time at which
-    the fix was measured.
+    A spoofer alters time of week and week number in the authentic signals (Nighswander et al., GPS Software Attacks,
+    CCS 2012), or delays all of them alike, so that the clock drifts (Shepard et al., Evaluation of the vulnerability of
+    phasor measurement units to GPS spoofing attacks, International Journal of Critical Infrastructure Protection 2012).
     """
 
     slow = False
 
     vehicles: sky.Victims = sky.param("Aircraft whose receivers report a wrong time, such as ['blue/b1'].")
     offset_s: sky.Number = sky.param(
-        "Offset of the reported time at the start of the attack, in seconds; positive is ahead; at most 1024 weeks.",
-        default=0.0, ge=-ROLLOVER_S, le=ROLLOVER_S,
-    )  # fmt: skip
+        "Offset of the time at the start, in seconds; positive is ahead.", default=0.0, ge=-ROLLOVER_S, le=ROLLOVER_S
+    )
     drift_s_per_s: sky.Number = sky.param("Growth of the offset, in seconds per second.", default=0.0, ge=-100, le=100)
     offset_ns: sky.Time
 
@@ -63,7 +57,7 @@ class FalseTime(sky.OnFixes):
         self.offset_ns = sky.from_seconds(self.offset_s)
 
     def on_sensors(self, now: sky.Time, sensors: sky.Sensors) -> list[sky.SensorAct]:
-        """Shift the time of the fixes. Returns an act for each vehicle whose first fix it shifts."""
+        """Shift the time of each fix by the offset of when it was measured. An act for each vehicle's first one."""
         start = self.schedule.start_ns
         if start > now:
             return []

@@ -11,10 +11,12 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from skyrange.attack.bases.mavlink.message_fields import put
+from skyrange.attack.bases.mavlink.compromised_sender import without_signature
+from skyrange.attack.bases.mavlink.message_fields import put, read_fields, write_alteration
 from skyrange.attack.bases.mavlink.moved_position import POSITION_MESSAGES, STILL, MovedPosition
-from skyrange.attack.bases.mavlink.orders import read
+from skyrange.attack.bases.mavlink.orders import AUTOPILOT, read
 from skyrange.attack.contract import Place
+from skyrange.attack.tapped_links import MESSAGE_NUMBERS
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.geodesy import Origin
@@ -33,6 +35,7 @@ _FROZEN: Final = {
 """Fields that keep the value from before the attack."""
 SHOWN_MESSAGES: Final = (*_FROZEN, *POSITION_MESSAGES)
 """The messages that show the flight, by name."""
+_SHOWN: Final = {MESSAGE_NUMBERS[name]: name for name in SHOWN_MESSAGES}
 
 
 @dataclass(slots=True)
@@ -41,6 +44,8 @@ class ShownFlight:
 
     origin: Origin
     home: Place
+    system: int
+    """System id of the aircraft."""
     speed_mps: float = 1.0
     """Greatest speed that was reported before the attack, at least 1 m/s."""
     items: dict[int, Place] = field(default_factory=dict)
@@ -85,6 +90,20 @@ class ShownFlight:
         east, north = self.origin.enu_of(lat_e7 * 1e-7, lon_e7 * 1e-7)
         up = height_m - self.origin.alt_msl_m if frame in _ABOVE_SEA else self.home[2] + height_m
         return (east, north, up)
+
+    def rewrite(self, payload: bytes, since_ns: Time, sham: bool) -> bytes | None:
+        """The frame of telemetry that is shown instead, without a signature; `None` where it stays as it is."""
+        number = message_id(payload)
+        plain = without_signature(payload) if number in _SHOWN else None
+        fields = None if plain is None or number is None else read_fields(plain, number)
+        if plain is None or number is None or fields is None or plain[5:7] != bytes((self.system, AUTOPILOT)):
+            return None
+        true = fields.copy()
+        return (
+            write_alteration(plain, number, true, fields, sham)
+            if self.alter(_SHOWN[number], fields, since_ns)
+            else None
+        )
 
     def alter(self, message: str, fields: Any, since_ns: Time) -> bool:
         """Write into the fields of a message; returns whether it is one to replace.

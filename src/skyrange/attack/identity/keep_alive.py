@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final
-
-from pydantic import Field
-
 import skyrange.plugin as sky
+from skyrange.attack.bases.mavlink.injection import FOREIGN_STATION
 from skyrange.codec.mavlink import dialect as mav
-
-_FOREIGN_SYSTEM: Final = 254
-"""System id in the heartbeats of the sham: a ground station that is not the aircraft's."""
-ByteId = Annotated[sky.Whole, Field(ge=1, le=255)]
 
 
 @sky.attack(
     "identity.keep_alive",
     technique="T0849",
-    persists="acts",
     effect="the aircraft flies on without supervision, because its failsafe does not notice the lost station",
     knowledge="the system id of the ground station, which its heartbeats tell",
-    position="on the path between ground station and aircraft",
     equipment="a computer that filters frames and sends MAVLink",
     budget="a frame of 21 bytes per heartbeat",
     load="the sham: the same cut, with heartbeats of a ground station that is not the aircraft's",
@@ -30,20 +21,18 @@ ByteId = Annotated[sky.Whole, Field(ge=1, le=255)]
 class KeptAlive(sky.InjectionOnLinks):
     """Cuts off the ground station and sends heartbeats in its name."""
 
-    cut: bool = sky.param(
-        "Whether all frames towards the aircraft are dropped; otherwise something else has to cut them.", default=True
-    )
+    cut: bool = sky.param("Whether it drops frames to the aircraft; else something else has to cut them.", default=True)
     every_s: sky.Number = sky.param("Time between two heartbeats, in seconds.", default=1.0, ge=0.1, le=60)
-    system: ByteId | None = sky.param(
-        "System id in the heartbeats; default: that of the last heartbeat that passed, 255 before the first.",
+    system: sky.Whole | None = sky.param(
+        "System id in the heartbeats; default: that of the last one that passed, 255 before.",
         default=None,
+        ge=1,
+        le=255,
     )
-    packer: sky.MavlinkPacker
 
     def begin(self) -> None:
-        """Begin with the ids that ground stations have by convention."""
         super().begin()
-        self.packer = sky.MavlinkPacker(_FOREIGN_SYSTEM if self.sham else self.system or sky.STATION[0], sky.STATION[1])
+        self.packer.system = FOREIGN_STATION if self.sham else self.system or self.packer.system
 
     def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         """Drop what goes to the aircraft; learn the station's ids from its heartbeats."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.frame_acts import SHAM_NS
 
 
 @sky.attack(
@@ -23,17 +22,6 @@ class Lag(sky.OnPath):
     """
 
     delay_s: sky.Number = sky.param("Constant delay of a frame in seconds.", default=1.0, gt=0, le=600)
-    jitter_s: sky.Number = sky.param(
-        "Range of the extra delay in seconds, uniform from 0 to this value.", default=0.0, ge=0, le=600
-    )
-    delay_ns: sky.Time
-    jitter_ns: sky.Time
-    last: dict[str, sky.Time] = sky.state(dict)
+    jitter_s: sky.Number = sky.param("Longest extra delay in seconds, uniform from 0.", default=0.0, ge=0, le=600)
 
-    act = sky.delay("delay_ns", "jitter_ns")
-
-    def prepare(self, context: sky.AttackContext) -> None:
-        """Set the times; the sham delays by 1 µs."""
-        self.delay_ns, self.jitter_ns = sky.from_seconds(self.delay_s), sky.from_seconds(self.jitter_s)
-        if self.sham:
-            self.delay_ns, self.jitter_ns = SHAM_NS, 0
+    act = sky.delay("delay_s", "jitter_s")

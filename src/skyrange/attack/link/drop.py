@@ -20,8 +20,6 @@ class Loss(sky.OnPath):
     Each selected frame is dropped with the same probability, independently of the others.
     """
 
-    probability: sky.Number = sky.param(
-        "Probability that a selected frame is dropped, more than 0 and at most 1.", default=1.0, gt=0, le=1
-    )
+    probability: sky.Number = sky.param("Probability that a selected frame is dropped.", default=1.0, gt=0, le=1)
 
     act = sky.drop("probability")

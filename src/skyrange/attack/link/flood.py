@@ -2,53 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from math import ceil
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.on_path import MAX_INJECTS
 from skyrange.attack.bases.shams import benign_payload
-from skyrange.attack.tapped_links import Names, ends_of
-from skyrange.codec.mavlink import dialect
-from skyrange.contracts.verdicts import Direction
+from skyrange.attack.bases.waiting_frames import MAX_INJECTS
+from skyrange.attack.link.useless_frames import Subject, UselessFrames
+from skyrange.attack.tapped_links import ends_of
 
-ROLES: Final = ("gcs", "log", "autopilot")
-"""Links that can be flooded."""
-STATION: Final = (255, 190)
-"""System and component id of the ground station, in whose name frames towards an aircraft are sent."""
 BATCH_NS: Final[sky.Time] = sky.NS_PER_MS
 """Shortest time between two batches of frames."""
-_SYSTEMS: Final = 254
-_ALL_COMPONENTS: Final = 0
-
-
-def _heartbeat(turn: int, system: int, now: sky.Time) -> Any:
-    return dialect.MAVLink_heartbeat_message(
-        dialect.MAV_TYPE_GENERIC, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
-    )
-
-
-def _ping(turn: int, system: int, now: sky.Time) -> Any:
-    return dialect.MAVLink_ping_message(now // 1000, turn & 0xFFFFFFFF, 0, 0)
-
-
-def _parameter_list(turn: int, system: int, now: sky.Time) -> Any:
-    return dialect.MAVLink_param_request_list_message(system, _ALL_COMPONENTS)
-
-
-def _request(turn: int, system: int, now: sky.Time) -> Any:
-    wanted = float(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
-    command = dialect.MAV_CMD_REQUEST_MESSAGE
-    return dialect.MAVLink_command_long_message(
-        system, dialect.MAV_COMP_ID_AUTOPILOT1, command, 0, wanted, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    )
-
-
-_MESSAGES: Final[dict[str, Callable[[int, int, sky.Time], Any]]] = {
-    "HEARTBEAT": _heartbeat, "PING": _ping, "PARAM_REQUEST_LIST": _parameter_list, "COMMAND_LONG": _request,
-}  # fmt: skip
 
 
 @sky.attack(
@@ -70,7 +35,7 @@ _MESSAGES: Final[dict[str, Callable[[int, int, sky.Time], Any]]] = {
         "processing time": "simulated: the same for each frame, as the scenario declares for the receiver; else none",
     },
 )
-class Flood(sky.LinkTap):
+class Flood(sky.InjectionOnLinks):
     """Sends useless frames towards one end of a link, at a constant rate.
 
     They enter the link before its channel, so they take their share of its `rate_bps` and `queue_bytes`, and of the
@@ -78,9 +43,8 @@ class Flood(sky.LinkTap):
     limit, frames do not wait for each other.
     """
 
-    links: Names = sky.param("Links gcs, log or autopilot by name or pattern, such as ['gcs:blue/b1'].", min_length=1)
     towards: Literal["aircraft", "station"] = sky.param("End that the frames go to.", default="aircraft")
-    message: Literal["HEARTBEAT", "PING", "PARAM_REQUEST_LIST", "COMMAND_LONG", "random"] = sky.param(
+    message: Subject = sky.param(
         "Frames that are sent. HEARTBEAT: of foreign systems; PING: no receiver answers it; PARAM_REQUEST_LIST: all "
         "parameters are requested; COMMAND_LONG: AUTOPILOT_VERSION is requested; random: bytes that are no frame.",
         default="PING",
@@ -88,12 +52,7 @@ class Flood(sky.LinkTap):
     rate_hz: sky.Number = sky.param("Frames per second on each link.", default=100.0, gt=0, le=20_000)
     random_bytes: sky.Whole = sky.param("Length of a frame of random bytes.", default=64, ge=1, le=1024)
 
-    way: Direction
-    systems: dict[str, int]
-    """System ids of the aircraft, until the tap has that of its own."""
-    aircraft: int
-    """That of the aircraft on the link."""
-    packer: sky.MavlinkPacker
+    frames: UselessFrames
     sent: int = 0
     begun_ns: sky.Time = sky.NEVER
     """When the first frame was sent: the start, or soon after where a trigger set that."""
@@ -101,24 +60,17 @@ class Flood(sky.LinkTap):
 
     def prepare(self, context: sky.AttackContext) -> None:
         self.way = "fwd" if self.towards == "aircraft" else "rev"
-        self.systems = {name: aircraft.system_id for name, aircraft in context.vehicles.items()}
 
     def build(self, context: sky.AttackContext) -> sky.Attack:
-        """Taps at the sending ends. Raises `InputError` for links of other kinds than gcs, log and autopilot."""
-        taps = self.place(self.links, context)
-        floodable = [name for name in context.links if name.partition(":")[0] in ROLES]
-        for tap in taps:
-            if tap.match not in floodable:
-                hint = sky.nearest(tap.match, floodable)
-                raise sky.InputError.one(context.id, "links", tap.match, "a gcs, log or autopilot link", hint)
-        return sky.Attack(taps=[_at_sender(tap, self.way) for tap in taps])
+        """Taps at the sending ends: what they inject meets the channel."""
+        taps = super().build(context).taps
+        return sky.Attack(taps=[replace(tap, side=ends_of(tap.match, self.way)[0].rpartition(".")[2]) for tap in taps])
 
     def begin(self) -> None:
-        self.aircraft, self.systems = self.systems[self.link.partition(":")[2]], {}
-        self.packer = sky.MavlinkPacker(*(STATION if self.way == "fwd" else (self.aircraft, 1)))
-
-    def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
-        return ()
+        super().begin()
+        packer = self.packer if self.way == "fwd" else sky.MavlinkPacker(self.target, sky.AUTOPILOT)
+        address = f"{self.id}|{self.link}"
+        self.frames = UselessFrames(self.message, self.random_bytes, packer, self.target, self.chance, address)
 
     def next_wakeup(self) -> sky.Time | None:
         """When the next frame is due, but for the shortest time between batches; `None` once the attack has ended."""
@@ -132,37 +84,12 @@ class Flood(sky.LinkTap):
 
     def on_wakeup(self, now: sky.Time) -> sky.Verdicts:
         self.woken_ns = now
+        return self.send(now)
+
+    def send(self, now: sky.Time) -> sky.Verdicts:
         self.begun_ns = min(self.begun_ns, now)
         due = int((now - self.begun_ns) * self.rate_hz / sky.NS_PER_S) + 1 - self.sent
-        made: list[sky.Verdict] = []
-        for _ in range(min(due, MAX_INJECTS)):
-            payload = self._payload(now)
-            self.sent += 1
-            payload = benign_payload(payload) if self.sham else payload
-            made.append(sky.Inject(payload, self.way, *ends_of(self.link, self.way)))
-        return made
-
-    def _payload(self, now: sky.Time) -> bytes:
-        if self.message == "random":
-            return self._random_bytes()
-        if self.message == "HEARTBEAT":
-            self.packer.system, self.packer.component = self._foreign_system(), 1
-        return self.packer.pack(_MESSAGES[self.message](self.sent, self.aircraft, now))
-
-    def _foreign_system(self) -> int:
-        """The next system id that is neither the aircraft's nor the ground station's."""
-        system = 1 + self.sent % (_SYSTEMS - 1)
-        return system + 1 if system >= self.aircraft else system
-
-    def _random_bytes(self) -> bytes:
-        who = sky.hash64(f"{self.id}|{self.link}")
-        size, made = self.random_bytes, b""
-        while len(made) < size:
-            for uniform in self.chance.uniform4("attack.flood", who, self.sent, len(made)):
-                made += int(uniform * 2.0**48).to_bytes(6, "little")
-        return made[:size]
-
-
-def _at_sender(tap: sky.TapPlacement, direction: Direction) -> sky.TapPlacement:
-    """The tap at the end that sends in a direction: what it injects meets the channel."""
-    return replace(tap, side=ends_of(tap.match, direction)[0].rpartition(".")[2])
+        numbers = range(self.sent, self.sent + min(due, MAX_INJECTS))
+        self.sent += len(numbers)
+        payloads = [self.frames.make(number, now) for number in numbers]
+        return [self.inject(benign_payload(one) if self.sham else one) for one in payloads]

@@ -21,21 +21,14 @@ class Reordering(sky.OnPath):
     The sham holds the same frames back for 1 ns.
     """
 
-    probability: sky.Number = sky.param(
-        "Probability that a selected frame is held back, more than 0 and at most 1.", default=0.3, gt=0, le=1
-    )
+    probability: sky.Number = sky.param("Probability that a selected frame is held back.", default=0.3, gt=0, le=1)
     hold_s: sky.Number = sky.param(
-        "Longest time in seconds for which a frame is held back; the time is uniform from half of it to all of it.",
-        default=1.0, ge=0.001, le=600,
-    )  # fmt: skip
-
-    hold_ns: sky.Time
-
-    def prepare(self, context: sky.AttackContext) -> None:
-        self.hold_ns = 1 if self.sham else sky.from_seconds(self.hold_s)
+        "Longest hold in seconds; holds are uniform from half of it to all of it.", default=1.0, ge=0.001, le=600
+    )
 
     def act(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         chosen, share, _, _ = self.draw(frame)
         if chosen >= self.probability:
             return ()
-        return (sky.Delay(now + max(1, int(self.hold_ns * (0.5 + 0.5 * share)))),)
+        hold_ns = 1 if self.sham else sky.from_seconds(self.hold_s)
+        return (sky.Delay(now + max(1, int(hold_ns * (0.5 + 0.5 * share)))),)

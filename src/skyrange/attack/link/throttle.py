@@ -25,22 +25,14 @@ class Throttle(sky.OnPath):
     link do. Other frames pass beside them. The sham does the same, because no benign act makes a link slower.
     """
 
-    rate_bps: sky.Number = sky.param(
-        "Rate of each direction in bits per second, at least 1.", default=9600.0, ge=1, le=1e12
-    )
-    queue_bytes: sky.Whole = sky.param(
-        "Size of the queue of each direction in bytes; a frame that does not fit is dropped.",
-        default=4096, ge=1, le=2**31,
-    )  # fmt: skip
-    busy_until: dict[str, sky.Time] = sky.state(dict)
-    """When the queue of each direction is empty."""
+    rate_bps: sky.Number = sky.param("Rate of each direction in bits per second.", default=9600.0, ge=1, le=1e12)
+    queue_bytes: sky.Whole = sky.param("Size of the queue of each direction in bytes.", default=4096, ge=1, le=2**31)
 
     def act(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
-        """Delay it until it has been sent, or drop it where the queue is full."""
-        waiting_ns = max(0, self.busy_until.get(frame.direction, 0) - now)
-        size = len(frame.payload)
+        way, size = (frame.link, frame.direction), len(frame.payload)
+        waiting_ns = max(0, self.delayed_until.get(way, 0) - now)
         if waiting_ns * self.rate_bps / (8 * sky.NS_PER_S) + size > self.queue_bytes:
             return (sky.Drop(),)
         ready = now + waiting_ns + math.ceil(size * 8 * sky.NS_PER_S / self.rate_bps)
-        self.busy_until[frame.direction] = ready
+        self.delayed_until[way] = ready
         return (sky.Delay(ready),)

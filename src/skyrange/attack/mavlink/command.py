@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.params import COMMANDS, CommandName, CommandValues
+from skyrange.attack.bases.mavlink.params import CommandName, CommandValues, command_number
 
 
 @sky.attack(
@@ -25,22 +25,13 @@ class CommandInjection(sky.Injection):
     values: CommandValues = sky.param(
         "Parameters 1 to 7 of the command, as MAVLink defines them; those not given are 0.", default=()
     )
-    at: sky.Enu | None = sky.param(
-        "Place of the command, [east_m, north_m, up_m] in metres from the origin or the attack's anchor: sends "
-        "COMMAND_INT with it as parameters 5 to 7. Default: COMMAND_LONG.",
-        default=None,
-    )
+    at: sky.Enu | None = sky.place_param("Place, parameters 5 to 7, for which COMMAND_INT is sent", default=None)
     every_s: sky.Number = sky.param("Time between two commands, in seconds.", default=1.0, ge=0.02, le=3600)
     times: sky.Whole = sky.param("Number of commands; 0 is until the attack stops.", default=1, ge=0, le=100_000)
-    order: sky.Order
-
-    def prepare(self, context: sky.AttackContext) -> None:
-        number = self.command if isinstance(self.command, int) else COMMANDS[self.command]
-        place = None if self.at is None else sky.geodetic(self.origin, self.at)
-        self.order = sky.Order(number, self.values, place)
 
     def marks(self) -> dict[str, sky.Place]:
         return {} if self.at is None else {"place of the command": self.at}
 
     def orders(self, now: sky.Time) -> list[sky.Order]:
-        return [self.order]
+        place = None if self.at is None else sky.geodetic(self.origin, self.at)
+        return [sky.Order(command_number(self.command), self.values, place)]

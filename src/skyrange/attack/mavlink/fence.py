@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Literal
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.script import Item
 from skyrange.codec.mavlink import dialect as mav
 
 
@@ -22,16 +21,10 @@ class FenceTampering(sky.Script):
     """Disables the fence of the aircraft, or replaces it by another."""
 
     form: Literal["disable", "move"] = sky.param(
-        "disable: DO_FENCE_ENABLE with 0; move: uploads one circle, inside or outside of which the aircraft must stay, "
-        "and enables the fence.",
-        default="disable",
+        "disable: DO_FENCE_ENABLE with 0; move: uploads one circle and enables the fence.", default="disable"
     )
-    at: sky.Enu | None = sky.param(
-        "Centre of the circle of form 'move', [east_m, north_m, up_m] in metres from the origin or the attack's "
-        "anchor.",
-        default=None,
-    )
-    radius_m: sky.Number = sky.param("Radius of that circle, in metres.", default=30.0, ge=1, le=10_000)
+    at: sky.Enu | None = sky.place_param("Centre of the circle", default=None)
+    radius_m: sky.Number = sky.param("Radius of the circle, in metres.", default=30.0, ge=1, le=10_000)
     excludes: bool = sky.param("Whether the aircraft must stay outside of the circle; else inside.", default=False)
 
     def find_problems(self) -> sky.Problems:
@@ -45,5 +38,5 @@ class FenceTampering(sky.Script):
         if self.form == "disable" or self.at is None:
             return [sky.Order(mav.MAV_CMD_DO_FENCE_ENABLE, (0.0,))]
         command = mav.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION if self.excludes else mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
-        circle = Item(command, sky.geodetic(self.origin, self.at), self.radius_m)
+        circle = sky.MissionItem(command, sky.geodetic(self.origin, self.at), self.radius_m)
         return [sky.Upload((circle,), mav.MAV_MISSION_TYPE_FENCE), sky.Order(mav.MAV_CMD_DO_FENCE_ENABLE, (1.0,))]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Literal
 
 import skyrange.plugin as sky
@@ -27,21 +26,15 @@ class Hijack(sky.Injection):
 
     reads = ("HEARTBEAT", "GLOBAL_POSITION_INT")
 
-    track: Track = sky.param(
-        "Places to lead the aircraft to, in order, each [east_m, north_m, up_m] in metres from the origin."
-    )
-    within_m: sky.Number = sky.param(
-        "Distance at which a place counts as reached, in metres.", default=3.0, gt=0, le=1000
-    )
+    track: Track = sky.param("Places in order, each [east_m, north_m, up_m] in metres from the origin.")
+    within_m: sky.Number = sky.param("Distance in metres at which a place is reached.", default=3.0, gt=0, le=1000)
     every_s: sky.Number = sky.param("Time between two targets, in seconds.", default=0.5, ge=0.02, le=10)
     then: Literal["hold", "land"] = sky.param("At the last place: hold it, or land there (mode LAND).", default="hold")
     leader: Leader
 
     def begin(self) -> None:
         super().begin()
-        self.leader = Leader(
-            self.claimed, self.schedule, self.origin, self.track, self.within_m, self.period_ns(), self.then == "land"
-        )
+        self.leader = Leader(self.claimed, self.schedule, self.origin, self.track, self.within_m, self.then == "land")
 
     def marks(self) -> dict[str, sky.Place]:
         return {"end of the track": self.track[-1]}
@@ -49,6 +42,5 @@ class Hijack(sky.Injection):
     def on_message(self, now: sky.Time, message: sky.MavlinkMessage) -> None:
         self.leader.learn(now, message)
 
-    def orders(self, now: sky.Time) -> Sequence[sky.Order | sky.MavlinkMessage]:
-        """A change of mode, if one is needed, and the target."""
+    def orders(self, now: sky.Time) -> list[sky.Order | sky.MavlinkMessage]:
         return self.leader.orders(now)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Literal
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.script import Item
 from skyrange.codec.mavlink import dialect as mav
 
 
@@ -21,22 +20,15 @@ from skyrange.codec.mavlink import dialect as mav
 class FalseHome(sky.Script):
     """Moves home or the rally points of the aircraft."""
 
-    at: sky.Enu = sky.param(
-        "Place that the aircraft is to return to, [east_m, north_m, up_m] in metres from the origin or the attack's "
-        "anchor."
-    )
-    point: Literal["home", "rally"] = sky.param(
-        "What is moved: home, or the rally points, which are replaced by one.", default="home"
-    )
-    then_rtl: bool = sky.param(
-        "Whether to command RTL too; else the next return, or failsafe, goes there.", default=False
-    )
+    at: sky.Enu = sky.place_param("Place that the aircraft is to return to")
+    point: Literal["home", "rally"] = sky.param("What is moved: home, or the rally points to one.", default="home")
+    then_rtl: bool = sky.param("Whether RTL is commanded too; else the next return goes there.", default=False)
 
     def marks(self) -> dict[str, sky.Place]:
         return {f"false {self.point}": self.at}
 
     def steps(self) -> list[sky.Step]:
         place = sky.geodetic(self.origin, self.at)
-        rally = sky.Upload((Item(mav.MAV_CMD_NAV_RALLY_POINT, place),), mav.MAV_MISSION_TYPE_RALLY)
+        rally = sky.Upload((sky.MissionItem(mav.MAV_CMD_NAV_RALLY_POINT, place),), mav.MAV_MISSION_TYPE_RALLY)
         moved = sky.Order(mav.MAV_CMD_DO_SET_HOME, place=place) if self.point == "home" else rally
         return [moved, sky.mode_order(mav.COPTER_MODE_RTL)] if self.then_rtl else [moved]

@@ -1,17 +1,11 @@
-"""Hostile MAVLink: frames that are truncated, damaged or unknown, or valid ones with absurd counts and numbers.
-
-The published "malicious input". Chance is addressed by the link and the time, so a seed gives the same frames.
-
-ArduPilot's simulator aborts on a floating point exception, which boards ignore, unless SIM_FLOAT_EXCEPT is 0; so the
-form `numbers` can end that program.
-"""
+"""Hostile MAVLink: frames that are truncated, damaged or unknown, or valid ones with absurd counts and numbers."""
 
 from __future__ import annotations
 
 from typing import Literal
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.hostile_frames import FORMS, Draw, Forms, harmless_frame, hostile_frame
+from skyrange.attack.bases.mavlink.hostile_frames import FORMS, Draw, Forms, draw_frame, harmless_frame
 
 
 @sky.attack(
@@ -27,7 +21,11 @@ from skyrange.attack.bases.mavlink.hostile_frames import FORMS, Draw, Forms, har
     placement="the same frames on the link of another aircraft",
 )
 class HostileFrames(sky.Injection):
-    """Sends malformed MAVLink frames, and valid ones with absurd counts and numbers."""
+    """Sends malformed MAVLink frames, and valid ones with absurd counts and numbers.
+
+    ArduPilot's simulator aborts on a floating point exception, which boards ignore, unless SIM_FLOAT_EXCEPT is 0; so
+    the form `numbers` can end that program.
+    """
 
     forms: Forms = sky.param(
         "Forms, one chosen by chance for each frame: garbage (random bytes), truncated, checksum (wrong, as by another "
@@ -35,27 +33,16 @@ class HostileFrames(sky.Injection):
         "frame of version 2), counts (65535 items and the like), numbers (NaN, infinite or 3e38).",
         default=FORMS,
     )
-    towards: Literal["aircraft", "station"] = sky.param(
-        "aircraft: fwd; station: rev, in the name of the aircraft.", default="aircraft"
-    )
+    towards: Literal["aircraft", "station"] = sky.param("Receiver; station: as from the aircraft.", default="aircraft")
     rate_hz: sky.Number = sky.param("Frames in a second.", default=10.0, ge=0.1, le=1000)
-    address: int
-    """Address of the link, for chance."""
 
     def prepare(self, context: sky.AttackContext) -> None:
         self.way = "fwd" if self.towards == "aircraft" else "rev"
         self.every_s = 1.0 / self.rate_hz
 
-    def begin(self) -> None:
-        super().begin()
-        self.address = sky.hash64(self.link)
-
     def orders(self, now: sky.Time) -> list[bytes]:
-        """One frame; the sham sends a harmless one of the same size."""
-        draw = Draw.of(self.chance.uniform4(f"{self.id}.malformed", self.address, now))
-        form = self.forms[draw.below(len(self.forms))]
-        # sizes depend on the addressee only where it is 0, so a sham's frame has the size of the attack's
+        draw = Draw.of(self.chance.uniform4(f"{self.id}.malformed", sky.hash64(self.link), now))
         to_station = self.way == "rev"
         packer = sky.MavlinkPacker(self.target, sky.AUTOPILOT) if to_station else self.claimed.packer
-        payload = hostile_frame(form, draw, packer, self.target, to_station)
+        payload = draw_frame(self.forms, draw, packer, self.target, to_station)
         return [harmless_frame(len(payload), packer) if self.sham else payload]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Literal
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.script import Clear
 
 
 @sky.attack(
@@ -22,12 +21,10 @@ class MissionErasure(sky.Script):
     """Removes the mission of the aircraft in flight."""
 
     by: Literal["MISSION_COUNT", "MISSION_CLEAR_ALL"] = sky.param(
-        "MISSION_COUNT of 0, an upload of nothing, removes a mission that is being flown; MISSION_CLEAR_ALL is "
-        "rejected by ArduPilot in that state.",
-        default="MISSION_COUNT",
+        "MISSION_COUNT of 0 uploads nothing; ArduPilot rejects MISSION_CLEAR_ALL in AUTO.", default="MISSION_COUNT"
     )
 
     def steps(self) -> list[sky.Step]:
         # AP_Mission::clear keeps a mission that runs; AP_Mission::truncate, which a MISSION_COUNT calls
         # (MissionItemProtocol_Waypoints::truncate), does not ask
-        return [sky.Upload(()) if self.by == "MISSION_COUNT" else Clear()]
+        return [sky.Upload(()) if self.by == "MISSION_COUNT" else sky.Clear()]

@@ -6,7 +6,6 @@ from typing import Final, Literal
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.params import Track
-from skyrange.attack.bases.mavlink.script import Item
 from skyrange.codec.mavlink import dialect as mav
 
 _ENDS: Final = {
@@ -30,16 +29,12 @@ _ENDS: Final = {
 class MissionReplacement(sky.Script):
     """Uploads another mission to the flying aircraft and starts it."""
 
-    track: Track = sky.param(
-        "Waypoints of the mission, in order, each [east_m, north_m, up_m] in metres from the origin."
-    )
+    track: Track = sky.param("Waypoints in order, each [east_m, north_m, up_m] in metres from the origin.")
     end: Literal["hold", "land", "rtl"] = sky.param(
         "What the mission ends with, at the last waypoint: hold it, land, or return.", default="land"
     )
     restart: bool = sky.param(
-        "Whether to start the mission from its first item, in AUTO; else the aircraft goes on at the item with the "
-        "number of its present one.",
-        default=True,
+        "Whether it starts at its first item, in AUTO; else it goes on at the number of the present one.", default=True
     )
 
     def marks(self) -> dict[str, sky.Place]:
@@ -49,7 +44,7 @@ class MissionReplacement(sky.Script):
         places = [sky.geodetic(self.origin, place) for place in self.track]
         # item 0 is home to ArduPilot, which ignores what is uploaded for it (AP_Mission.cpp,
         # AP_MISSION_FIRST_REAL_COMMAND)
-        mission = [Item(mav.MAV_CMD_NAV_WAYPOINT, place) for place in (places[0], *places)]
-        upload = sky.Upload((*mission, Item(_ENDS[self.end], places[-1])))
+        mission = [sky.MissionItem(mav.MAV_CMD_NAV_WAYPOINT, place) for place in (places[0], *places)]
+        upload = sky.Upload((*mission, sky.MissionItem(_ENDS[self.end], places[-1])))
         start = [sky.Order(mav.MAV_CMD_DO_SET_MISSION_CURRENT, (1.0, 1.0)), sky.mode_order(mav.COPTER_MODE_AUTO)]
         return [upload, *start] if self.restart else [upload]

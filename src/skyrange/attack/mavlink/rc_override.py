@@ -6,7 +6,6 @@ from typing import Literal
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.orders import ModeKeeper, stick_message
-from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 
 
 @sky.attack(
@@ -29,26 +28,23 @@ class StickOverride(sky.Injection):
         "MAVLink message that carries the stick positions.", default="RC_CHANNELS_OVERRIDE"
     )
     mode: Literal["none", "STABILIZE", "ALT_HOLD", "LOITER"] = sky.param(
-        "Mode to change to, in which the sticks fly the aircraft; none leaves it. In AUTO, GUIDED and RTL only the yaw "
-        "stick has an effect.",
-        default="LOITER",
+        "Mode to change to; none: as it is. In AUTO, GUIDED and RTL the yaw stick alone has effect.", default="LOITER"
     )
     forward: sky.Number = sky.param("Pitch stick: 1 is full forward, -1 full back.", default=0.0, ge=-1, le=1)
     right: sky.Number = sky.param("Roll stick: 1 is full right, -1 full left.", default=0.0, ge=-1, le=1)
     throttle: sky.Number = sky.param("Throttle stick: 0 is lowest, 0.5 holds the height.", default=0.5, ge=0, le=1)
     yaw: sky.Number = sky.param("Yaw stick: 1 is full right, -1 full left.", default=0.0, ge=-1, le=1)
     rate_hz: sky.Number = sky.param("Messages in a second.", default=10.0, ge=0.5, le=50)
-    keeper: ModeKeeper | None
+    keeper: ModeKeeper
 
     def prepare(self, context: sky.AttackContext) -> None:
         self.every_s = 1.0 / self.rate_hz
-        self.keeper = None if self.mode == "none" else ModeKeeper(COPTER_MODE_NUMBERS[self.mode], sky.NS_PER_S)
+        self.keeper = ModeKeeper(None if self.mode == "none" else sky.copter_mode(self.mode), sky.NS_PER_S)
 
     def on_message(self, now: sky.Time, message: sky.MavlinkMessage) -> None:
-        if self.keeper is not None:
-            self.keeper.learn(message)
+        self.keeper.learn(message)
 
     def orders(self, now: sky.Time) -> list[sky.Order | sky.MavlinkMessage]:
         sticks = (self.forward, self.right, self.throttle, self.yaw)
         moved = stick_message(self.target, sky.AUTOPILOT, sticks, self.message == "MANUAL_CONTROL")
-        return [moved] if self.keeper is None else [moved, *self.keeper.orders(now)]
+        return [moved, *self.keeper.orders(now)]

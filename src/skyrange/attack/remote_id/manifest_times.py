@@ -1,9 +1,13 @@
-"""Manifests over Wi-Fi: which packs have one, and the period after which those of a sender repeat (RFC 9575)."""
+"""Manifests over Wi-Fi: which packs have one, after what period those of a sender repeat, and when the next come.
+
+They are those of RFC 9575.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from heapq import heapify, heappop, heappush
 from typing import Final
 
 from skyrange.codec.drip import SamType
@@ -23,6 +27,9 @@ TOLERANCE_NS: Final = 100 * NS_PER_US
 """Of times that are expected: less than a pack of signatures takes."""
 MAX_SURPRISES: Final = 3
 """Manifests out of their times in a row: fewer are late because the channel was busy."""
+MAX_SENDERS: Final = 256
+MAX_UNHEARD: Final = 60
+"""Predictions without any frame of the sender heard; then it is forgotten."""
 _DATA_AT: Final = 8
 """Where the authentication data begin in page 0 (F3411-22a, Authentication message)."""
 
@@ -52,6 +59,68 @@ class Rhythm:
             return []
         self.surprises = 0
         return [one + self.period_ns for one in self.heard if one + self.period_ns > start_ns]
+
+
+@dataclass(slots=True)
+class ManifestTimes:
+    """The Manifests to come over Wi-Fi, of all senders."""
+
+    rhythms: dict[bytes, Rhythm] = field(default_factory=dict)
+    """By address of the sender."""
+    _expected: list[tuple[Time, bytes]] = field(default_factory=list)
+    """Heap of those to come, with the addresses of their senders."""
+    _recent: dict[bytes, Time] = field(default_factory=dict)
+    """The last time at which one was expected, by sender."""
+
+    @property
+    def next_ns(self) -> Time | None:
+        """When the next one is expected."""
+        return self._expected[0][0] if self._expected else None
+
+    def hear_frame(self, address: bytes) -> None:
+        """Note that a sender is still there."""
+        if address in self.rhythms:
+            self.rhythms[address].unheard = 0
+
+    def hear_manifest(self, address: bytes, start_ns: Time) -> None:
+        """Learn from a Manifest."""
+        rhythm = self.rhythms.get(address)
+        if rhythm is None:
+            while len(self.rhythms) >= MAX_SENDERS:
+                self._forget(next(iter(self.rhythms)))
+            rhythm = self.rhythms[address] = Rhythm()
+        is_expected = abs(start_ns - self._recent.get(address, 0)) <= TOLERANCE_NS
+        coming = rhythm.hear(start_ns, is_expected)
+        if rhythm.period_ns is None or coming:
+            self._expect_none_of(address)
+        for at_ns in coming:
+            heappush(self._expected, (at_ns, address))
+
+    def take(self, now: Time) -> list[Time]:
+        """The times of those that are expected until `now`; each is taken once."""
+        taken = []
+        while self._expected and self._expected[0][0] <= now:
+            at_ns, address = heappop(self._expected)
+            rhythm = self.rhythms.get(address)
+            if rhythm is None or rhythm.period_ns is None:
+                continue
+            rhythm.unheard += 1
+            if rhythm.unheard > MAX_UNHEARD:
+                self._forget(address)
+                continue
+            heappush(self._expected, (at_ns + rhythm.period_ns, address))
+            self._recent[address] = at_ns
+            taken.append(at_ns)
+        return taken
+
+    def _forget(self, address: bytes) -> None:
+        del self.rhythms[address]
+        self._recent.pop(address, None)
+        self._expect_none_of(address)
+
+    def _expect_none_of(self, address: bytes) -> None:
+        self._expected = [one for one in self._expected if one[1] != address]
+        heapify(self._expected)
 
 
 def find_period(starts: Sequence[Time]) -> Time | None:

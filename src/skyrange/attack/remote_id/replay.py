@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-from collections import deque
-from functools import partial
-from typing import Final
-
 import skyrange.plugin as sky
-from skyrange.attack.bases.forged_remote_id import standing_aircraft
-from skyrange.attack.bases.transmission import radiated_power, transmitter_place
-from skyrange.codec.f3411 import SingleMessage
-from skyrange.codec.f3411.encode import PACK_HEADER, SIZE
+from skyrange.attack.bases.standing_aircraft import StandingAircraft
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import ANY_CHANNEL, NO_RSSI, RidHeader
-
-MAX_BROADCASTS: Final = 100_000
-"""Largest number of broadcasts that the recorder holds; the oldest are discarded."""
 
 
 @sky.attack(
@@ -35,43 +25,23 @@ MAX_BROADCASTS: Final = 100_000
 class Replay(sky.Reception):
     """Sends received Remote ID broadcasts again later, from another place.
 
-    It records the broadcasts that it receives from time 0 on, and sends each again after a fixed delay. The sham sends
-    broadcasts of the same length at the same times, which report an aircraft on the ground at the transmitter.
+    It records the broadcasts that it receives from time 0 on.
     """
 
-    transmitter_m: sky.Enu = transmitter_place("attacker's radio")
     delay_s: sky.Number = sky.param(
         "Time in seconds from the reception of a broadcast until it is sent again.", default=30.0, gt=0, le=86_400
     )
-    power_dbm: sky.Number = radiated_power()
-
     delay_ns: sky.Time
-    harmless: list[SingleMessage]
+    harmless: StandingAircraft
     """What the sham sends."""
-    heard: deque[tuple[sky.Time, bytes, sky.FrameId]] = sky.state(partial(deque, maxlen=MAX_BROADCASTS))
 
     def prepare(self, context: sky.AttackContext) -> None:
         self.delay_ns = sky.from_seconds(self.delay_s)
-        self.harmless = standing_aircraft(context.radio, context.origin, self.transmitter_m)
+        self.harmless = StandingAircraft.at(self.transmitter_m, context.origin, context.radio)
 
     def hear(self, now: sky.Time, arrival: sky.Arrival, header: RidHeader, body: bytes, out: sky.Outbox) -> None:
         due = arrival.at + self.delay_ns
         again = header._replace(channel=ANY_CHANNEL, rssi_cdbm=NO_RSSI, time_ns=due)
         if self.sham:
-            again, body = again._replace(address=sky.claim_identity(self.name).address), self._of_length(len(body))
-        self.heard.append((due, link_payload.pack(again, body), arrival.ref))
-
-    def send_due(self, now: sky.Time, out: sky.Outbox) -> None:
-        """Send those that are due."""
-        while self.heard and self.heard[0][0] <= now:
-            _, payload, ref = self.heard.popleft()
-            out.send(self.up, payload, (ref,))
-
-    def next_wakeup(self) -> sky.Time | None:
-        return self.heard[0][0] if self.heard else None
-
-    def _of_length(self, length: int) -> bytes:
-        """A harmless body of a length: as many messages as fit."""
-        if length < PACK_HEADER + SIZE:
-            return sky.encode_remote_id(self.harmless[0])
-        return sky.encode_remote_id(sky.MessagePack(tuple(self.harmless[: (length - PACK_HEADER) // SIZE])))
+            again, body = again._replace(address=sky.claim_identity(self.name).address), self.harmless.body(len(body))
+        self.waiting.append((due, link_payload.pack(again, body), arrival.ref))

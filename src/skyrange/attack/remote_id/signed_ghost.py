@@ -9,15 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.forged_remote_id import (
-    CLAIMED_VELOCITY,
-    ON_TRANSPORTS,
-    RADIATED_POWER,
-    TRANSMITTER_PLACE,
-    ForgedRemoteId,
-    RadiatedPower,
-    Transports,
-)
+from skyrange.attack.bases.forged_remote_id import ForgedRemoteId
 from skyrange.attack.remote_id.drip_keys import KeyOrigin, find_registration
 from skyrange.codec.f3411 import IdType
 from skyrange.codec.remote_id import link_payload
@@ -86,18 +78,9 @@ class SignedGhost(ForgedRemoteId):
         "for one sender.",
         default="own",
     )
-    at: sky.Enu = sky.param(
-        "Claimed position at the start of the attack, [east_m, north_m, up_m] in metres from the origin or the "
-        "attack's anchor."
-    )
-    velocity_mps: sky.Enu = CLAIMED_VELOCITY
-    rate_hz: sky.Number = sky.param("Broadcasts per second on each transport.", default=1.0, ge=0.1, le=10)
     auth_rates: Literal["required", "recommended"] = sky.param(
         "How often it sends authentication messages, as remote_id.auth_rates.", default="required"
     )
-    transports: Transports = ON_TRANSPORTS
-    transmitter_m: sky.Enu | None = TRANSMITTER_PLACE
-    power_dbm: RadiatedPower = RADIATED_POWER
 
     pages: AuthenticationPages
 

@@ -10,15 +10,7 @@ from typing import Annotated, Final, Literal
 from pydantic import Field
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.forged_remote_id import (
-    CLAIMED_VELOCITY,
-    ON_TRANSPORTS,
-    RADIATED_POWER,
-    TRANSMITTER_PLACE,
-    ForgedRemoteId,
-    RadiatedPower,
-    Transports,
-)
+from skyrange.attack.bases.forged_remote_id import ForgedRemoteId
 from skyrange.attack.contract import ORACLE
 from skyrange.attack.radio import check_vehicle
 
@@ -48,26 +40,18 @@ class Spoof(ForgedRemoteId):
     """
 
     form: Literal["ghost", "position", "swarm"] = sky.param(
-        "ghost: an aircraft that does not exist; position: a false position of a real aircraft; swarm: many ghosts "
-        "around a place.",
+        "ghost: an aircraft that does not exist; position: a false one of a real aircraft; swarm: many ghosts around "
+        "a place.",
         default="ghost",
     )
-    at: sky.Enu = sky.param(
-        "Claimed position at the start of the attack, or centre of the swarm: [east_m, north_m, up_m] in metres from "
-        "the origin or the attack's anchor."
-    )
-    velocity_mps: sky.Enu = CLAIMED_VELOCITY
+    at: sky.Enu = sky.place_param("Claimed position at the start of the attack, or centre of the swarm")
     vehicle: str | None = sky.param("Aircraft whose identity form = 'position' uses, such as 'red/r1'.", default=None)
     uas_id: Annotated[str, Field(min_length=1, max_length=20, pattern=r"^[\x20-\x7e]+$")] | None = sky.param(
         "UAS ID of a ghost, at most 20 printable ASCII characters; default: one derived from the attack's id.",
         default=None,
     )
-    count: Annotated[sky.Whole, Field(ge=1, le=2000)] = sky.param("Number of ghosts in a swarm.", default=20)
+    count: sky.Whole = sky.param("Number of ghosts in a swarm.", default=20, ge=1, le=2000)
     radius_m: sky.Number = sky.param("Radius of a swarm in metres.", default=100.0, gt=0, le=10_000)
-    rate_hz: sky.Number = sky.param(
-        "Broadcasts per second of each forged aircraft on each transport.", default=1.0, ge=0.1, le=10
-    )
-    transports: Transports = ON_TRANSPORTS
     via: Literal["radio", "link"] = sky.param(
         "radio: broadcast from the attacker's own transmitter; link: inject on the rid_up link of an aircraft.",
         default="radio",
@@ -75,8 +59,6 @@ class Spoof(ForgedRemoteId):
     on: str | None = sky.param(
         "Aircraft on whose rid_up link via = 'link' injects; default: the aircraft in vehicle.", default=None
     )
-    transmitter_m: sky.Enu | None = TRANSMITTER_PLACE
-    power_dbm: RadiatedPower = RADIATED_POWER
 
     src: str = ""
     """The endpoint in whose name a tap injects."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from heapq import heapify, heappop, heappush
 from typing import Final
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.transmission import SILENT_CDBM, WifiChannel, radiated_power, transmitter_place
-from skyrange.attack.remote_id.manifest_times import TOLERANCE_NS, Rhythm, carries_manifest
+from skyrange.attack.bases.transmission import OrdersNoise, WifiChannel
+from skyrange.attack.remote_id.manifest_times import ManifestTimes, carries_manifest
 from skyrange.codec.f3411 import MessageType
 from skyrange.codec.f3411.encode import SIZE
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
@@ -26,9 +25,6 @@ JITTER_NS: Final = 10 * sky.NS_PER_MS
 """advDelay of an advertisement (Bluetooth Core 5.4 vol. 6 part B 4.4.2.2.1)."""
 MAX_PAGE: Final = 8
 """Last page of a message of unknown length: nine pages, and the parity page after them."""
-MAX_SENDERS: Final = 256
-MAX_UNHEARD: Final = 60
-"""Predictions without any frame of the sender heard; then it is forgotten."""
 ADVERTISING_KHZ: Final = (2_402_000, 2_426_000, 2_480_000)
 """The three advertising channels of Bluetooth."""
 
@@ -36,14 +32,11 @@ ADVERTISING_KHZ: Final = (2_402_000, 2_426_000, 2_480_000)
 @sky.attack(
     "remote_id.suppress_pages",
     technique="T0804",
-    counterfactual="mute",
     effect="receivers get positions without signatures: they come to trust nobody, and trust in others grows stale",
     knowledge="the formats of RFC 9575; it learns the senders' periods from what it hears",
     position="within some hundred metres of the receivers, by power and walls, and where it hears the senders",
     equipment="a software-defined radio for 2.4 GHz that reacts within 0.2 ms, with an amplifier",
     budget="over Wi-Fi 0.5 ms of noise a Manifest; over Bluetooth 4 up to 0.4 s a message",
-    load="none, because the noise is the attack; the sham has the same orders at −200 dBm",
-    content="none, because noise has no content",
     placement="the same jammer where it does not hear the senders, or remote_id.jam with as much noise a second",
     realism={
         "missed pages": "simulated: power at each receiver over the part of a frame that the noise covers",
@@ -52,41 +45,32 @@ ADVERTISING_KHZ: Final = (2_402_000, 2_426_000, 2_480_000)
         "hearing while it transmits": "assumed: none",
     },
 )
-class SuppressPages(sky.Reception):
+class SuppressPages(OrdersNoise, sky.Reception):
     """Jams the frames that carry DRIP signatures: over Wi-Fi by their period, over Bluetooth 4 after their first page.
 
     Over Wi-Fi it learns the period of each sender's Manifests, and jams the second half of each that is to come. Over
-    Bluetooth 4 it hears a page, and jams those that follow it. While it transmits it hears nothing. The sham orders the
-    same noise at −200 dBm.
+    Bluetooth 4 it hears a page, and jams those that follow it. While it transmits it hears nothing.
     """
 
-    transmitter_m: sky.Enu = transmitter_place("jammer")
-    power_dbm: sky.Number = radiated_power(default=30.0, le=60)
     channel: WifiChannel = sky.param("Wi-Fi channel on which it expects packs of signatures.", default=6)
 
     service_ns: sky.Time = SERVICE_NS
     burst: NoiseRequest
     """An order of noise; its centre, width and duration are replaced."""
     wifi_khz: int
-    rhythms: dict[bytes, Rhythm] = sky.state(dict)
-    expected: list[tuple[sky.Time, bytes]] = sky.state(list)
-    """Heap of the Manifests to come, with the addresses of their senders."""
-    recent: dict[bytes, sky.Time] = sky.state(dict)
-    """The last time at which one was expected, by sender."""
+    manifests: ManifestTimes = sky.state(ManifestTimes)
     bluetooth_until: sky.Time = -1
     """End of the noise on the advertising channels."""
     wifi_from: sky.Time = -1
     """Start of the last noise over Wi-Fi."""
 
     def prepare(self, context: sky.AttackContext) -> None:
-        self.burst = NoiseRequest(SILENT_CDBM if self.sham else round(self.power_dbm * 100), 0, 1, 1)
+        self.burst = NoiseRequest(self.noise_cdbm, 0, 1, 1)
         self.wifi_khz = (2407 + 5 * self.channel) * 1000
 
     def hear(self, now: sky.Time, arrival: sky.Arrival, header: RidHeader, body: bytes, out: sky.Outbox) -> None:
         """Learn from a Manifest over Wi-Fi; order noise on the pages that follow one over Bluetooth 4."""
-        rhythm = self.rhythms.get(header.address)
-        if rhythm is not None:
-            rhythm.unheard = 0  # the sender is still there
+        self.manifests.hear_frame(header.address)
         if header.transport == Transport.BT4:
             self._hear_page(now, header, body, arrival.ref, out)
         elif header.transport in (Transport.WIFI_BEACON, Transport.WIFI_NAN) and carries_manifest(body):
@@ -94,22 +78,12 @@ class SuppressPages(sky.Reception):
 
     def send_due(self, now: sky.Time, out: sky.Outbox) -> None:
         """Order noise on the Manifests that are to come now."""
-        while self.expected and self.expected[0][0] <= now:
-            at_ns, address = heappop(self.expected)
-            rhythm = self.rhythms.get(address)
-            if rhythm is None or rhythm.period_ns is None:
-                continue
-            rhythm.unheard += 1
-            if rhythm.unheard > MAX_UNHEARD:
-                self._forget(address)
-                continue
-            heappush(self.expected, (at_ns + rhythm.period_ns, address))
-            self.recent[address] = at_ns
+        for at_ns in self.manifests.take(now):
             if now - at_ns < WIFI_BURST_NS and self._order(now, (self.wifi_khz,), 20_000, WIFI_BURST_NS, (), out):
                 self.wifi_from = now
 
     def next_wakeup(self) -> sky.Time | None:
-        return self.expected[0][0] if self.expected else None
+        return self.manifests.next_ns
 
     def _hear_page(self, now: sky.Time, header: RidHeader, body: bytes, ref: sky.FrameId, out: sky.Outbox) -> None:
         if len(body) != SIZE or body[0] >> 4 != MessageType.AUTHENTICATION or header.time_ns <= self.bluetooth_until:
@@ -126,24 +100,7 @@ class SuppressPages(sky.Reception):
         start_ns = header.time_ns - length_ns
         if header.time_ns > self.wifi_from and start_ns < self.wifi_from + WIFI_BURST_NS + SERVICE_NS:
             return  # it was transmitting itself
-        rhythm = self.rhythms.get(header.address)
-        if rhythm is None:
-            while len(self.rhythms) >= MAX_SENDERS:
-                self._forget(next(iter(self.rhythms)))
-            rhythm = self.rhythms[header.address] = Rhythm()
-        is_expected = abs(start_ns - self.recent.get(header.address, 0)) <= TOLERANCE_NS
-        coming = rhythm.hear(start_ns, is_expected)
-        if rhythm.period_ns is None or coming:
-            self.expected = [one for one in self.expected if one[1] != header.address]
-            heapify(self.expected)
-        for at_ns in coming:
-            heappush(self.expected, (at_ns, header.address))
-
-    def _forget(self, address: bytes) -> None:
-        del self.rhythms[address]
-        self.recent.pop(address, None)
-        self.expected = [one for one in self.expected if one[1] != address]
-        heapify(self.expected)
+        self.manifests.hear_manifest(header.address, start_ns)
 
     def _order(
         self, now: sky.Time, centres_khz: Iterable[int], width_khz: int, length_ns: sky.Time,

@@ -7,7 +7,6 @@ import skyrange.plugin as sky
 
 @sky.attack(
     "sensor.barometer",
-    technique="EX-0014.03",
     surface=("baro",),
     effect="the aircraft flies too low or too high by the error, with an estimate that shows nothing",
     knowledge="for a slow shift that passes the estimator's gate: EK3_HGT_I_GATE and EK3_ALT_M_NSE",
@@ -23,18 +22,12 @@ import skyrange.plugin as sky
     },
 )
 class Barometer(sky.AddsSignal):
-    """Shifts the height that the barometer measures, by a false pressure at its port.
-
-    The measured height has an error, constant or oscillating.
-    """
+    """Shifts the height that the barometer measures, by a false pressure at its port."""
 
     offset_m: sky.Number = sky.param(
-        "Error of the measured height in metres; +1 m is 12 Pa less pressure at sea level.",
-        default=0.0, ge=-1_000, le=1_000,
-    )  # fmt: skip
-    amplitude_m: sky.Number = sky.param(
-        "Amplitude of an oscillation of the measured height in metres.", default=0.0, ge=0, le=1_000
+        "Constant error in metres; +1 m is 12 Pa less pressure at sea level.", default=0.0, ge=-1_000, le=1_000
     )
+    amplitude_m: sky.Number = sky.param("Amplitude of an oscillation in metres.", default=0.0, ge=0, le=1_000)
     frequency_hz: sky.Number = sky.param("Frequency of that oscillation in Hz.", default=0.5, gt=0, le=5)
 
     signal = sky.Signal("baro_up_m", constant="offset_m", amplitude="amplitude_m")

@@ -12,7 +12,6 @@ Fields = Annotated[sky.Enu, within(-10.0, 10.0, "gauss")]
 
 @sky.attack(
     "sensor.compass",
-    technique="EX-0014.03",
     surface=("compass",),
     effect="the heading is wrong, so that corrections go the wrong way and the aircraft circles away",
     knowledge="for a field that passes the estimator's gate: the strength of the Earth's field",
@@ -28,18 +27,13 @@ Fields = Annotated[sky.Enu, within(-10.0, 10.0, "gauss")]
     },
 )
 class Compass(sky.AddsSignal):
-    """Adds a magnetic field to the one that the compass measures.
-
-    The measured field has an added one, fixed to the body, constant or oscillating.
-    """
+    """Adds a magnetic field to the one that the compass measures."""
 
     field_gauss: Fields = sky.param(
-        "Added field in the body, [forward, left, up] in gauss, each from -10 to 10; the Earth's is 0.2 to 0.7.",
-        default=(0.0, 0.0, 0.0),
+        "Added field [forward, left, up] in gauss, each -10 to 10; the Earth's is 0.2 to 0.7.", default=(0.0, 0.0, 0.0)
     )
     amplitude_gauss: Fields = sky.param(
-        "Amplitude of an oscillating field in the body, [forward, left, up] in gauss, each from -10 to 10.",
-        default=(0.0, 0.0, 0.0),
+        "Amplitude of an oscillating field [forward, left, up] in gauss, each -10 to 10.", default=(0.0, 0.0, 0.0)
     )
     frequency_hz: sky.Number = sky.param("Frequency of the oscillating field in Hz.", default=0.2, gt=0, le=5)
 

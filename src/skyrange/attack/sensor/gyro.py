@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 from math import radians
-from typing import Annotated
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.sensors import SOUND_AT_AIRCRAFT, within
-
-Rates = Annotated[sky.Enu, within(-2_000.0, 2_000.0, "deg/s")]
-"""Full scale of usual gyroscopes."""
+from skyrange.attack.sensor.sound import SOUND_AT_AIRCRAFT, AddsSound, Rates
 
 
 @sky.attack(
     "sensor.gyro",
-    technique="EX-0014.03",
     surface=("gyro",),
     effect="the rate controllers answer false rotation: the aircraft rocks, tilts or crashes",
     knowledge="the gyroscope's model and so its resonance, 7.9 to 8.3 kHz of an L3G4200D, 26 to 29 kHz of InvenSense "
     "models; for a constant error its output rate as well",
     position="beside the aircraft: a loudspeaker of 113 dB at 10 cm; about 40 m with 140 dB at 1 m, computed",
-    equipment="a loudspeaker and amplifier for the resonance",
     budget="sound, for as long as it acts",
     content="the sham: the same act with unaltered readings; or an oscillation beyond the controllers' filters",
     placement="the same sound on another axis or aircraft",
@@ -33,22 +27,18 @@ Rates = Annotated[sky.Enu, within(-2_000.0, 2_000.0, "deg/s")]
         **SOUND_AT_AIRCRAFT,
     },
 )
-class Gyro(sky.AddsSignal):
-    """Adds false rotation to what the gyroscopes measure, by sound at their resonance.
-
-    The measured rates have an error: an oscillation, or a constant one by sound in step with the sampling.
-    """
+class Gyro(AddsSound):
+    """Adds false rotation to what the gyroscopes measure, by sound at their resonance."""
 
     amplitude_dps: Rates = sky.param(
-        "Amplitude of the oscillation about [forward, left, up] in deg/s, each from -2000 to 2000.",
-        default=(0.0, 0.0, 0.0),
+        "Amplitude of an oscillation [forward, left, up] in deg/s, each from -2000 to 2000.", default=(0.0, 0.0, 0.0)
     )
     frequency_hz: sky.Number = sky.param(
-        "Frequency in Hz of the sampled oscillation: the alias of the sound at the sensor's output rate.",
-        default=10.0, gt=0, le=200,
-    )  # fmt: skip
+        "Sampled frequency in Hz: the alias of the sound at the sensor's output rate.", default=10.0, gt=0, le=200
+    )
     bias_dps: Rates = sky.param(
-        "Constant error about [forward, left, up] in deg/s, each from -2000 to 2000.", default=(0.0, 0.0, 0.0)
+        "Constant error [forward, left, up] in deg/s, each from -2000 to 2000, by sound in step with the sampling.",
+        default=(0.0, 0.0, 0.0),
     )
 
     signal = sky.Signal("gyro_radps", constant="bias_dps", amplitude="amplitude_dps", unit=radians)

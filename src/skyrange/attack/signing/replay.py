@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final
-
-from pydantic import Field
+from typing import Final
 
 import skyrange.plugin as sky
+from skyrange.attack.bases.mavlink.compromised_sender import COMMANDS, read_timestamp
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink.frame_layout import MAGIC_V2, SIGNATURE
-from skyrange.codec.mavlink.signing import is_signed
 
-_COMMANDS: Final = frozenset((
-    mav.MAVLINK_MSG_ID_COMMAND_LONG, mav.MAVLINK_MSG_ID_COMMAND_INT, mav.MAVLINK_MSG_ID_SET_MODE,
-    mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
-))  # fmt: skip
+_COMMANDS: Final = COMMANDS | {mav.MAVLINK_MSG_ID_SET_MODE, mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT}
 
 
 @sky.attack(
     "signing.replay",
     technique="T0855",
-    persists="acts",
     effect="a signed link refuses and counts the replayed commands, because their timestamps are old",
     knowledge="none; it records what passes before the attack",
     position="on the network between ground station and aircraft",
@@ -37,18 +30,14 @@ class SignedReplay(sky.InjectionOnLinks):
     """
 
     every_s: sky.Number = sky.param("Time between two replayed frames, in seconds.", default=1.0, ge=0.1, le=3600)
-    keep: Annotated[sky.Whole, Field(ge=1, le=1000)] = sky.param(
-        "Number of commands that are kept, the first ones; they are replayed in turn.", default=16
-    )
+    keep: sky.Whole = sky.param("Commands that are kept, the first ones, to replay in turn.", default=16, ge=1, le=1000)
     kept: list[tuple[sky.FrameId, bytes]] = sky.state(list)
     turn: int = 0
 
     def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
-        payload = frame.payload
-        command = frame.direction == "fwd" and sky.message_id(payload) in _COMMANDS
-        signed = command and payload[0] == MAGIC_V2 and len(payload) > SIGNATURE and is_signed(payload)
-        if signed and len(self.kept) < self.keep:
-            self.kept.append((frame.id, payload))
+        command = frame.direction == "fwd" and sky.message_id(frame.payload) in _COMMANDS
+        if command and len(self.kept) < self.keep and read_timestamp(frame.payload) is not None:
+            self.kept.append((frame.id, frame.payload))
         return ()
 
     def send(self, now: sky.Time) -> sky.Verdicts:

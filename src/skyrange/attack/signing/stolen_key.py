@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final, Literal
-
-from pydantic import Field
+from typing import Final, Literal
 
 import skyrange.plugin as sky
+from skyrange.attack.signing.later_timestamps import LaterTimestamps
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink.frame_layout import MAGIC_V2
-from skyrange.codec.mavlink.signing import (
-    LAST_TIMESTAMP,
-    UNIT_NS,
-    is_signed,
-    range_passphrase,
-    secret_from_passphrase,
-    sign_frame,
-    signing_timestamp,
-)
+from skyrange.codec.mavlink.signing import range_passphrase, secret_from_passphrase, sign_frame, signing_timestamp
 
 _FORCE: Final = 21196.0
 """Param 2 of MAV_CMD_COMPONENT_ARM_DISARM: disarm in flight too."""
@@ -61,36 +51,29 @@ class SignedOrders(sky.InjectionOnLinks):
         default="return",
     )
     every_s: sky.Number = sky.param("Time between two orders, in seconds.", default=1.0, ge=0.1, le=3600)
-    link_id: Annotated[sky.Whole, Field(ge=0, le=255)] = sky.param(
+    link_id: sky.Whole = sky.param(
         "Link id in the signatures. With that of the ground station, 0, its next frames may be refused, because the "
         "forged timestamp is later.",
         default=7,
+        ge=0,
+        le=255,
     )
     secret: bytes
-    packer: sky.MavlinkPacker
-    initial: int
-    """Timestamp at time 0 by the attacker's clock."""
-    latest: int = 0
-    """The latest timestamp that passed or was sent."""
+    stamps: LaterTimestamps
 
     def prepare(self, context: sky.AttackContext) -> None:
-        self.initial = signing_timestamp(context.epoch.unix_ns)
+        self.stamps = LaterTimestamps(signing_timestamp(context.epoch.unix_ns))
 
     def begin(self) -> None:
         super().begin()
         operator = sky.operator_of(self.link.partition(":")[2])
         self.secret = secret_from_passphrase(self.passphrase or range_passphrase(self.chance.seed, operator))
-        self.packer = sky.MavlinkPacker(*sky.STATION)
 
     def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
-        """Learn the latest timestamp: it is not encrypted."""
-        payload = frame.payload
-        if len(payload) > 12 and payload[0] == MAGIC_V2 and is_signed(payload):
-            self.latest = max(self.latest, int.from_bytes(payload[-12:-6], "little"))
+        self.stamps.see(frame.payload)
         return ()
 
     def send(self, now: sky.Time) -> sky.Verdicts:
         order = _NOTHING if self.sham else _ORDERS[self.order]
-        self.latest = min(max(self.latest + 1, self.initial + now // UNIT_NS), LAST_TIMESTAMP)
         frame = self.packer.pack(order.message(self.target))
-        return [self.inject(sign_frame(frame, self.secret, self.link_id, self.latest))]
+        return [self.inject(sign_frame(frame, self.secret, self.link_id, self.stamps.take(now)))]

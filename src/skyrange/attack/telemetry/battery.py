@@ -1,27 +1,13 @@
-"""False battery in telemetry: remaining charge and voltage.
-
-ArduPilot's battery failsafe reads its own monitor, not telemetry, so the aircraft does not react; who reads the
-telemetry does.
-"""
+"""False battery in telemetry: remaining charge and voltage."""
 
 from __future__ import annotations
 
-from typing import Any, Final
-
-import numpy as np
-
 import skyrange.plugin as sky
-from skyrange.codec.mavlink import dialect as mav
-
-_NO_CELL: Final = 65_535
-"""BATTERY_STATUS: a cell that does not exist."""
-_LOW_PERCENT, _CRITICAL_PERCENT = 25.0, 10.0
-"""Below these, the claimed charge state is low or critical."""
+from skyrange.attack.bases.mavlink.claimed_battery import BATTERY_MESSAGES, claim_charge, claim_voltage
 
 
 @sky.attack(
     "telemetry.battery",
-    technique="T0856",
     surface=("gcs", "log", "autopilot"),
     effect="the ground station shows a battery that the aircraft does not have",
     knowledge="the messages with the state of the battery",
@@ -42,7 +28,7 @@ class FalseBattery(sky.AlteredTelemetry):
     voltage_v: sky.Number | None = sky.param(
         "Claimed voltage of the battery in volts; default: the true one.", default=None, ge=0, le=65
     )
-    sees = ("SYS_STATUS", "BATTERY_STATUS")
+    sees = BATTERY_MESSAGES
 
     def find_problems(self) -> sky.Problems:
         if self.remaining_percent is None and self.voltage_v is None:
@@ -52,42 +38,12 @@ class FalseBattery(sky.AlteredTelemetry):
                 "rate_percent_per_s", f"{self.rate_percent_per_s}", "0 without a claimed remaining_percent"
             )
 
-    def alter(self, message: str, fields: Any, since_ns: sky.Time) -> bool:
-        has_cells = message == "BATTERY_STATUS"
-        if has_cells and fields["id"] != 0:
+    def alter(self, message: str, fields: sky.MavlinkFields, since_ns: sky.Time) -> bool:
+        if message == "BATTERY_STATUS" and fields["id"] != 0:
             return False
         if self.remaining_percent is not None:
-            claimed = self.remaining_percent + self.rate_percent_per_s * since_ns / sky.NS_PER_S
-            claimed = min(max(claimed, 0.0), 100.0)
-            if has_cells:
-                _set_consumed(fields, claimed)
-            sky.put(fields, "battery_remaining", claimed)
+            change = self.rate_percent_per_s * since_ns / sky.NS_PER_S
+            claim_charge(message, fields, self.remaining_percent + change)
         if self.voltage_v is not None:
-            if has_cells:
-                _set_cells(fields, self.voltage_v * 1e3)
-            else:
-                sky.put(fields, "voltage_battery", self.voltage_v * 1e3)
+            claim_voltage(message, fields, self.voltage_v)
         return True
-
-
-def _set_consumed(fields: Any, claimed: float) -> None:
-    true = float(fields["battery_remaining"])
-    if 0 <= true < 100:
-        used = (100.0 - claimed) / (100.0 - true)
-        for name in ("current_consumed", "energy_consumed"):
-            if fields[name] > 0:
-                sky.put(fields, name, fields[name] * used)
-    states = mav.MAV_BATTERY_CHARGE_STATE_OK, mav.MAV_BATTERY_CHARGE_STATE_LOW, mav.MAV_BATTERY_CHARGE_STATE_CRITICAL
-    sky.put(fields, "charge_state", states[(claimed < _LOW_PERCENT) + (claimed < _CRITICAL_PERCENT)])
-
-
-def _set_cells(fields: Any, millivolts: float) -> None:
-    """Scale the cells to a total; a battery without cells reports it in the first."""
-    cells = fields["voltages"].astype(np.float64)
-    there = cells < _NO_CELL
-    total = float(cells[there].sum())
-    if total > 0:
-        cells[there] = np.clip(np.rint(cells[there] * (millivolts / total)), 0, _NO_CELL - 1)
-    else:
-        cells[0] = min(millivolts, _NO_CELL - 1)
-    fields["voltages"] = cells.astype(np.uint16)

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import skyrange.plugin as sky
+from skyrange.attack.bases.mavlink.estimator_reports import report_lost
 from skyrange.attack.bases.mavlink.message_fields import put_bits
 from skyrange.attack.bases.mavlink.params import SENSORS, SensorNames
-from skyrange.attack.bases.mavlink.telemetry import VARIANCES
-from skyrange.codec.mavlink import dialect as mav
 
-_BAD_VARIANCE: Final = 1.0
-"""Claimed variance (normalised innovation): at 1 the estimator would reject the measurement."""
-_STATES: Final = {"critical": int(mav.MAV_STATE_CRITICAL), "emergency": int(mav.MAV_STATE_EMERGENCY)}
+_STATES: Final = {"critical": sky.mavlink.MAV_STATE_CRITICAL, "emergency": sky.mavlink.MAV_STATE_EMERGENCY}
 
 
 @sky.attack(
     "telemetry.false_alarm",
-    technique="T0856",
     effect="Remote ID says emergency, and the aircraft's own avoidance stays off, as in a failsafe",
     knowledge="the messages that report failures",
 )
@@ -30,9 +26,7 @@ class FalseAlarm(sky.AlteredTelemetry):
     sensors: SensorNames = sky.param(
         "Sensors that seem to have failed, named as in MAV_SYS_STATUS_SENSOR; may be empty.", default=("GPS", "AHRS")
     )
-    estimator: bool = sky.param(
-        "Whether the estimator seems to have lost its position, in EKF_STATUS_REPORT.", default=True
-    )
+    estimator: bool = sky.param("Whether EKF_STATUS_REPORT tells that the position is lost.", default=True)
     failed: int = 0
     """Bits of the sensors."""
 
@@ -41,10 +35,9 @@ class FalseAlarm(sky.AlteredTelemetry):
             self.failed |= SENSORS[name]
 
     def find_messages(self) -> tuple[str, ...]:
-        """Those that report failures."""
         return ("HEARTBEAT", "SYS_STATUS", *(("EKF_STATUS_REPORT",) if self.estimator else ()))
 
-    def alter(self, message: str, fields: Any, since_ns: sky.Time) -> bool:
+    def alter(self, message: str, fields: sky.MavlinkFields, since_ns: sky.Time) -> bool:
         if message == "HEARTBEAT":
             sky.put(fields, "system_status", _STATES[self.state])
         elif message == "SYS_STATUS":
@@ -52,7 +45,5 @@ class FalseAlarm(sky.AlteredTelemetry):
                 put_bits(fields, name, self.failed, True)
             put_bits(fields, "onboard_control_sensors_health", self.failed, False)
         else:
-            sky.put(fields, "flags", mav.EKF_ATTITUDE | mav.EKF_CONST_POS_MODE)
-            for name in VARIANCES:
-                sky.put(fields, name, max(float(fields[name]), _BAD_VARIANCE))
+            report_lost(fields)
         return True

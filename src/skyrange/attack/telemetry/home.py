@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.message_fields import move_place
 
 
 @sky.attack(
     "telemetry.home",
-    technique="T0856",
     effect="the ground station shows a home to which the aircraft would not return",
     knowledge="the message with the home position",
     realism={
@@ -20,15 +16,12 @@ from skyrange.attack.bases.mavlink.message_fields import move_place
     },
 )
 class FalseHome(sky.AlteredTelemetry):
-    """Alters the home position in telemetry.
-
-    Home appears elsewhere; the home to which the autopilot returns stays.
-    """
+    """Alters the home position in telemetry."""
 
     offset_m: sky.Enu = sky.param("Offset of the reported home, [east, north, up] in metres.")
     sees = ("HOME_POSITION",)
 
-    def alter(self, message: str, fields: Any, since_ns: sky.Time) -> bool:
-        move_place(fields, "latitude", "longitude", self.offset_m, self.origin)
+    def alter(self, message: str, fields: sky.MavlinkFields, since_ns: sky.Time) -> bool:
+        sky.move_place(fields, "latitude", "longitude", self.offset_m, self.origin)
         sky.put(fields, "altitude", float(fields["altitude"]) + self.offset_m[2] * 1e3)
         return True

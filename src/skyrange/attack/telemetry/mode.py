@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.message_fields import put_bits
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 
 _NO_TOTAL: Final = 65_535
 """MISSION_CURRENT: the number of items is not known."""
@@ -16,7 +15,6 @@ _NO_TOTAL: Final = 65_535
 
 @sky.attack(
     "telemetry.mode",
-    technique="T0856",
     effect="the ground station follows a flight that does not take place: it recalls, gives up or trusts the aircraft",
     knowledge="the messages with mode and mission, and the numbers of the autopilot's modes",
 )
@@ -26,13 +24,10 @@ class FalseMode(sky.AlteredTelemetry):
     mode: sky.CopterMode | None = sky.param("Claimed mode, such as 'AUTO'; default: the true one.", default=None)
     armed: bool | None = sky.param("Claimed armed state; default: the true one.", default=None)
     mission: Literal["true", "runs", "complete"] = sky.param(
-        "Claimed state of the mission. runs: active, at the item of the start of the attack and later ones; complete: "
-        "at its last item and complete.",
+        "Claimed mission. runs: active, at the item of the start and later ones; complete: done, at its last item.",
         default="true",
     )
-    item_s: sky.Number = sky.param(
-        "Time from item to item with mission = 'runs', in seconds.", default=10.0, ge=1, le=3600
-    )
+    item_s: sky.Number = sky.param("Time from item to item of 'runs', in seconds.", default=10.0, ge=1, le=3600)
     item: int | None = None
     """The last true item before the start."""
     item_ns: sky.Time
@@ -45,7 +40,6 @@ class FalseMode(sky.AlteredTelemetry):
             yield sky.Problem("mode", "missing", "a claim: mode, armed or mission")
 
     def find_messages(self) -> Iterator[str]:
-        """Those that tell what is claimed."""
         if self.mode is not None or self.armed is not None:
             yield "HEARTBEAT"
         if self.armed is not None:
@@ -53,11 +47,11 @@ class FalseMode(sky.AlteredTelemetry):
         if self.mission != "true":
             yield "MISSION_CURRENT"
 
-    def learn(self, message: str, fields: Any) -> None:
+    def learn(self, message: str, fields: sky.MavlinkFields) -> None:
         if message == "MISSION_CURRENT":
             self.item = int(fields["seq"])
 
-    def alter(self, message: str, fields: Any, since_ns: sky.Time) -> bool:
+    def alter(self, message: str, fields: sky.MavlinkFields, since_ns: sky.Time) -> bool:
         if message == "MISSION_CURRENT":
             self._claim_progress(fields, since_ns)
         elif message == "EXTENDED_SYS_STATE":
@@ -66,13 +60,13 @@ class FalseMode(sky.AlteredTelemetry):
             )
         else:
             if self.mode is not None:
-                sky.put(fields, "custom_mode", COPTER_MODE_NUMBERS[self.mode])
+                sky.put(fields, "custom_mode", sky.copter_mode(self.mode))
             if self.armed is not None:
                 put_bits(fields, "base_mode", mav.MAV_MODE_FLAG_SAFETY_ARMED, self.armed)
                 sky.put(fields, "system_status", mav.MAV_STATE_ACTIVE if self.armed else mav.MAV_STATE_STANDBY)
         return True
 
-    def _claim_progress(self, fields: Any, since_ns: sky.Time) -> None:
+    def _claim_progress(self, fields: sky.MavlinkFields, since_ns: sky.Time) -> None:
         true, last = int(fields["seq"]), int(fields["total"])  # from 1 on, as ArduPilot's item 0 is home
         last = last if 0 < last < _NO_TOTAL else true
         self.item = true if self.item is None else self.item

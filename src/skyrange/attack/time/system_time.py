@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import skyrange.plugin as sky
 
 
@@ -21,9 +19,7 @@ class FalseTime(sky.AlteredTelemetry):
     The reported time is ahead of the true one, or behind it. The time since boot in other messages stays true.
     """
 
-    offset_s: sky.Number = sky.param(
-        "Offset of the reported time at the start of the attack, in seconds.", default=0.0, ge=-1e9, le=1e9
-    )
+    offset_s: sky.Number = sky.param("Offset of the time at the start, in seconds.", default=0.0, ge=-1e9, le=1e9)
     drift_s_per_s: sky.Number = sky.param("Growth of the offset, in seconds per second.", default=0.0, ge=-100, le=100)
     sees = ("SYSTEM_TIME", "TIMESYNC")
 
@@ -31,8 +27,7 @@ class FalseTime(sky.AlteredTelemetry):
         if not (self.offset_s or self.drift_s_per_s):
             yield sky.Problem("offset_s", "0", "an offset or a drift other than 0")
 
-    def alter(self, message: str, fields: Any, since_ns: sky.Time) -> bool:
-        """Shift the UTC of SYSTEM_TIME, or the clock in TIMESYNC."""
+    def alter(self, message: str, fields: sky.MavlinkFields, since_ns: sky.Time) -> bool:
         shift_ns = round((self.offset_s + self.drift_s_per_s * since_ns / sky.NS_PER_S) * sky.NS_PER_S)
         name, shift = ("time_unix_usec", shift_ns // sky.NS_PER_US) if message == "SYSTEM_TIME" else ("tc1", shift_ns)
         if fields[name] == 0:  # UTC is not known, or the message is a request

@@ -9,7 +9,7 @@ from typing import Any
 from skyrange.contracts.plugins.form import Kind, describe_kind, make_params_model, place_of
 from skyrange.contracts.plugins.homes import name_of_module
 from skyrange.contracts.plugins.registry import Plugin, register
-from skyrange.core.errors import InputError
+from skyrange.core.errors import InputError, nearest
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +28,9 @@ def declare(
 ) -> None:
     """Check a class, make the model of its parameters, and register `plugin(params, make, about, **facts)` as `name`.
 
-    Raises `InputError` for a class without the base, a sentence that says what it does, or methods that its base
-    needs; for a name that is not the path of its module; and for parameters of which no model can be made.
+    Raises `InputError` for a class without the base, a sentence that says what it does, methods that its base needs, or
+    fields that a method reads (`fields.reads_fields`); for a name that is not the path of its module; and for
+    parameters of which no model can be made.
     """
     where = place_of(kind)
     if not (isinstance(kind, type) and issubclass(kind, base)):
@@ -43,6 +44,11 @@ def declare(
         for method in vars(home).get("needs", ()):
             if getattr(kind, method, None) is vars(home).get(method):
                 raise InputError.one(where, "methods", "missing", f"{method}, which every {home.__name__} defines")
+    for method, made_for in vars(kind).items():
+        for field in getattr(made_for, "field_names", ()):
+            if not hasattr(kind, field):
+                hint = nearest(field, kind.declared_params)
+                raise InputError.one(where, method, field, "a parameter or other field of the kind", hint)
     expected = name_of_module(kind.__module__)
     if expected is not None and name != expected:
         raise InputError.one(where, "name", name, f"{expected!r}, the path of its module")

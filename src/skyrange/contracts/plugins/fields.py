@@ -52,6 +52,12 @@ def param(
     return Param(Field(description=description, **given))
 
 
+def reads_fields(method: Any, *arguments: Any) -> Any:
+    """A method for kinds with the fields that its arguments name; `declare` refuses a kind without one of them."""
+    method.field_names = tuple(one for one in arguments if isinstance(one, str))
+    return method
+
+
 def state(make: Callable[[], Any]) -> Any:
     """A field that begins with `make()`, such as `state(dict)`. For a number or a text, `name: int = 0` does."""
     return State(make)

@@ -24,9 +24,8 @@ class Fade(sky.OnSensors):
 
     vehicles: sky.Victims = sky.param("Aircraft whose battery fades, such as ['blue/b1'].")
     resistance_ohm: sky.Number = sky.param(
-        "Resistance in ohms that comes on top of the battery's own: the voltage sags by it times current.",
-        default=0.05, ge=0, le=10,
-    )  # fmt: skip
+        "Resistance in ohms on top of its own: the voltage sags by it times current.", default=0.05, ge=0, le=10
+    )
     drop_v: sky.Number = sky.param(
         "Loss of the resting voltage in volts, such as that of a failed cell.", default=0.0, ge=0, le=100
     )

@@ -10,13 +10,11 @@ import numpy as np
 import skyrange.plugin as sky
 from skyrange.attack.bases.fixes import FIX_2D, UNALTERED
 from skyrange.attack.gnss.emitter import FIX_NONE
-from skyrange.attack.gnss.receiver_noise import CHIP_M, LEAST_SATELLITES
-from skyrange.contracts.components import Ints
-from skyrange.fault.sky_view import Seen, even_sky, see, solve
+from skyrange.attack.gnss.receiver_noise import LEAST_SATELLITES
+from skyrange.fault.gnss.reflection_errors import ReflectionModel
+from skyrange.fault.sky_view import even_sky
 
 STREAM: Final = "fault.gnss_multipath"
-WAVE_M: Final = 0.190293673
-"""Wavelength of GPS L1, 1575.42 MHz (IS-GPS-200)."""
 NOTICEABLE_M: Final = 0.5
 """A fix with a smaller error, and with all satellites, is left as it is."""
 DEGRADED, LOST = range(2)
@@ -50,7 +48,7 @@ class Multipath(sky.OnReceivers):
         "Spacing of the receiver's correlators in C/A chips: 1 is wide, 0.1 narrow.", default=0.1, gt=0, le=1
     )
     radius_m: sky.Number = sky.param("Distance in metres up to which buildings count.", default=150.0, ge=10, le=1_000)
-    city: sky.City
+    model: ReflectionModel
     chance: sky.Chance
 
     def prepare(self, context: sky.FaultContext) -> None:
@@ -58,9 +56,10 @@ class Multipath(sky.OnReceivers):
         if context.city is None:
             hint = "Add [city], such as city = { grid = {} }."
             raise sky.InputError.one(context.id, "vehicles", "no buildings", "a scenario with a city", hint)
-        self.city, self.chance = context.city, context.chance
+        self.model = ReflectionModel(context.city, self.reflection, self.spacing_chips, self.radius_m)
+        self.chance = context.chance
 
-    def receive(self, rows: Ints, sensors: sky.Sensors) -> None:
+    def receive(self, rows: sky.Ints, sensors: sky.Sensors) -> None:
         """Give each new fix the error of reflected signals at the place where it was measured."""
         for row in rows.tolist():
             self.restore(row)
@@ -71,36 +70,14 @@ class Multipath(sky.OnReceivers):
         count = int(sensors.gnss_satellites[row])
         if sensors.gnss_fix[row] < FIX_2D or count < LEAST_SATELLITES:
             return UNALTERED
-        east, north, up = sensors.gnss_enu_m[row].tolist()
         hemisphere = even_sky(count, 2.0 * pi * self.chance.uniform4(STREAM, sky.hash64(self.name), 0)[0])
-        seen = see(self.city, (east, north, up), hemisphere, self.radius_m)
-        errors_m = pseudorange_errors(seen, self.reflection, self.spacing_chips)
-        strength = np.where(seen.hidden > 0.0, self.reflection, 1.0)
-        solved, open_sky = solve(hemisphere, errors_m, strength), solve(hemisphere, np.zeros(count), np.ones(count))
-        received = int(np.isfinite(errors_m).sum())
-        if solved is None or open_sky is None:
+        east, north, up = sensors.gnss_enu_m[row].tolist()
+        received, fix = self.model.degrade((east, north, up), hemisphere)
+        if fix is None:
             self.fix[row], self.satellites[row] = FIX_NONE, received
             return LOST
-        offset_m, dilution = solved
+        offset_m, dilution = fix
         if received == count and float(np.linalg.norm(offset_m)) < NOTICEABLE_M:
             return UNALTERED
-        self.satellites[row], self.offset[row] = received, offset_m
-        flat = float(np.hypot(*dilution[:2]) / np.hypot(*open_sky[1][:2]))
-        self.scale[row, :2] = flat, float(dilution[2] / open_sky[1][2])
+        self.satellites[row], self.offset[row], self.scale[row, :2] = received, offset_m, dilution
         return DEGRADED
-
-
-def pseudorange_errors(seen: Seen, reflection: float, spacing_chips: float) -> sky.Floats:
-    """Errors (n,) in metres of the pseudoranges; NaN for a satellite that is hidden and not reflected.
-
-    A hidden satellite has the whole detour of its reflection. One in sight has the error of a reflection that a delay
-    lock loop does not resolve: ±(α·detour) for a short one, and at most α·spacing·chip/2, 7 m for half the amplitude
-    and a tenth of a chip (Van Dierendonck, Fenton and Ford, Theory and performance of narrow correlator spacing in a
-    GPS receiver, Navigation 39:3, 1992). Its sign and size follow the phase of the detour. Reflections that are longer
-    than a chip and a half do no harm.
-    """
-    detour = seen.detour_m
-    most_m = reflection * spacing_chips * CHIP_M / 2.0
-    mixed = np.minimum(reflection * detour, most_m) * np.cos(2.0 * pi * detour / WAVE_M)
-    mixed = np.where(np.isnan(detour) | (detour > 1.5 * CHIP_M), 0.0, mixed)
-    return np.asarray(np.where(seen.hidden > 0.0, detour, mixed), dtype=np.float64)

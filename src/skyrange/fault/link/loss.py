@@ -30,12 +30,8 @@ class LossBursts(sky.OnLinks):
     """
 
     burst_s: sky.Number = sky.param("Mean time in seconds that the link is bad.", default=2.0, gt=0, le=3_600)
-    gap_s: sky.Number = sky.param(
-        "Mean time in seconds that it is good between two bursts.", default=4.0, gt=0, le=3_600
-    )
-    loss: sky.Number = sky.param(
-        "Probability that a frame is lost while the link is bad, above 0 to 1.", default=0.7, gt=0, le=1
-    )
+    gap_s: sky.Number = sky.param("Mean time in seconds that it is good in between.", default=4.0, gt=0, le=3_600)
+    loss: sky.Number = sky.param("Probability that a frame is lost while it is bad.", default=0.7, gt=0, le=1)
     number: int = -1
     """Of the state that the link is in; even numbers are bad."""
     until: sky.Time = 0

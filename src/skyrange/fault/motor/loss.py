@@ -25,17 +25,13 @@ class Loss(sky.OnBodies):
 
     vehicles: sky.Victims = sky.param("Aircraft that lose a motor, such as ['blue/b1'].")
     motor: sky.Whole = sky.param(
-        "Number of the motor, as ArduCopter counts those of a quadrotor in X: 1 front right, 2 rear left, 3 front "
-        "left, 4 rear right.",
-        default=1, ge=1, le=4,
-    )  # fmt: skip
+        "Number in ArduCopter's quad X: 1 front right, 2 rear left, 3 front left, 4 rear right.", default=1, ge=1, le=4
+    )
     loss: sky.Number = sky.param(
-        "Share of the motor's thrust that is lost at every command: 1 stops it, 0.3 is a damaged one.",
-        default=1.0, gt=0, le=1,
-    )  # fmt: skip
+        "Share of its thrust that is lost at every command: 1 stops it, 0.3 is a damaged one.", default=1.0, gt=0, le=1
+    )
 
     def on_bodies(self, now: sky.Time, bodies: sky.Disturbances) -> list[sky.BodyAct]:
-        """Take it away. Returns an act for each vehicle when it begins."""
         if now < self.schedule.start_ns:
             return []
         bodies.thrust_share[:, self.motor - 1] = 1.0 - self.loss

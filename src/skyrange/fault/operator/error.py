@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final, Literal
 
 import skyrange.plugin as sky
+from skyrange.attack.bases.mavlink.compromised_sender import read_timestamp, station_key
 from skyrange.attack.bases.mavlink.orders import Sender
 from skyrange.attack.tapped_links import ends_of
 from skyrange.attack.victims import check_vehicles
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
-from skyrange.codec.mavlink.signing import (
-    LAST_TIMESTAMP,
-    is_signed,
-    range_passphrase,
-    secret_from_passphrase,
-    sign_frame,
-)
+from skyrange.codec.mavlink.signing import LAST_TIMESTAMP, sign_frame
+from skyrange.fault.at_station import AtStation
 
-SIDE: Final = "gcs"
-"""The command enters the link at the station, so it crosses the channel as the station's own frames do."""
 _LINK: Final = 1
 """Link id in signatures: another one than the station's own frames have, because timestamps of one may not repeat."""
 _MODES: Final = {"return": "RTL", "land": "LAND", "hold": "BRAKE"}
@@ -36,7 +28,7 @@ _MODES: Final = {"return": "RTL", "land": "LAND", "hold": "BRAKE"}
     "that it was given; the frame has the sequence number of the station's next one",
     realism={"the frame": "simulated: system, component, channel and key of the station"},
 )
-class WrongCommand(sky.LinkTap):
+class WrongCommand(AtStation):
     """Gives one wrong command to aircraft, in the name of their own station and with its key.
 
     It is one command that the operator did not mean to give, at the start of the fault, signed if the station's frames
@@ -57,39 +49,35 @@ class WrongCommand(sky.LinkTap):
     """The last timestamp of the station's signatures; negative as long as its frames have none."""
 
     def prepare(self, context: sky.FaultContext) -> None:
-        """Learn the system ids. Raises `InputError` for aircraft that are not in the scenario."""
         check_vehicles(context, self.vehicles)
         self.systems = {name: context.vehicles[name].system_id for name in self.vehicles}
 
     def build(self, context: sky.FaultContext) -> sky.FaultParts:
-        taps = self.place([sky.link_name("gcs", vehicle) for vehicle in self.vehicles], context)
-        return sky.FaultParts(taps=[replace(tap, side=SIDE) for tap in taps])
+        return self.place_at_station([sky.link_name("gcs", vehicle) for vehicle in self.vehicles], context)
 
     def begin(self) -> None:
-        self.sender = Sender(
-            sky.MavlinkPacker(*sky.STATION), self.systems[self.link.partition(":")[2]], claims_station=True
-        )
+        target = self.systems[self.link.partition(":")[2]]
+        self.sender = Sender(sky.MavlinkPacker(*sky.STATION), target, claims_station=True)
         self.clock = sky.Repetition(self.schedule, sky.NS_PER_S, times=1)
 
-    def on_frame(self, now: sky.Time, frame: sky.Frame) -> Sequence[sky.Verdict]:
+    def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         """Learn the station's ids, sequence number and timestamp."""
         self.sender.see(frame)
-        payload = frame.payload
-        if frame.direction == "fwd" and len(payload) > 12 and is_signed(payload):
-            self.timestamp = max(self.timestamp, int.from_bytes(payload[-12:-6], "little"))
+        timestamp = read_timestamp(frame.payload)
+        if frame.direction == "fwd" and timestamp is not None:
+            self.timestamp = max(self.timestamp, timestamp)
         return ()
 
     def next_wakeup(self) -> sky.Time | None:
         return self.clock.due
 
-    def on_wakeup(self, now: sky.Time) -> Sequence[sky.Verdict]:
+    def on_wakeup(self, now: sky.Time) -> sky.Verdicts:
         if not self.clock.take(now):
             return ()
         payload = self.sender.pack(self._order().message(self.sender.target))
         if self.timestamp >= 0:
-            secret = range_passphrase(self.chance.seed, sky.operator_of(self.link.partition(":")[2]))
-            timestamp = min(self.timestamp + 1, LAST_TIMESTAMP)
-            payload = sign_frame(payload, secret_from_passphrase(secret), _LINK, timestamp)
+            key = station_key(self.chance.seed, sky.operator_of(self.link.partition(":")[2]))
+            payload = sign_frame(payload, key, _LINK, min(self.timestamp + 1, LAST_TIMESTAMP))
         return [sky.Inject(payload, "fwd", *ends_of(self.link, "fwd"))]
 
     def _order(self) -> sky.Order:

@@ -35,15 +35,10 @@ class Failure(sky.OnSensors):
     vehicles: sky.Victims = sky.param("Aircraft whose sensor fails, such as ['blue/b1'].")
     sensor: Literal["barometer", "compass"] = sky.param("The sensor that fails.")
     failure: Literal["frozen", "noisy"] = sky.param(
-        "frozen: it repeats the reading that it had at the start of the fault; noisy: it adds white noise.",
-        default="frozen",
+        "frozen: it repeats the reading at the start of the fault; noisy: it adds white noise.", default="frozen"
     )
-    noise_m: sky.Number = sky.param(
-        "Standard deviation in metres of the noise of a barometer.", default=3.0, gt=0, le=1_000
-    )
-    noise_gauss: sky.Number = sky.param(
-        "Standard deviation in gauss, on each axis, of the noise of a compass.", default=0.1, gt=0, le=10
-    )
+    noise_m: sky.Number = sky.param("Noise of a barometer in metres, 1 sigma.", default=3.0, gt=0, le=1_000)
+    noise_gauss: sky.Number = sky.param("Noise of a compass in gauss, 1 sigma, on each axis.", default=0.1, gt=0, le=10)
     column: str
     noise: float
     chance: sky.Chance

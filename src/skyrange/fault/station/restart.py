@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import skyrange.plugin as sky
-from skyrange.attack.bases.on_path import CopyForLink
-
-SIDE: Final = "gcs"
-"""The taps are on the station's side: frames to it cross the channel before they are lost."""
+from skyrange.fault.at_station import AtStation
 
 
 @sky.fault(
@@ -20,7 +15,7 @@ SIDE: Final = "gcs"
     "known, and counts the silence as a lost link; a new start would read them from the aircraft again",
     realism={"the station's frames": "assumed: none leaves and none is read while it restarts, then all do at once"},
 )
-class Restart(sky.LinkTap):
+class Restart(AtStation):
     """Restarts the ground station of an operator: all its links are silent for some seconds."""
 
     operator: str = sky.param("Operator whose ground station restarts, such as 'blue'.")
@@ -36,12 +31,8 @@ class Restart(sky.LinkTap):
             hint = sky.nearest(self.operator, operators)
             raise sky.InputError.one(context.id, "operator", self.operator, "an operator of the scenario", hint)
         names = [sky.link_name("approval", self.operator), *(sky.link_name("gcs", vehicle) for vehicle in own)]
-        make = CopyForLink(self)
-        return sky.FaultParts(taps=[sky.TapPlacement(name, SIDE, make) for name in names if name in context.links])
+        return self.place_at_station([name for name in names if name in context.links], context)
 
     def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
-        return (
-            (sky.Drop(),)
-            if self.is_acting(now) and now - self.schedule.start_ns < sky.from_seconds(self.down_s)
-            else ()
-        )
+        is_down = self.is_acting(now) and now - self.schedule.start_ns < sky.from_seconds(self.down_s)
+        return (sky.Drop(),) if is_down else ()

@@ -6,34 +6,35 @@ ArduPilot accepts frames of its own system id always, also with the option that 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar, Final, Literal
 
-from skyrange.attack.bases.mavlink.compromised_sender import SenderStream, redirect_order
-from skyrange.attack.bases.mavlink.orders import NOBODY, Sender
-from skyrange.attack.bases.on_path import CopyForLink, LinkTap
+from skyrange.attack.bases.mavlink.compromised_sender import SenderStream, redirect_order, station_key
+from skyrange.attack.bases.mavlink.orders import NOBODY, Order, Sender
+from skyrange.attack.bases.on_path import CopyForLink
+from skyrange.attack.bases.rounds import RoundsOnLink
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.declaration import Facts
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.tapped_links import ends_of
 from skyrange.attack.victims import Victims, check_vehicles
-from skyrange.codec.mavlink import Packer, message_id
+from skyrange.codec.mavlink import Message, Packer, message_id
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink.signing import range_passphrase, secret_from_passphrase
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.plugins.fields import param
-from skyrange.contracts.verdicts import Inject, Replace, Verdict
+from skyrange.contracts.verdicts import Inject, Replace, Verdicts
+from skyrange.core.geodesy import Origin
 from skyrange.core.ids import link_name, operator_of
 from skyrange.core.time import Time
 
 COMPONENT: Final = int(mav.MAV_COMP_ID_ONBOARD_COMPUTER)
 
 
-class CompromisedCompanion(LinkTap):
+class CompromisedCompanion(RoundsOnLink):
     """Runs in the companion of each aircraft, on the link to the proxy: what that forwards and what it sends.
 
-    It holds back the orders that `holds_back` says, and adds the frames of `make` to the companion's own stream.
+    It holds back the orders that `holds_back` says, and adds those of `orders` to the companion's own stream, every
+    `every_s` if the kind sets that.
     """
 
     attack_facts: ClassVar[Facts] = {
@@ -45,12 +46,12 @@ class CompromisedCompanion(LinkTap):
         "placement": "the companion of another aircraft",
     }
 
-    needs: ClassVar[tuple[str, ...]] = ()
     holds_back: ClassVar[Literal["station", "companion", ""]] = ""
     """Whose orders are redirected to nobody while it acts."""
 
     vehicles: Victims = param("Aircraft whose companion is compromised, such as ['blue/b1'].")
 
+    origin: Origin
     systems: dict[str, int]
     """MAVLink system ids of the aircraft."""
     system: int
@@ -63,6 +64,7 @@ class CompromisedCompanion(LinkTap):
     def assemble(self, context: AttackContext) -> Any:
         """See `Acting`. Raises `InputError` for aircraft that are not in the scenario."""
         check_vehicles(context, self.vehicles)
+        self.origin = context.origin
         self.systems = {vehicle: context.vehicles[vehicle].system_id for vehicle in self.vehicles}
         return super().assemble(context)
 
@@ -71,21 +73,23 @@ class CompromisedCompanion(LinkTap):
         make = CopyForLink(self)
         return Attack(
             taps=[TapPlacement(link_name("log", vehicle), "companion", make) for vehicle in self.vehicles],
+            shown=self.marks(),
             exclusive=[Exclusive(f"companion of {vehicle}") for vehicle in self.vehicles],
         )
 
     def begin(self) -> None:
         """Take the name and the key of the companion."""
+        super().begin()
         vehicle = self.link.partition(":")[2]
         self.system = self.systems[vehicle]
         self.sender = Sender(Packer(self.system, COMPONENT), NOBODY if self.sham else self.system, False)
-        secret = secret_from_passphrase(range_passphrase(self.chance.seed, operator_of(vehicle)))
+        secret = station_key(self.chance.seed, operator_of(vehicle))
         self.own, self.forwarded = SenderStream(secret), SenderStream(secret)
 
     def see(self, now: Time, frame: Frame) -> None:
         """Learn from a frame of either direction."""
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
         """Learn from it, and hold it back if it is an order."""
         self.see(now, frame)
         payload = frame.payload
@@ -96,17 +100,19 @@ class CompromisedCompanion(LinkTap):
             self.own.observe(payload)
         stream = self.own if is_own else self.forwarded
         content = None
-        if self.holds_back == ("companion" if is_own else "station") and (
-            self.schedule.start_ns <= now < self.schedule.stop_ns
-        ):
+        if self.holds_back == ("companion" if is_own else "station") and self.is_acting(now):
             content = redirect_order(payload, self.sham)
         sent = stream.forward(payload, content)
         return [Replace(sent)] if content is not None or sent != payload else ()
 
-    def make(self, now: Time) -> Iterable[bytes]:
-        """The frames that it sends at `now`."""
+    def send(self, now: Time) -> Verdicts:
+        """The orders of a round, as frames."""
+        return self.command(self.orders(now))
+
+    def orders(self, now: Time) -> Sequence[Order | Message]:
+        """The commands and other messages of a round."""
         return ()
 
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Send what is due."""
-        return [Inject(self.own.add(one), "fwd", *ends_of(self.link, "fwd")) for one in self.make(now)]
+    def command(self, orders: Sequence[Order | Message]) -> list[Inject]:
+        """Orders as the next frames of the companion."""
+        return [self.inject(self.own.add(self.sender.pack(one))) for one in orders]

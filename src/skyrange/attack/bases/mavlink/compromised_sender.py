@@ -10,11 +10,11 @@ from hashlib import sha256
 from typing import Final
 
 from skyrange.attack.bases.mavlink.message_fields import read_fields, write_fields
-from skyrange.attack.bases.mavlink.orders import NOBODY
+from skyrange.attack.bases.mavlink.orders import NOBODY, STATION
+from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNATURE, SIGNED, checksum
-from skyrange.codec.mavlink.signing import is_signed, sign_frame
+from skyrange.codec.mavlink.signing import is_signed, range_passphrase, secret_from_passphrase, sign_frame
 
 _SEQUENCE: Final = 4
 """Offset of the sequence number in a MAVLink 2 frame."""
@@ -109,6 +109,16 @@ class SenderStream:
         return sha256(self.secret + frame[:-_DIGEST]).digest()[:_DIGEST] == frame[-_DIGEST:]
 
 
+def read_timestamp(frame: bytes) -> int | None:
+    """The timestamp in the signature of a frame, which is not encrypted; `None` for a frame without a signature."""
+    return _stamp_of(frame) if len(frame) >= SIGNATURE and is_signed(frame) else None
+
+
+def station_key(seed: int, operator: str) -> bytes:
+    """The key that an operator's ground station and aircraft sign with."""
+    return secret_from_passphrase(range_passphrase(seed, operator))
+
+
 def _stamp_of(frame: bytes) -> int:
     return int.from_bytes(frame[-SIGNATURE + 1 : -_DIGEST], "little")
 
@@ -119,6 +129,14 @@ def command_of(frame: bytes) -> int | None:
     plain = without_signature(frame) if number is not None and number in COMMANDS else None
     fields = None if plain is None or number is None else read_fields(plain, number)
     return None if fields is None else int(fields["command"])
+
+
+def acknowledge(command: int, sham: bool) -> Message:
+    """The acknowledgement of a command for the station; that of a sham addresses nobody."""
+    station = NOBODY if sham else STATION[0]
+    return mav.MAVLink_command_ack_message(
+        command, mav.MAV_RESULT_ACCEPTED, target_system=station, target_component=STATION[1]
+    )
 
 
 def redirect_order(frame: bytes, sham: bool) -> bytes | None:

@@ -1,4 +1,7 @@
-"""Hostile MAVLink frames: truncated, damaged or unknown ones, valid ones with absurd counts, and harmless twins."""
+"""Hostile MAVLink frames: truncated, damaged or unknown ones, valid ones with absurd counts, and harmless twins.
+
+They are the published "malicious input".
+"""
 
 from __future__ import annotations
 
@@ -102,6 +105,11 @@ def _aircraft_message(draw: Draw, target: int, absurd: bool) -> Message:
         mav.MAVLink_set_position_target_local_ned_message(0, target, 1, 1, 0, a, b, c, a, b, c, a, b, c, a, b),
         mav.MAVLink_set_attitude_target_message(0, target, 1, 0, [a, b, c, a], a, b, c, a),
     ][draw.below(6)]
+
+
+def draw_frame(forms: Sequence[Form], draw: Draw, packer: Packer, target: int, to_station: bool) -> bytes:
+    """One frame of a form that is drawn. Its size depends on the addressee only where that is 0, unlike in a sham."""
+    return hostile_frame(forms[draw.below(len(forms))], draw, packer, target, to_station)
 
 
 def hostile_frame(form: Form, draw: Draw, packer: Packer, target: int, to_station: bool) -> bytes:

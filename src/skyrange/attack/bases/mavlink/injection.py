@@ -1,96 +1,58 @@
-"""Bases of kinds that inject frames on control links: rounds of frames, and MAVLink in the name of a station."""
+"""Bases of kinds that inject frames on control links: of any content, and MAVLink in the name of a station."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Final, Literal
 
 from skyrange.attack.bases.mavlink.orders import NOBODY, STATION, Order, Sender, read
-from skyrange.attack.bases.on_path import LinkNames, LinkTap
-from skyrange.attack.bases.roles import LINKS_ABOUT, find_links
-from skyrange.attack.contract import Attack, AttackContext, Place
+from skyrange.attack.bases.roles import OnControlLinks
+from skyrange.attack.bases.rounds import RoundsOnLink
+from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.declaration import Facts
-from skyrange.attack.tapped_links import CONTROL_LINKS, MESSAGE_NUMBERS, Repetition, ends_of
+from skyrange.attack.tapped_links import CONTROL_LINKS, MESSAGE_NUMBERS
 from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.codec.mavlink import Message, Packer, message_id
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Whole
 from skyrange.contracts.plugins.fields import param
 from skyrange.contracts.plugins.form import place_of
-from skyrange.contracts.verdicts import Direction, Inject, Verdicts
+from skyrange.contracts.verdicts import Verdicts
 from skyrange.core.errors import InputError, nearest
 from skyrange.core.geodesy import Origin
-from skyrange.core.ids import FrameId, link_name
-from skyrange.core.time import Time, from_seconds
+from skyrange.core.ids import link_name
+from skyrange.core.time import Time
+
+FOREIGN_STATION: Final = 254
+"""System id of a ground station that is not the aircraft's."""
 
 
-class RoundsOnLink(LinkTap):
-    """Puts frames on its links when it begins to act, and then every `every_s`: `send` makes those of a round."""
-
-    attack_facts: ClassVar[Facts] = {
-        "surface": CONTROL_LINKS,
-    }
+class InjectionOnLinks(OnControlLinks):
+    """Injects frames in rounds on control links that the parameters name: `send` makes those of a round."""
 
     needs: ClassVar[tuple[str, ...]] = ("send",)
 
-    every_s: float
-    """Time between two rounds, in seconds: a parameter of the kind, or set in `prepare`."""
-    times: int = 0
-    """Most rounds, 0 for any number: a parameter of some kinds."""
-    way: Direction = "fwd"
-    """The direction of its frames."""
-    ends: tuple[str, str]
-    """Claimed source and destination of its frames."""
-    clock: Repetition
-
-    def begin(self) -> None:
-        """See `LinkTap`."""
-        self.ends = ends_of(self.link, self.way)
-        self.clock = Repetition(self.schedule, self.period_ns(), self.times)
-
-    def period_ns(self) -> Time:
-        """Time between two rounds."""
-        return from_seconds(self.every_s)
-
-    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
-        """Let it pass."""
-        return ()
-
-    def next_wakeup(self) -> Time | None:
-        """When the next round is due."""
-        return self.clock.due
-
-    def on_wakeup(self, now: Time) -> Verdicts:
-        """Send a round, if it is due."""
-        return self.send(now) if self.clock.take(now) else ()
-
-    def send(self, now: Time) -> Verdicts:
-        """The frames of a round."""
-        raise NotImplementedError
-
-    def inject(self, payload: bytes, parent: FrameId | None = None) -> Inject:
-        """A frame of its own; `parent` is the frame that it replays, if any."""
-        return Inject(payload, self.way, *self.ends, parent)
-
-
-class InjectionOnLinks(RoundsOnLink):
-    """Injects frames in rounds on control links that the parameters name."""
-
-    links: LinkNames = param(LINKS_ABOUT)
     systems: dict[str, int]
     """By aircraft: its system id; a tap keeps that of its own alone, so that copies of a run are small."""
     target: int
     """System id of the link's aircraft."""
+    packer: Packer
+    """Of a tap: makes frames in the name of a ground station, by the ids that these have by convention."""
 
     def build(self, context: AttackContext) -> Attack:
-        """A tap on each link. Raises `InputError` for links that the scenario does not have, or of another kind."""
+        """See `OnControlLinks`."""
         self.systems = {name: aircraft.system_id for name, aircraft in context.vehicles.items()}
-        return Attack(taps=self.place(find_links(self.links, context, CONTROL_LINKS), context))
+        return super().build(context)
 
     def begin(self) -> None:
         """See `LinkTap`."""
         super().begin()
         self.target, self.systems = self.systems[self.link.partition(":")[2]], {}
+        self.packer = Packer(*STATION)
+
+    def send(self, now: Time) -> Verdicts:
+        """The frames of a round."""
+        raise NotImplementedError
 
 
 class Injection(RoundsOnLink):
@@ -101,6 +63,7 @@ class Injection(RoundsOnLink):
     """
 
     attack_facts: ClassVar[Facts] = {
+        "surface": CONTROL_LINKS,
         "knowledge": "system ids, from any frame",
         "position": "on the network of the control link, or on board",
         "equipment": "a computer with a MAVLink library",
@@ -154,10 +117,6 @@ class Injection(RoundsOnLink):
         }
         return Attack(taps=self.place(list(self.systems), context), shown=self.marks())
 
-    def marks(self) -> dict[str, Place]:
-        """Places to mark on a map, by label."""
-        return {}
-
     def begin(self) -> None:
         """See `LinkTap`."""
         super().begin()
@@ -190,6 +149,4 @@ class Injection(RoundsOnLink):
 
     def pack(self, order: Order | Message | bytes) -> bytes:
         """The next frame of the sender that it claims to be; a frame as it is."""
-        if isinstance(order, bytes):
-            return order
-        return self.claimed.pack(order.message(self.target) if isinstance(order, Order) else order)
+        return order if isinstance(order, bytes) else self.claimed.pack(order)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from functools import partial
+from typing import Final
 
 from skyrange.attack.bases.mavlink.orders import ModeKeeper, Order, Sender, geodetic, mode_order, read
 from skyrange.attack.contract import Place
-from skyrange.attack.tapped_links import Repetition
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
@@ -24,28 +23,17 @@ _READ: Final = frozenset((int(mav.MAVLINK_MSG_ID_HEARTBEAT), int(mav.MAVLINK_MSG
 
 @dataclass(slots=True)
 class Leader:
-    """A source that keeps the aircraft in GUIDED and sends the target that is next, by the position it reports."""
+    """Keeps the aircraft in GUIDED and tells it the target that is next, by the position that it reports."""
 
     sender: Sender
     schedule: Schedule
     origin: Origin
     track: tuple[Place, ...]
     within_m: float
-    period_ns: Time
-    lands: bool
+    lands: bool = False
     at: int = 0
     landing: bool = False
-    clock: Repetition = field(init=False)
-    keeper: ModeKeeper = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.clock = Repetition(self.schedule, self.period_ns)
-        self.keeper = ModeKeeper(mav.COPTER_MODE_GUIDED, NS_PER_S)
-
-    @property
-    def due(self) -> Time | None:
-        """When the next target is due."""
-        return self.clock.due
+    keeper: ModeKeeper = field(default_factory=partial(ModeKeeper, mav.COPTER_MODE_GUIDED, NS_PER_S))
 
     def see(self, now: Time, frame: Frame) -> None:
         """Learn who the station is, mode and position."""
@@ -70,23 +58,17 @@ class Leader:
             else:
                 self.landing = self.lands
 
-    def make(self, now: Time) -> Sequence[tuple[Literal["fwd"], bytes]]:
-        """What is sent now, in frames of the sender."""
-        if not self.clock.take(now):
-            return []
-        target = self.sender.target
-        messages = [one.message(target) if isinstance(one, Order) else one for one in self.orders(now)]
-        return [("fwd", self.sender.pack(message)) for message in messages]
-
-    def orders(self, now: Time) -> Sequence[Order | Message]:
+    def orders(self, now: Time) -> list[Order | Message]:
         """A change of mode, if one is needed, and the target."""
         if self.landing:
             return [] if self.keeper.seen == mav.COPTER_MODE_LAND else [mode_order(mav.COPTER_MODE_LAND)]
-        return [*self.keeper.orders(now), self._target(now)]
+        return [*self.keeper.orders(now), target_message(now, self.sender, geodetic(self.origin, self.track[self.at]))]
 
-    def _target(self, now: Time) -> Message:
-        lat, lon, alt_m = geodetic(self.origin, self.track[self.at])
-        return mav.MAVLink_set_position_target_global_int_message(
-            now // 1_000_000 & 0xFFFFFFFF, self.sender.target, self.sender.component, mav.MAV_FRAME_GLOBAL_INT,
-            _POSITION_ONLY, round(lat * 1e7), round(lon * 1e7), alt_m, 0, 0, 0, 0, 0, 0, 0, 0,
-        )  # fmt: skip
+
+def target_message(now: Time, sender: Sender, place: Place) -> Message:
+    """The position target for who a sender addresses: degrees, and metres above mean sea level."""
+    lat, lon, alt_m = place
+    return mav.MAVLink_set_position_target_global_int_message(
+        now // 1_000_000 & 0xFFFFFFFF, sender.target, sender.component, mav.MAV_FRAME_GLOBAL_INT,
+        _POSITION_ONLY, round(lat * 1e7), round(lon * 1e7), alt_m, 0, 0, 0, 0, 0, 0, 0, 0,
+    )  # fmt: skip

@@ -13,6 +13,7 @@ from skyrange.attack.contract import Place
 from skyrange.codec.mavlink import Message, Packer, decode, message_id, sender_system
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.verdicts import Replace
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import Time
@@ -42,6 +43,11 @@ def rewrite(original: Message, message: Message) -> bytes:
     packer = Packer(original.get_srcSystem(), original.get_srcComponent())
     packer.sequence = original.get_seq()
     return packer.pack(message)
+
+
+def replace_message(original: Message, message: Message, sham: bool) -> Replace:
+    """A message in place of another one, with its sender and sequence number; that of a sham is the original."""
+    return Replace(original.get_msgbuf() if sham else rewrite(original, message))
 
 
 def geodetic(origin: Origin, place: Place) -> Place:
@@ -94,7 +100,8 @@ def stick_message(target: int, component: int, sticks: Sticks, manual: bool) -> 
 class ModeKeeper:
     """The mode that heartbeats of the aircraft show, and commands to change it where it is another one."""
 
-    mode: int
+    mode: int | None
+    """The mode to change to; `None` leaves any."""
     period_ns: Time
     seen: int = -1
     next_ns: Time = 0
@@ -106,7 +113,7 @@ class ModeKeeper:
 
     def orders(self, now: Time) -> list[Order]:
         """The command, where the mode is another one and the last command was `period_ns` ago."""
-        if self.seen == self.mode or now < self.next_ns:
+        if self.mode is None or self.seen == self.mode or now < self.next_ns:
             return []
         self.next_ns = now + self.period_ns
         return [mode_order(self.mode)]
@@ -138,6 +145,6 @@ class Sender:
         """Whether a message of the aircraft is addressed to this sender, or to all."""
         return message.target_system in (0, self.packer.system)
 
-    def pack(self, message: Message) -> bytes:
-        """The frame of a message."""
-        return self.packer.pack(message)
+    def pack(self, order: Order | Message) -> bytes:
+        """The frame of a command to the system that it addresses, or of a message."""
+        return self.packer.pack(order.message(self.target) if isinstance(order, Order) else order)

@@ -77,6 +77,11 @@ SensorNames = Annotated[
 """Names of sensors in SYS_STATUS."""
 
 
+def command_number(command: str | int) -> int:
+    """The number of a command of the dialect, by its name or number."""
+    return command if isinstance(command, int) else COMMANDS[command]
+
+
 def copter_mode(name: str) -> int:
     """The number of a mode of ArduCopter."""
     return COPTER_MODE_NUMBERS[name]

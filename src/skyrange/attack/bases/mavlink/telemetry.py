@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Final
 
-from skyrange.attack.bases.mavlink.message_fields import read_fields, write_alteration
+from skyrange.attack.bases.mavlink.message_fields import Fields, read_fields, write_alteration
 from skyrange.attack.bases.on_path import CopyForLink, LinkNames, LinkTap
 from skyrange.attack.bases.roles import find_links
-from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.contract import Attack, AttackContext, Place
 from skyrange.attack.declaration import Facts
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.tapped_links import MESSAGE_NUMBERS, side_of
@@ -31,8 +31,6 @@ FROM_AIRCRAFT: Final[Mapping[str, Direction]] = {"gcs": "rev", "log": "rev", "au
 """By role of a link that carries telemetry: the direction in which it does."""
 AUTOPILOT: Final = int(dialect.MAV_COMP_ID_AUTOPILOT1)
 """Component id of an autopilot."""
-VARIANCES: Final = ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance")
-"""Fields of EKF_STATUS_REPORT with variances (normalised innovations)."""
 _CHAINS: Final = (("autopilot", "log"), ("autopilot", "gcs"), ("autopilot", "rid_data"), ("log", "gcs"))
 """Roles of links that one frame of an aircraft passes, one after the other."""
 
@@ -45,6 +43,7 @@ class AlteredTelemetry(LinkTap):
     """
 
     attack_facts: ClassVar[Facts] = {
+        "technique": "T0856",
         "surface": ("gcs", "log", "autopilot", "rid_data"),
         "persists": "acts",
         "position": "on the path between autopilot and receiver: a router, the companion computer or its proxy",
@@ -96,10 +95,15 @@ class AlteredTelemetry(LinkTap):
                     raise InputError.one(context.id, "links", f"{name}, {second}", expected, "One frame passes both.")
         return Attack(
             taps=[TapPlacement(name, side_of(name), make) for name in links],
+            shown=self.marks(),
             exclusive=[
                 exclusive_messages(name, FROM_AIRCRAFT[name.partition(":")[0]], self.names.values()) for name in links
             ],
         )
+
+    def marks(self) -> dict[str, Place]:
+        """Places to mark on a map, by label."""
+        return {}
 
     def begin(self) -> None:
         """Take direction and system id of the link."""
@@ -130,10 +134,10 @@ class AlteredTelemetry(LinkTap):
         """The messages that it alters with its parameters."""
         return self.sees
 
-    def learn(self, message: str, fields: Any) -> None:
+    def learn(self, message: str, fields: Fields) -> None:
         """Read the fields of a message before the start; no kind has to."""
 
-    def alter(self, message: str, fields: Any, since_ns: Time) -> bool:
+    def alter(self, message: str, fields: Fields, since_ns: Time) -> bool:
         """Write into the fields of a message, named as in MAVLink; returns whether it is one to replace.
 
         `since_ns` counts from the start.
