@@ -24,6 +24,7 @@ from plugin_kinds import (  # noqa: E402
     attack_families,
     attacks,
     attacks_of,
+    count_mechanisms,
     count_shipped,
     defences,
     detectors,
@@ -600,6 +601,7 @@ GENERATED: dict[str, Callable[[], str]] = {
 COUNTED: dict[str, Callable[[], int]] = {
     kind: partial(count_shipped, f"skyrange.{kind}") for kind in ("attacks", "defences", "detectors", "faults")
 }
+COUNTED["mechanisms"] = count_mechanisms
 
 
 def renewed(text: str) -> str:

@@ -31,11 +31,21 @@ def count_shipped(group: str) -> int:
     return len(_shipped(group))
 
 
+def count_mechanisms() -> int:
+    """How many of the shipped kinds of attack have an act of their own."""
+    from skyrange.contracts.plugins.registry import ATTACKS
+
+    return sum(not kind.mechanism for _, kind in _shipped(ATTACKS))
+
+
 def attacks() -> str:
     """Every kind of attack with what it does, and the page of its family."""
     from skyrange.contracts.plugins.registry import ATTACKS
 
-    rows = [(f"[`{name}`]({page_of(name)})", kind.about) for name, kind in _shipped(ATTACKS)]
+    rows = [
+        (f"[`{name}`]({page_of(name)})", kind.about + (f" As `{kind.mechanism}`." if kind.mechanism else ""))
+        for name, kind in _shipped(ATTACKS)
+    ]
     return table(("kind", "what it does"), rows)
 
 
@@ -77,6 +87,7 @@ def _facts(kind: Any) -> str:
         ("acts on", ", ".join(f"`{one}`" for one in kind.surface)),
         ("effect", kind.effect),
         ("technique", describe_technique(kind.technique)),
+        *([("the same mechanism", f"[`{kind.mechanism}`](../{page_of(kind.mechanism)})")] if kind.mechanism else []),
         ("knowledge", threat.knowledge),
         ("position", threat.position),
         ("equipment", threat.equipment),

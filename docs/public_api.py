@@ -39,7 +39,7 @@ TOPICS: dict[str, dict[str, str]] = {
             OnSensors alter_reading hold_reading AddsSignal Signal OnFixes OnReceivers FalseFixes Offset offset_fixes
             OnBodies claim_identity Transmission Periodic Reception Jamming Noise OnApproval Composite""",
         "Attacks": """AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
-            AirLink ClaimedTrack SensorHook SensorAct
+            AirLink ClaimedTrack SensorHook SensorAct technique_by
             Schedule Act ThreatModel Controls Exclusive
             Victims Place LinkNames CONTROL_LINKS EVERY_LINK Repetition""",
         "Campaigns": "CampaignBase CampaignStage Knowledge Observation Adversary",

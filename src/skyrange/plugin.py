@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from skyrange.attack.places import place_param
     from skyrange.attack.radio import Broadcaster, down_link, transmitter, up_link
     from skyrange.attack.tapped_links import CONTROL_LINKS, EVERY_LINK, Repetition
+    from skyrange.attack.techniques import technique_by
     from skyrange.attack.victims import Victims
     from skyrange.city.city import City
     from skyrange.codec.f3411 import BasicId, Location, MessagePack
@@ -433,6 +434,7 @@ __all__ = [
     "series",
     "state",
     "table",
+    "technique_by",
     "to_seconds",
     "transmitter",
     "up_link",

@@ -28,7 +28,8 @@ from skyrange.core.volumes import Volume4D
 from skyrange.scenario import AttackTable, load_scenario
 from skyrange.testing.checks.attacks import two_squares
 from skyrange.utm.contract import OperationalIntent, intent_id
-from skyrange.utm.messages import DecisionBody, Request, decode_response, encode
+from skyrange.utm.intent_states import IntentState
+from skyrange.utm.messages import DecisionBody, Request, decode_request, decode_response, encode
 
 FORGED_DECISION = AttackPlugin.find("approval.forged_decision")
 INSIDER = AttackPlugin.find("ground.insider")
@@ -210,6 +211,24 @@ def test_a_plan_file_is_altered_from_the_start_or_not_at_all(late: dict[str, Any
     attack = AttackTable.model_validate({**scenario.attacks[0].model_dump(exclude_none=True), **late})
     with pytest.raises(InputError, match=r"start_s.*loaded at the start"):
         build(scenario.model_copy(update={"attacks": (attack,)}))
+
+
+def altered_request(request: Request, sham: bool = False) -> Any:
+    """What a plan file's tap at the station makes of a request; `None` if it lets it pass."""
+    made = PLAN_FILE(PLAN_FILE.params(vehicles=("blue/b1",), form="offset", offset_m=(100.0, 0.0, 0.0)), context(sham))
+    (placed,) = [tap for tap in made.taps if tap.match.startswith("approval:")]
+    frame = Frame("approval:blue", "fwd", "blue.gcs", 0, "blue.gcs", "authority", 0, encode(request))
+    (verdict,) = placed.make("approval:blue").on_frame(1, frame) or (None,)
+    return None if verdict is None else decode_request(verdict.payload)
+
+
+def test_states_and_ends_of_an_altered_intent_stay_what_they_are() -> None:
+    intent = OperationalIntent(intent_id("blue/b1"), "blue", "blue/b1", (VOLUME,), state=IntentState.ACTIVATED)
+    epoch = context().epoch
+    found = altered_request(Request.of(intent, epoch, version=3))
+    assert (found.body.state, found.body.version) == (IntentState.ACTIVATED, 3)
+    assert found.body.volumes != Request.of(intent, epoch).body.volumes
+    assert altered_request(Request.end(intent)) is None
 
 
 def test_a_campaign_cannot_alter_a_plan_file() -> None:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
-from skyrange.attack.techniques import NO_FIT
+from skyrange.attack.techniques import NO_FIT, Technique
 from skyrange.contracts.params import Params
 from skyrange.contracts.plugins.registry import ATTACKS, Plugin
 from skyrange.core.ids import endpoint, link_name
@@ -230,8 +230,10 @@ class AttackPlugin(Plugin[AttackContext, Attack]):
 
     group: ClassVar[str] = ATTACKS
 
-    technique: str = NO_FIT
-    """Id of the technique in `attack.techniques`, or `NO_FIT`."""
+    technique: Technique = NO_FIT
+    """Id of the technique in `attack.techniques`, ids by the value of a parameter, or `NO_FIT`."""
+    mechanism: str = ""
+    """The kind whose act this one is, with parameters that suit one purpose; empty for an act of its own."""
     counterfactual: Counterfactual = "sham"
     """What stands for "without it" in a comparison: the sham of an attack that lies, because muting it would remove its
     airtime too; `mute` for one that works by load, such as a jammer or a flood, and for one that alters readings of

@@ -15,6 +15,7 @@ from skyrange.attack.contract import (
     Place,
     ThreatModel,
 )
+from skyrange.attack.techniques import Technique
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Params
 from skyrange.contracts.plugins.declaration import declare
@@ -28,7 +29,8 @@ ActingT = TypeVar("ActingT", bound="type[Acting]")
 class Facts(TypedDict, total=False):
     """What is known of a kind of attack before it flies: arguments of `attack`, and `Acting.attack_facts` of bases."""
 
-    technique: str
+    technique: Technique
+    mechanism: str
     counterfactual: Counterfactual
     honest: bool
     places: Sequence[str]

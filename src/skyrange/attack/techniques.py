@@ -9,12 +9,42 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
 
 from skyrange.core.errors import nearest
 
 NO_FIT: Final = "no fit"
 """The technique of a kind for which neither matrix has one."""
+
+
+@dataclass(frozen=True, slots=True)
+class TechniqueBy:
+    """The technique of a kind that depends on a parameter, such as the direction in which frames are dropped."""
+
+    parameter: str
+    techniques: Mapping[str, str]
+    """By value of the parameter."""
+
+
+Technique: TypeAlias = str | TechniqueBy
+"""The technique of a kind: an id, or ids by the value of a parameter."""
+
+
+def technique_by(parameter: str, **techniques: str) -> TechniqueBy:
+    """The technique of a kind by the value of a parameter: `technique_by("direction", fwd="T0803", rev="T0804")`."""
+    return TechniqueBy(parameter, techniques)
+
+
+def list_techniques(technique: Technique) -> list[str]:
+    """The ids that a kind can have, each once."""
+    return [technique] if isinstance(technique, str) else list(dict.fromkeys(technique.techniques.values()))
+
+
+def choose_technique(technique: Technique, params: Mapping[str, Any]) -> str:
+    """The id of a kind with these parameters, defaults among them."""
+    return technique if isinstance(technique, str) else technique.techniques[params[technique.parameter]]
+
 
 ATTACK_ICS: Final[Mapping[str, str]] = {
     "T0800": "Activate Firmware Update Mode",
@@ -110,11 +140,14 @@ SPARTA: Final[Mapping[str, str]] = {
 }
 
 
-def describe_technique(technique: str) -> str:
+def describe_technique(technique: Technique) -> str:
     """Matrix, id and name of a technique, such as "ATT&CK for ICS T0814, Denial of Service".
 
-    Raises `ValueError` for an id that neither matrix has.
+    Of one that depends on a parameter it is that of each value. Raises `ValueError` for an id that neither matrix has.
     """
+    if isinstance(technique, TechniqueBy):
+        found = [f"{describe_technique(one)} ({value})" for value, one in technique.techniques.items()]
+        return f"by {technique.parameter}: {'; '.join(found)}"
     if technique == NO_FIT:
         return "no technique of ATT&CK for ICS or SPARTA fits"
     if technique in ATTACK_ICS:

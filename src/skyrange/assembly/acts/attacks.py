@@ -27,6 +27,7 @@ from skyrange.attack.contract import (
     move_places,
     moved,
 )
+from skyrange.attack.techniques import choose_technique
 from skyrange.city.city import City
 from skyrange.contracts.links import Act, LinkSpec, Schedule, TapPlacement
 from skyrange.contracts.params import Params
@@ -188,7 +189,9 @@ def _adversary(attack: AttackTable, made: Attack) -> dict[str, Any]:
     """What the manifest says of an attack alone."""
     threat = made.threat or attack.plugin.threat
     return {
-        "technique": attack.plugin.technique,
+        "technique": choose_technique(
+            attack.plugin.technique, vars(attack.plugin.params.model_validate(attack.params))
+        ),
         "persists": attack.plugin.persists,
         "threat": asdict(threat) if threat is not None else {},
         "radios": [{"endpoint": radio.endpoint, "at_enu_m": list(radio.at_enu_m or ())} for radio in made.radios],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import skyrange.plugin as sky
@@ -11,6 +12,7 @@ from skyrange.attack.bases.on_path import CopyForLink
 from skyrange.attack.ground.altered_upload import AlteredUpload
 from skyrange.attack.ground.plan_alteration import Form, PlanAlteration
 from skyrange.core.ids import APPROVAL
+from skyrange.utm.messages import IntentBody
 
 _FARTHEST_M: Final = 50_000.0
 """Largest offset: a ground station refuses waypoints farther than 100 km from home."""
@@ -93,12 +95,11 @@ class PlanFile(sky.LinkTap):
         return () if sent is None else (sky.Replace(sent),)
 
     def _alter_intent(self, frame: sky.Frame) -> sky.Verdicts:
-        """Alter an intent as the plan is altered."""
+        """Alter the volumes of an intent as the plan is altered; one that ends has none."""
         request = read_request(frame, self.vehicles)
-        if request is None:
+        if request is None or not isinstance(request.body, IntentBody):
             return ()
         intent = request.intent(self.epoch)
-        volumes = tuple(self.alteration.alter_volume(volume) for volume in intent.volumes)
-        altered = sky.OperationalIntent(intent.id, intent.operator, intent.vehicle, volumes, intent.priority)
-        payload = sky.encode_approval(sky.ApprovalRequest.of(altered, self.epoch))
+        altered = replace(intent, volumes=tuple(map(self.alteration.alter_volume, intent.volumes)))
+        payload = sky.encode_approval(sky.ApprovalRequest.of(altered, self.epoch, request.body.version or 0))
         return (replace_json(frame.payload, payload, self.sham),)

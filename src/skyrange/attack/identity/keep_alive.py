@@ -9,7 +9,7 @@ from skyrange.codec.mavlink import dialect as mav
 
 @sky.attack(
     "identity.keep_alive",
-    technique="T0849",
+    technique="T0848",
     effect="the aircraft flies on without supervision, because its failsafe does not notice the lost station",
     knowledge="the system id of the ground station, which its heartbeats tell",
     equipment="a computer that filters frames and sends MAVLink",

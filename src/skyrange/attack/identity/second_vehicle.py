@@ -10,7 +10,7 @@ from skyrange.contracts.verdicts import Direction
 
 @sky.attack(
     "identity.second_vehicle",
-    technique="T0849",
+    technique="T0856",
     effect="the ground station gets two conflicting streams of one aircraft, and acts on both",
     knowledge="the system id of the aircraft and its last reports, which it hears",
     position="on the network between aircraft and ground station; it need not hold up frames",

@@ -11,7 +11,8 @@ from skyrange.codec.mavlink import dialect as mav
 
 @sky.attack(
     "identity.silence_station",
-    technique="T0803",
+    technique=sky.technique_by("towards", aircraft="T0803", station="T0804"),
+    mechanism="link.drop",
     counterfactual="mute",
     effect="the failsafe for a lost ground station acts while commands and telemetry still pass",
     knowledge="the id of HEARTBEAT, which is never encrypted",

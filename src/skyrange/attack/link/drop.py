@@ -7,7 +7,7 @@ import skyrange.plugin as sky
 
 @sky.attack(
     "link.drop",
-    technique="T0814",
+    technique=sky.technique_by("direction", fwd="T0803", rev="T0804", both="T0814"),
     counterfactual="mute",
     effect="selected frames never arrive",
     knowledge="which messages to drop, from frames that are not encrypted",

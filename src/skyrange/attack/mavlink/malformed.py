@@ -10,7 +10,7 @@ from skyrange.attack.bases.mavlink.hostile_frames import FORMS, Draw, Forms, dra
 
 @sky.attack(
     "mavlink.malformed",
-    technique="T0819",
+    technique="T0814",
     persists="flight",
     effect="parsers reject and count hostile frames, or act on absurd values",
     knowledge="the protocol, and system ids",

@@ -14,6 +14,7 @@ _COMMANDS: Final = COMMANDS | {mav.MAVLINK_MSG_ID_SET_MODE, mav.MAVLINK_MSG_ID_S
 @sky.attack(
     "signing.replay",
     technique="T0855",
+    mechanism="link.replay",
     effect="a signed link refuses and counts the replayed commands, because their timestamps are old",
     knowledge="none; it records what passes before the attack",
     position="on the network between ground station and aircraft",

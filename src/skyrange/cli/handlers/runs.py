@@ -242,6 +242,7 @@ def load_plugins(files: Sequence[Path] | None) -> None:
 def attacks(as_json: bool) -> None:
     """`skyrange attacks`."""
     from skyrange.attack.contract import AttackPlugin
+    from skyrange.attack.techniques import list_techniques
     from skyrange.contracts.plugins.registry import ATTACKS, kinds
 
     found = {name: AttackPlugin.find(name) for name in kinds(ATTACKS)}
@@ -250,20 +251,22 @@ def attacks(as_json: bool) -> None:
         return
     width = max(map(len, found), default=0)
     for name, one in found.items():
-        print_text(f"{name:<{width}}  {one.technique:<10}  {', '.join(one.surface):<14}  {one.about}")
+        techniques = "/".join(list_techniques(one.technique))
+        print_text(f"{name:<{width}}  {techniques:<10}  {', '.join(one.surface):<14}  {one.about}")
 
 
 def _describe_attack(name: str, kind: AttackPlugin) -> dict[str, Any]:
     """A kind of attack as `skyrange attacks --json` prints it."""
-    from skyrange.attack.techniques import describe_technique
+    from skyrange.attack.techniques import describe_technique, list_techniques
 
     return {
         "kind": name,
         "about": kind.about,
         "surface": list(kind.surface),
         "effect": kind.effect,
-        "technique": kind.technique,
+        "techniques": list_techniques(kind.technique),
         "technique_name": describe_technique(kind.technique),
+        "mechanism": kind.mechanism or name,
         "counterfactual": kind.counterfactual,
         "threat": asdict(kind.threat) if kind.threat is not None else None,
         "controls": asdict(kind.controls) if kind.controls is not None else None,
