@@ -23,6 +23,7 @@ from skyrange.attack.tapped_links import ends_of
 @sky.attack(
     "ground.insider",
     technique="T0831",
+    intrudes=True,
     surface=("gcs",),
     persists="mode",
     effect="the whole fleet meets at one place, its operator sees it fly the plan, and no signature fails",

@@ -40,6 +40,7 @@ class CompromisedCompanion(RoundsOnLink):
     attack_facts: ClassVar[Facts] = {
         "surface": ("log",),
         "persists": "acts",
+        "intrudes": True,
         "position": "in the companion computer",
         "equipment": "a program on the companion: from its supply chain, an update or a remote login",
         "load": "the sham: the same orders, addressed to a system that is not there",

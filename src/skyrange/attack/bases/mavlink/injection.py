@@ -30,6 +30,8 @@ FOREIGN_STATION: Final = 254
 class InjectionOnLinks(OnControlLinks):
     """Injects frames in rounds on control links that the parameters name: `send` makes those of a round."""
 
+    attack_facts: ClassVar[Facts] = {"intrudes": True}
+
     needs: ClassVar[tuple[str, ...]] = ("send",)
 
     systems: dict[str, int]
@@ -64,6 +66,7 @@ class Injection(RoundsOnLink):
 
     attack_facts: ClassVar[Facts] = {
         "surface": CONTROL_LINKS,
+        "intrudes": True,
         "knowledge": "system ids, from any frame",
         "position": "on the network of the control link, or on board",
         "equipment": "a computer with a MAVLink library",
