@@ -172,7 +172,7 @@ def test_frames_of_somebody_unauthorised_that_harm_nobody_have_a_label_of_their_
     own = [row for row in frames if row["harmless_intrusion"]]
     assert {row["message"] for row in own if row["steps"] == 0} == {"COMMAND_LONG"}
     assert not any(row["hostile"] or row["derived"] or row["sham"] for row in frames)
-    (act,) = measure_acts(load(next(one.folder for one in sample.members if one.arm == "sham")))
+    (act,) = measure_acts(load(next(one.record for one in sample.members if one.arm == "sham")))
     assert (act["harmless_intrusion"], act["fault"], act["vehicle"], act["first_s"]) == (True, False, "blue/b1", 12.0)
     assert act["effect_end_s"] == act["last_s"]
     windows = rows(sample, "flows", "mode.sham")
