@@ -456,15 +456,16 @@ def learned_features() -> str:
 
 def score_tables() -> str:
     """The columns of the tables that scoring reads."""
-    from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS
+    from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, INTRUSIONS
 
     about = {
         "flights": "One row for each aircraft of each run.",
         "attacks": "One row for each attack on each aircraft that it affects, or for each attack on a whole run.",
+        "intrusions": "One row for each harmless intrusion about each aircraft, or about a whole run.",
         "alerts": "One row for each alert, of all detectors and with all scores: scoring applies the threshold.",
     }
     parts = []
-    for (name, text), schema in zip(about.items(), (FLIGHTS, ATTACKS, ALERTS), strict=True):
+    for (name, text), schema in zip(about.items(), (FLIGHTS, ATTACKS, INTRUSIONS, ALERTS), strict=True):
         rows = [(f"`{field.name}`", field.type, field.metadata[b"about"].decode()) for field in schema]
         parts.append(f"### {name}\n\n{text}\n\n{table(('column', 'type', 'meaning'), rows)}")
     return "\n".join(parts)
@@ -490,6 +491,7 @@ def score_format() -> str:
         "GroupDetection": "`kinds` and `families`",
         "Delay": "`delay`",
         "BeforeEffect": "`before_effect`",
+        "HarmlessIntrusions": "`harmless_intrusions`",
         "Precision": "`precision`",
         "EqualRate": "`equal_rate`",
         "Estimate": "ratios: `per_h`, `recall`, `share`",

@@ -94,6 +94,7 @@ def _facts(kind: Any) -> str:
         ("budget", threat.budget),
         ("counterfactual", "its sham" if kind.counterfactual == "sham" else "muted"),
         ("effect ends with", PERSISTENCE[kind.persists or "acts"]),
+        ("sham is", "a harmless intrusion" if kind.intrudes else "benign"),
         ("load control", controls.load),
         ("content control", controls.content),
         ("placement control", controls.placement),

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.codec.mavlink import message_name
+from skyrange.codec.mavlink import decode, message_name
+from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.testing.checks.attacks import AttackCase, Flight, two_squares
 from skyrange.vehicle.builtin.parameters.table import PARAMETERS
@@ -68,6 +70,34 @@ NOTED: list[tuple[AttackPlugin, dict[str, Any], str, tuple[str, ...]]] = [
 def test_the_autopilot_obeys(kind: AttackPlugin, params: dict[str, Any], note: str, parts: tuple[str, ...]) -> None:
     assert noted(flown(kind, params, 12.0, START_S), note, *parts, since_s=START_S)
     assert not noted(flown(kind, params, 12.0, START_S, sham=True), note, *parts, since_s=START_S)
+
+
+HARMLESS: list[tuple[AttackPlugin, dict[str, Any], set[str]]] = [
+    (COMMAND, {"command": "DO_FLIGHTTERMINATION", "values": [1]}, {"COMMAND_ACK", "HEARTBEAT"}),
+    (COMMAND, {"command": "DO_SET_HOME", "at": [60, 0, 0]}, {"COMMAND_ACK", "HEARTBEAT"}),
+    (MODE, {"mode": "LAND"}, {"COMMAND_ACK", "HEARTBEAT"}),
+    (RC_OVERRIDE, {"mode": "none", "yaw": 1}, set()),
+    (RC_OVERRIDE, {"mode": "none", "yaw": 1, "message": "MANUAL_CONTROL"}, set()),
+    (MISSION_CLEAR, {}, {"MISSION_ITEM_INT"}),
+    (MISSION_CLEAR, {"by": "MISSION_CLEAR_ALL"}, {"MISSION_COUNT"}),
+    (HOME, {"at": [60, 0, 0], "point": "rally"}, {"MISSION_COUNT", "MISSION_ACK"}),  # of an item that is not there
+    (PARAMETER, {"values": {"RTL_ALT": 9000}}, set()),
+]
+
+
+@pytest.mark.catalogue
+@pytest.mark.parametrize(("kind", "params", "answers"), HARMLESS)
+def test_an_aircraft_answers_a_sham_and_flies_on(kind: AttackPlugin, params: dict[str, Any], answers: set[str]) -> None:
+    sham, nominal = (flown(kind, params, 11.0, START_S, **{how: True}) for how in ("sham", "muted"))
+    assert np.array_equal(track(sham), track(nominal))
+    names = []
+    for flight in (sham, nominal):
+        rows = (f.payload for f in flight.seen.frames if f.link == "gcs:blue/b1" and f.direction == "rev")
+        names.append(Counter(message_name(payload) for payload in rows))
+    assert set(names[0] - names[1]) == answers
+    acks = [decode(f.payload) for f in sham.seen.frames if message_name(f.payload) == "COMMAND_ACK"]
+    assert {ack.result for ack in acks} == {mav.MAV_RESULT_ACCEPTED}
+    assert {label.action for label in sham.seen.labels} == {"inject"}
 
 
 def test_a_running_mission_is_not_cleared_but_an_empty_one_is_uploaded() -> None:

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.record import RunRecord
+from skyrange.record import RunRecord, load
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.attribution.arms import Arm, scenario_of
 from skyrange.study.dataset import build
@@ -32,6 +32,7 @@ from skyrange.study.dataset.progress import begin_build
 from skyrange.study.dataset.run_views import ViewSettings, run_views
 from skyrange.study.dataset.views.observed import Place
 from skyrange.study.runs import fly
+from skyrange.study.sweep.measurement import measure_acts
 
 BOTH = ViewSettings(places=(Place("gcs:*", "gcs"), Place("gcs:*", "companion")))
 BASE = """
@@ -163,7 +164,20 @@ def test_active_observable_and_effect_are_told_apart(sample: Sample) -> None:
     assert ONSET_NS < episode["observable_ns"] < ONSET_NS + 1_000_000_000
     assert episode["effect_ns"] == 14_000_000_000
     (sham,) = rows(sample, "episodes", "mode.sham")
-    assert (sham["role"], sham["effect_ns"]) == ("sham", None)
+    assert (sham["role"], sham["effect_ns"]) == ("harmless_intrusion", None)
+
+
+def test_frames_of_somebody_unauthorised_that_harm_nobody_have_a_label_of_their_own(sample: Sample) -> None:
+    frames = rows(sample, "mavlink", "mode.sham")
+    own = [row for row in frames if row["harmless_intrusion"]]
+    assert {row["message"] for row in own if row["steps"] == 0} == {"COMMAND_LONG"}
+    assert not any(row["hostile"] or row["derived"] or row["sham"] for row in frames)
+    (act,) = measure_acts(load(next(one.record for one in sample.members if one.arm == "sham")))
+    assert (act["harmless_intrusion"], act["fault"], act["vehicle"], act["first_s"]) == (True, False, "blue/b1", 12.0)
+    assert act["effect_end_s"] == act["last_s"]
+    windows = rows(sample, "flows", "mode.sham")
+    assert 12 in {row["window"] for row in windows if row["harmless_intrusion_active"]}
+    assert not any(row["active"] or row["observable"] or row["sham_active"] for row in windows)
 
 
 def test_arms_share_their_windows_up_to_the_onset(sample: Sample) -> None:

@@ -215,6 +215,26 @@ def test_an_injected_frame_meets_only_the_taps_after_its_own() -> None:
     assert b"forged telemetry" not in saw["gcs inner"]
 
 
+@pytest.mark.parametrize(("state", "intruding"), [
+    ({"sham": True, "intrudes": True}, {"inject"}), ({"sham": True}, set()), ({"intrudes": True}, set()),
+    ({"honest": True, "intrudes": True}, set()),
+])  # fmt: skip
+def test_what_a_sham_puts_on_a_link_is_a_harmless_intrusion(state: dict[str, bool], intruding: set[str]) -> None:
+    log, _ = run(attack=Act("mitm", **state))  # type: ignore[arg-type]
+    assert {label.action for label in log.labels if label.harmless_intrusion} == intruding
+    assert {label.benign for label in log.labels} == {"sham" in state or "honest" in state}
+    assert {label.action for label in log.labels} == {"delay", "replace", "inject", "drop"}
+
+
+def test_what_an_agent_of_a_sham_sends_is_a_harmless_intrusion() -> None:
+    log = Log()
+    agents = [Flooder(ports=[Port("blue/b1.proxy", "autopilot:blue/b1")])]
+    plan = Act("mitm", sham=True, intrudes=True, agents=agents)
+    links = onboard("blue/b1")[0]
+    Kernel(Wiring(seed=1, links=links, agents=[Fleet("fleet", ["blue/b1"])], acts=[plan]), [log]).advance(500 * MS)
+    assert {(label.action, label.harmless_intrusion) for label in log.labels} == {("send", True)}
+
+
 def others(log: Log) -> list[tuple[Any, ...]]:
     return [row for row in log.table() if row[1].startswith(("gcs", "log", "autopilot"))]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, StudyTables, check_tables
+from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, INTRUSIONS, StudyTables, check_tables
 
 
 def flight(run: str, vehicle: str = "a", *, arm: str = "nominal", **other: Any) -> dict[str, Any]:
@@ -34,12 +34,23 @@ def alert(run: str, time_s: float, subject: str = "a", *, score: float = 1.0, de
     return {"run": run, "detector": detector, "time_s": time_s, "subject": subject, "kind": "k", "score": score}
 
 
+def intrusion(run: str, vehicle: str = "a", **other: Any) -> dict[str, Any]:
+    """A harmless intrusion from 1000 to 1060 s."""
+    return {
+        "run": run, "vehicle": vehicle, "attack_id": "x", "kind": "mavlink.mode", "active_s": 1000.0, "stop_s": 1060.0,
+    } | other  # fmt: skip
+
+
 def tables(
-    flights: Sequence[dict[str, Any]], attacks: Sequence[dict[str, Any]] = (), alerts: Sequence[dict[str, Any]] = ()
+    flights: Sequence[dict[str, Any]],
+    attacks: Sequence[dict[str, Any]] = (),
+    alerts: Sequence[dict[str, Any]] = (),
+    intrusions: Sequence[dict[str, Any]] = (),
 ) -> StudyTables:
     """The checked tables of some rows."""
     return check_tables(
         pa.Table.from_pylist(list(flights), schema=FLIGHTS),
         pa.Table.from_pylist(list(attacks), schema=ATTACKS),
         pa.Table.from_pylist(list(alerts), schema=ALERTS),
+        pa.Table.from_pylist(list(intrusions), schema=INTRUSIONS),
     )

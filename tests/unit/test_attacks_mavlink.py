@@ -14,7 +14,7 @@ from skyrange.attack.bases.mavlink.hostile_frames import (
     hostile_frame,
 )
 from skyrange.attack.bases.mavlink.injection import Injection
-from skyrange.attack.bases.mavlink.orders import NOBODY, stick_message
+from skyrange.attack.bases.mavlink.orders import stick_message
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
@@ -102,10 +102,10 @@ def test_a_command_has_a_place_and_a_name_of_its_own() -> None:
     assert (first.get_srcSystem(), second.get_seq()) == (66, 1)
 
 
-def test_a_sham_addresses_nobody_with_as_many_bytes() -> None:
+def test_a_sham_requests_a_heartbeat_with_as_many_bytes() -> None:
     live, sham = (tap(COMMAND, sham=sham, command="DO_SET_MODE", values=[1, 6]) for sham in (False, True))
     (mine,), (other,) = injected(live, 0), injected(sham, 0)
-    assert other.target_system == NOBODY
+    assert (other.target_system, other.command, other.param1) == (SYSTEM, mav.MAV_CMD_REQUEST_MESSAGE, 0.0)
     assert len(mine.get_msgbuf()) == len(other.get_msgbuf())
 
 

@@ -210,6 +210,42 @@ def test_usual_orders_raise_nothing(order: Any) -> None:
     assert find(MAVLINK_COMMANDS, flight((30.0, order)), 60) == []
 
 
+def stick(target: int) -> Any:
+    return mav.MAVLink_manual_control_message(target, 0, 0, 500, 0, 0)
+
+
+def clear(target: int) -> Any:
+    return mav.MAVLink_mission_clear_all_message(target, 1)
+
+
+@pytest.mark.parametrize("make", [stick, clear])
+def test_orders_to_other_systems_raise_nothing(make: Any) -> None:
+    for target, alerts in ((1, 1), (0, 1), (251, 0), (2, 0)):
+        assert len(find(MAVLINK_COMMANDS, flight((30.0, make(target))), 60)) == alerts, target
+
+
+def test_a_forged_heartbeat_hides_no_order_and_all_orders_count_before_the_first() -> None:
+    other = Sender(COMPANION, 7)
+    other.received = False
+    strange = [*flight((30.0, clear(1)), (40.0, clear(7)), (45.0, clear(8))), other.send(20.1, beat())]
+    assert [at for at, _ in kinds(find(MAVLINK_COMMANDS, strange, 60))] == [30.0, 40.0]
+    silent = [Sender(COMPANION, 255, 190).send(30.0, clear(8))]
+    assert len(find(MAVLINK_COMMANDS, silent, 60, report_above=0.1)) == 1
+
+
+def test_systems_are_those_of_each_place() -> None:
+    link = "gcs:blue/b2"
+    port = Port("blue/b2.companion", link)
+    second, station = Sender(port, 2, src="blue/b2.companion"), Sender(port, 255, 190)
+    second.received = False
+    frames = [second.send(at, beat()) for at in range(60)] + [second.send(at + 0.25, height(20.0)) for at in range(60)]
+    frames += [station.send(20.0, clear(1)), station.send(30.0, clear(2))]
+    found = find(MAVLINK_COMMANDS, [*flight((40.0, clear(2)), (45.0, clear(1))), *frames], 60)
+    assert [(at, alert.subject) for (at, _), alert in zip(kinds(found), found, strict=True)] == [
+        (30.0, "blue/b2"), (45.0, "blue/b1"),
+    ]  # fmt: skip
+
+
 # ---------------------------------------------------------------- rate
 
 

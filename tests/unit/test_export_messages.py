@@ -158,6 +158,15 @@ def test_labels_and_alerts_say_all_that_they_have() -> None:
     labels = [
         {**usual, "at_ns": 7, "action": "delay", "child": None, "until_ns": 1_500_000_000},
         {**usual, "at_ns": 3, "action": "replace", "child": "gcs:blue/b1|fwd|t|0", "until_ns": None, "benign": True},
+        {
+            **usual,
+            "at_ns": 4,
+            "action": "inject",
+            "child": None,
+            "until_ns": None,
+            "benign": True,
+            "harmless_intrusion": True,
+        },
     ]
     alert = {
         "time_ns": 5, "detector": "rules", "kind": "mavlink.source", "subject": "blue/b1", "score": 2.5, "at_ns": 4,
@@ -171,6 +180,7 @@ def test_labels_and_alerts_say_all_that_they_have() -> None:
     ]
     assert [(at, told["level"], told["name"], told["message"]) for at, told in found] == [
         (3, 2, "late.tap", "late: replace gcs:blue/b1|fwd|s|1 by gcs:blue/b1|fwd|t|0 (benign)"),
+        (4, 2, "late.tap", "late: inject gcs:blue/b1|fwd|s|1 (harmless intrusion)"),
         (7, 3, "late.tap", "late: delay gcs:blue/b1|fwd|s|1 until 1.500000 s"),
         (5, 3, "rules", 'blue/b1: mavlink.source 2.5 {"system": 9}'),
     ]

@@ -326,6 +326,21 @@ def test_facts_of_a_kind_go_before_those_of_its_bases_and_the_nearest_base_first
 
 
 @pytest.mark.parametrize(
+    ("name", "intrudes"),
+    [
+        ("mavlink.mode", True), ("identity.keep_alive", True), ("signing.replay", True), ("remote_id.spoof", True),
+        ("link.replay", True), ("companion.takeover", True),
+        ("companion.no_avoidance", False),  # replaces frames by themselves
+        ("remote_id.jam", False),  # nothing receives noise of -200 dBm
+        ("approval.squat", False),  # an operator asks what it may ask
+        ("link.delay", False), ("telemetry.position", False), ("gnss.drift", False),
+    ],
+)  # fmt: skip
+def test_shams_that_put_frames_of_somebody_unauthorised_on_a_medium_intrude(name: str, intrudes: bool) -> None:
+    assert AttackPlugin.find(name).intrudes == intrudes
+
+
+@pytest.mark.parametrize(
     ("facts", "missing"),
     [
         ({"budget": "nothing"}, "knowledge"),

@@ -261,7 +261,13 @@ def test_labels_are_of_attacks_on_the_aircraft_within_the_window() -> None:
         "hit": [{"vehicle": "a", "first_s": 5.0, "last_s": 9.0}],
         "all": [{"vehicle": "", "first_s": 9.5, "last_s": 9.5}],
     }
-    assert label_windows(table, acts, WINDOW_NS).tolist() == [BENIGN, UNKNOWN, ATTACKED, UNKNOWN, UNKNOWN, ATTACKED]
+    labels = label_windows(table, acts, {}, WINDOW_NS)
+    assert labels.tolist() == [BENIGN, UNKNOWN, ATTACKED, UNKNOWN, UNKNOWN, ATTACKED]
+
+
+def test_windows_of_a_harmless_intrusion_are_no_examples() -> None:
+    table = pa.table({"run": ["sham"] * 3, "vehicle": ["a"] * 3, "time_ns": [at * NS_PER_S for at in (5, 6, 30)]})
+    assert label_windows(table, {}, {"sham": 5.0}, WINDOW_NS).tolist() == [BENIGN, UNKNOWN, UNKNOWN]
 
 
 @pytest.mark.parametrize("algorithm", ["isolation_forest", "gradient_boosting"])

@@ -195,7 +195,9 @@ def test_what_left_when_nobody_recorded_stays_in_flight(tmp_path: Path) -> None:
 def test_a_tap_that_replaces_where_it_came_and_one_that_injects_where_it_left(tmp_path: Path) -> None:
     forged = up(0, 0.5, b"forged", sender="evil@gcs:blue/b1.gcs", parent=FrameId("gcs:blue/b1", "fwd", GROUND, 0))
     ground = part(tmp_path / "ground", GROUND, [up(0, 0.0, b"lost"), forged, up(1, 1.0, b"old")])
-    ground.on_label(Label(NS_PER_S // 2, "evil", "evil@gcs:blue/b1.gcs", "inject", forged.id))
+    ground.on_label(
+        Label(NS_PER_S // 2, "evil", "evil@gcs:blue/b1.gcs", "inject", forged.id, None, None, True, False, True)
+    )
     was = came(1, 1.1, b"old", Fate.REPLACED)
     tap = "swap@gcs:blue/b1.companion"
     child = make_frame("gcs:blue/b1", "fwd", tap, 0, was.sent_ns, b"new", src=GROUND, dst=AIR, parent=was.id)
@@ -210,6 +212,7 @@ def test_a_tap_that_replaces_where_it_came_and_one_that_injects_where_it_left(tm
     assert [(row["frame"], row["child"]) for row in labels] == [
         (str(forged.id), None), (f"gcs:blue/b1|fwd|{GROUND}|1", str(child.id)),
     ]  # fmt: skip
+    assert [(row["benign"], row["harmless_intrusion"]) for row in labels] == [(True, True), (False, False)]
 
 
 def test_a_killed_part_gives_what_it_had(tmp_path: Path) -> None:

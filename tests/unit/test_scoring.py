@@ -22,7 +22,7 @@ from skyrange.study.scoring.result_file import ScoreFile, ScoreSettings, SetScor
 from skyrange.study.scoring.scores import score_detectors
 from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, StudyTables, check_tables
 from skyrange.study.scoring.thresholds import choose_threshold
-from tests.unit.score_sample import alert, attack, flight, tables
+from tests.unit.score_sample import alert, attack, flight, intrusion, tables
 
 EPISODE_NS = 30 * NS_PER_S
 SETTINGS = ScoreSettings(replicates=200)
@@ -124,6 +124,35 @@ def test_an_attack_on_a_whole_run_is_detected_by_any_subject() -> None:
     given = tables(flights, [attack("r", "")], [alert("r", 1040.0, "b"), alert("r", 1030.0, "")])
     assert detection_s(given) == [1030.0]
     assert outcome_of(given).false_alarms.sum() == 0
+
+
+def test_an_alarm_about_a_harmless_intrusion_is_neither_a_detection_nor_false() -> None:
+    flights = [flight("r", arm="sham"), flight("s", arm="sham"), flight("v", split="validation")]
+    acts = [intrusion("r"), intrusion("s", "")]
+    alerts = [alert("r", at) for at in (990.0, 1000.0, 1070.0, 1071.0)]
+    given = tables(flights, (), alerts, acts)
+    found = on_all(score_detectors(given, SETTINGS))
+    assert (found.harmless_intrusions.intrusions, found.harmless_intrusions.reported) == (2, 1)
+    assert found.harmless_intrusions.share is not None
+    assert found.harmless_intrusions.share.value == 0.5
+    assert (found.detection.attacks, found.detection.recall) == (0, None)
+    assert found.false_alarms.sham.episodes == 2, "before the onset, and after the grace"
+    assert found.false_alarms.sham.hours == pytest.approx((7200.0 - 140.0) / 3600.0)
+    assert on_all(score_detectors(given, SETTINGS), "always").harmless_intrusions.reported == 2
+
+
+def test_alarms_about_harmless_intrusions_choose_no_threshold() -> None:
+    flights = [flight("v", split="validation", arm="fault"), flight("t")]
+    acts = [intrusion("v", active_s=100.0, stop_s=900.0)]
+    given = tables(flights, (), [alert("v", 100.0 * number, score=float(number)) for number in range(1, 10)], acts)
+    index = index_study(given, 10.0)
+    assert choose_threshold(index, index_alerts(index, given.alerts, "d"), 1.0, EPISODE_NS).threshold == -math.inf
+
+
+def test_an_intrusion_that_belongs_to_no_flight_is_an_error() -> None:
+    for wrong in (intrusion("q"), intrusion("r", "z"), intrusion("r", stop_s=900.0)):
+        with pytest.raises(InputError, match="intrusions, row 0"):
+            tables([flight("r")], (), (), [wrong])
 
 
 def test_an_alarm_that_stands_at_the_onset_detects_and_pays_per_episode() -> None:
@@ -331,9 +360,9 @@ def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
     write_scores(file, tmp_path / "scores.json")
     assert read_scores(tmp_path / "scores.json") == file
     (tmp_path / "other.json").write_text('{"format": "skyrange.bench"}')
-    with pytest.raises(InputError, match=r"skyrange\.scores/3"):
+    with pytest.raises(InputError, match=r"skyrange\.scores/4"):
         read_scores(tmp_path / "other.json")
-    (tmp_path / "older.json").write_text(json.dumps(file.model_dump(mode="json") | {"format": "skyrange.scores/2"}))
+    (tmp_path / "older.json").write_text(json.dumps(file.model_dump(mode="json") | {"format": "skyrange.scores/3"}))
     with pytest.raises(InputError, match="Score the study again"):
         read_scores(tmp_path / "older.json")
     text = (tmp_path / "scores.json").read_text().replace('"trivial"', '"trivail"')

@@ -22,8 +22,12 @@ HELD = {"families": ["link_timing"], "cities": ["new"], "aircraft": [3]}
 KINDS = {"gnss.drift": "gnss_false_position", "link.delay": "link_timing"}
 
 
-def fabricate(path: Path, held_out: dict[str, Any] | None = None, shared_seeds: bool = False) -> StudyFolder:
-    """A finished study of 80 blocks that nobody flew: kinds, cities and numbers of aircraft in all combinations."""
+def fabricate(
+    path: Path, held_out: dict[str, Any] | None = None, shared_seeds: bool = False, harmless: bool = False
+) -> StudyFolder:
+    """A finished study of 80 blocks that nobody flew: kinds, cities and numbers of aircraft in all combinations. With
+    `harmless` each attack is a harmless intrusion.
+    """
     factors: Any = (
         {"name": "condition", "key": "attacks", "named": {kind: [] for kind in KINDS}},
         {"name": "city", "key": "buildings", "named": {"old": "grid:1", "new": "grid:2"}},
@@ -41,11 +45,11 @@ def fabricate(path: Path, held_out: dict[str, Any] | None = None, shared_seeds: 
     )
     folder = create_folder(study, path)
     for block in folder.blocks:
-        write_block(path, BlockResult(block.name, 2, 0, (), 1.0, 1.0, 0), _rows(block))
+        write_block(path, BlockResult(block.name, 2, 0, (), 1.0, 1.0, 0), _rows(block, harmless))
     return folder
 
 
-def _rows(block: Block) -> dict[str, list[dict[str, Any]]]:
+def _rows(block: Block, harmless: bool) -> dict[str, list[dict[str, Any]]]:
     rows: dict[str, list[dict[str, Any]]] = {"runs": [], "aircraft": [], "effects": [], "alerts": [], "acts": []}
     kind, fleet = block.values["condition"], block.values["fleet"]
     for arm in ("nominal", "attacked"):
@@ -58,6 +62,7 @@ def _rows(block: Block) -> dict[str, list[dict[str, Any]]]:
             {**head, "vehicle": f"blue/b{k}", "airborne_s": 3600.0, "takeoff_s": 2.0} for k in range(fleet)
         ]
     act = {"attack": "a", "kind": kind, "family": KINDS[kind], "vehicle": "blue/b0", "fault": False}
+    act["harmless_intrusion"] = harmless
     rows["acts"].append({**head, **act, "first_s": 30.0, "last_s": 60.0, "effect_end_s": 60.0, "acts": 1})
     if kind == "gnss.drift":
         alert = {"time_s": 40.0, "detector": "d", "kind": "k", "subject": "blue/b0", "score": 1.0}
@@ -106,6 +111,23 @@ def test_what_a_run_shares_with_the_nominal_one_is_its_time_before_the_first_act
     assert {(row["arm"], row["own_from_s"], row["shared_s"]) for row in rows} == {
         ("nominal", 0.0, 0.0), ("attacked", 30.0, 28.0),
     }  # fmt: skip
+
+
+def test_harmless_intrusions_are_in_a_table_of_their_own_and_make_no_run_hostile(tmp_path: Path) -> None:
+    tables = make_score_tables(fabricate(tmp_path / "s", harmless=True))
+    assert (tables.attacks.num_rows, tables.intrusions.num_rows) == (0, 80)
+    assert not any(tables.flights.column("hostile").to_pylist())
+    (kept,) = {(row["vehicle"], row["active_s"], row["stop_s"]) for row in tables.intrusions.to_pylist()}
+    assert kept == ("blue/b0", 30.0, 60.0)
+    scores = score_study(tmp_path / "s")
+    found = next(one for one in scores.detectors if one.detector == "d").on("all")
+    assert found is not None
+    assert 0 < found.harmless_intrusions.reported < found.harmless_intrusions.intrusions
+    assert (found.detection.attacks, found.false_alarms.sham.episodes) == (0, 0)
+    console = Console(width=80, record=True, file=(tmp_path / "out").open("w"))
+    for table in tabulate_scores([scores]):
+        console.print(table)
+    assert "alarms about harmless intrusions" in console.export_text()
 
 
 def test_what_is_given_replaces_all_that_the_file_holds_out(tmp_path: Path) -> None:

@@ -247,6 +247,10 @@ class AttackPlugin(Plugin[AttackContext, Attack]):
     """Whether it has an effect only if it acts from 0 s on, such as one on what is loaded then."""
     move: Callable[[Any, Place], Params] | None = None
     """Moves places within other parameters, in metres east, north and up: `move(params, by)` returns the new ones."""
+    intrudes: bool = False
+    """Whether its sham puts frames on a link or in the air that are of somebody unauthorised. The kernel labels those
+    acts as harmless intrusions, which are neither attacks nor benign. Not of a sham that only holds frames back or
+    replaces them by themselves, nor of one that asks what an operator may ask."""
     persists: Persistence | None = None
     """What ends its effect, by which alarms about it are scored. A kind that does not say so counts as `acts`."""
     surface: Sequence[str] = ()

@@ -36,6 +36,7 @@ class Facts(TypedDict, total=False):
     places: Sequence[str]
     from_start: bool
     persists: Persistence
+    intrudes: bool
     surface: Sequence[str]
     effect: str
     realism: Mapping[str, str]

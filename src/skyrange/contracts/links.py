@@ -215,7 +215,7 @@ class Act:
     stop_ns: Time = NEVER
     muted: bool = False
     sham: bool = False
-    """Whether its parts are those of its sham: its labels are then marked benign."""
+    """Whether its parts are those of its sham: its labels are then marked benign, or as harmless intrusions."""
     agents: Sequence[Agent] = ()
     sensor_hooks: Sequence[SensorHook] = ()
     trigger: Trigger | None = None
@@ -230,6 +230,8 @@ class Act:
     role: Role = "attack"
     body_hooks: Sequence[BodyHook] = ()
     """What a fault does to bodies; an attack has none."""
+    intrudes: bool = False
+    """Whether what its sham sends is of somebody unauthorised: such acts are labelled as harmless intrusions."""
     noted: bool = True
     """Whether the kernel notes when it begins and ends; not where another kernel has the rest of it, and does."""
 
@@ -247,3 +249,7 @@ class Act:
     def benign(self) -> bool:
         """Whether what it does harms nobody: a sham, or real aircraft that say what is true."""
         return self.sham or self.honest
+
+    def is_harmless_intrusion(self, action: str) -> bool:
+        """Whether an act of it, such as "inject", is harmless and of somebody unauthorised (`Label`)."""
+        return self.sham and self.intrudes and action in ("inject", "send")

@@ -80,3 +80,6 @@ class Label(NamedTuple):
     """Whether the act is that of a sham, or of a real aircraft in the honest arm."""
     fault: bool = False
     """Whether the act is that of a benign fault, which has no adversary."""
+    harmless_intrusion: bool = False
+    """Whether it is one of the benign acts that an intrusion detector may report: a sham put a frame of somebody
+    unauthorised on a link or in the air."""

@@ -13,6 +13,7 @@ from skyrange.contracts.channel_orders import ChannelOrder
 from skyrange.contracts.components import Observer, ReceivedSensors, SensorObserver, World
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import Act
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.scalars import Scalar
 from skyrange.contracts.verdicts import Label
@@ -66,9 +67,7 @@ class ObserverList:
 
     def label_sending(self, now: Time, attack: ActState, agent: str, frame: FrameId) -> None:
         """Label a frame that an attack's own agent sent."""
-        self._report_act(
-            attack, Label(now, attack.id, agent, "send", frame, benign=attack.plan.benign, fault=attack.plan.is_fault)
-        )
+        self._report_act(attack, _label(attack.plan, now, agent, "send", frame))
 
     def label_tap_act(
         self,
@@ -81,14 +80,11 @@ class ObserverList:
     ) -> None:
         """Label what a tap did to a frame, or that it injected one; a tap of no attack is not labelled."""
         if slot.attack is not None:
-            plan = slot.attack.plan
-            label = Label(now, plan.id, slot.name, action, frame, child, until, plan.benign, plan.is_fault)
-            self._report_act(slot.attack, label)
+            self._report_act(slot.attack, _label(slot.attack.plan, now, slot.name, action, frame, child, until))
 
     def label_fault_act(self, now: Time, attack: ActState, fault: str, action: str, act: FrameId) -> None:
         """Label what a sensor or body fault did to a vehicle; `act` names the sensor or part of the body as a link."""
-        plan = attack.plan
-        self._report_act(attack, Label(now, plan.id, fault, action, act, benign=plan.benign, fault=plan.is_fault))
+        self._report_act(attack, _label(attack.plan, now, fault, action, act))
 
     def _report_act(self, attack: ActState, act: Label) -> None:
         """Report an act: as a label, but as an event where it is that of a defence, which harms nobody."""
@@ -124,3 +120,18 @@ class ObserverList:
         if problem:
             raise ComponentError(who, problem)
         self.report_alert(now, attack.id, alert)
+
+
+def _label(
+    plan: Act,
+    now: Time,
+    actor: str,
+    action: str,
+    frame: FrameId,
+    child: FrameId | None = None,
+    until: Time | None = None,
+) -> Label:
+    """The label of an act: whose it is, what it did, and whether that is benign, a fault or a harmless intrusion."""
+    return Label(
+        now, plan.id, actor, action, frame, child, until, plan.benign, plan.is_fault, plan.is_harmless_intrusion(action)
+    )

@@ -85,6 +85,7 @@ def label_batch(labels: Sequence[Label]) -> pa.RecordBatch:
             label.until_ns,
             label.benign,
             label.fault,
+            label.harmless_intrusion,
         )
         for label in labels
     ]

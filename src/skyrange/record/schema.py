@@ -186,6 +186,12 @@ TABLES: dict[str, tuple[Column, ...]] = {
             "whether the act is of a sham or of an honest aircraft, which harm nobody",
         ),
         Column("fault", pa.bool_(), "", "whether the act is that of a benign fault, which has no adversary"),
+        Column(
+            "harmless_intrusion",
+            pa.bool_(),
+            "",
+            "whether it is a benign act that puts a frame of somebody unauthorised on a link or in the air",
+        ),
     ),
     "alerts": (
         Column("time_ns", _I64, "ns", f"time at which the detector raised it, {_TIME}"),

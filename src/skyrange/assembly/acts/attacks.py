@@ -161,6 +161,7 @@ def _plan(attack: ActTable, made: Attack, schedule: Schedule, anchor: Place) -> 
         sham=_is_sham(attack),
         honest=is_honest(attack),
         role="fault" if isinstance(attack, FaultTable) else "attack",
+        intrudes=isinstance(attack, AttackTable) and attack.plugin.intrudes,
         agents=made.agents,
         sensor_hooks=made.sensor_hooks,
         body_hooks=made.body_hooks,

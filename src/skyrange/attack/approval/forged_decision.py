@@ -16,6 +16,7 @@ _OVN: Final = "0" * 32
 @sky.attack(
     "approval.forged_decision",
     technique="T0856",
+    intrudes=True,
     surface=("approval",),
     effect="flights that the approver accepts do not take place, or flights that it rejects do",
     knowledge="the form of requests and answers (ASTM F3548-21); the id of an intent from the request that passes",

@@ -13,6 +13,7 @@ from skyrange.utm.federated.names import DSS
 @sky.attack(
     "approval.stolen_token",
     technique="T0859",
+    intrudes=True,
     effect="others are accepted into the airspace of aircraft that are about to fly, or fly, and meet them",
     knowledge="the interface of the DSS (ASTM F3548-21)",
     position="on the path between USS and DSS, where it reads what passes, such as a proxy that ends TLS",

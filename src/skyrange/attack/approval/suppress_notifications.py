@@ -20,6 +20,7 @@ _NOTIFICATIONS: Final = frozenset(
 @sky.attack(
     "approval.suppress_notifications",
     technique="T0804",
+    intrudes=True,
     effect="aircraft in flight do not avoid an area that has been closed, nor one of a higher priority",
     knowledge="the interface of USSs (ASTM F3548-21)",
     position="on the path to the USS, where TLS ends, such as a proxy in front of it",

@@ -47,6 +47,7 @@ class RadioAgent(Acting):
     attack_facts: ClassVar[Facts] = {
         "surface": ("medium",),
         "persists": "acts",
+        "intrudes": True,
     }
 
     needs: ClassVar[tuple[str, ...]] = ("step", "next_wakeup")
@@ -257,6 +258,7 @@ class OrdersNoise(RadioAgent):
 
     attack_facts: ClassVar[Facts] = {
         "counterfactual": "mute",
+        "intrudes": False,  # nothing receives noise of -200 dBm
         "load": "none, because the noise is the attack; the sham has the same orders at −200 dBm",
         "content": "none, because noise has no content",
     }

@@ -103,6 +103,7 @@ class CampaignKind(Composite):
         "places": ("receiver_m",),
         "surface": ("gcs", "log", "autopilot", "medium", "gnss"),
         "persists": "flight",
+        "intrudes": True,
         "effect": "those of its acts, one after the other, when the victims are where the adversary wants them",
         "knowledge": "stated in its parameters, and what it observes",
         "position": "that of its taps, radio and acts",

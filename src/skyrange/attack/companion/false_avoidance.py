@@ -21,7 +21,7 @@ class FalseAvoidance(CompromisedCompanion):
     """Has a companion computer evade aircraft that are not there, and resume the mission each time.
 
     An evasion is GUIDED and a target beside the course, later AUTO. It starts one only while heartbeats show AUTO, as
-    an avoidance does. In the sham all is addressed to nobody.
+    an avoidance does. The frames of the sham change nothing.
     """
 
     every_s: sky.Number = sky.param("Time between two evasions, in seconds.", default=15.0, ge=2, le=3600)

@@ -9,6 +9,7 @@ from skyrange.attack.bases.mavlink.compromised_companion import CompromisedCompa
 @sky.attack(
     "companion.no_avoidance",
     technique="T0837",
+    intrudes=False,
     effect="the aircraft does not avoid those that it hears, and its telemetry and broadcasts look normal",
     knowledge="the messages by which a companion commands its autopilot",
     budget="no frames of its own; it alters some frames in each avoidance",

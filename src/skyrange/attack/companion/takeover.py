@@ -17,7 +17,7 @@ from skyrange.attack.bases.mavlink.params import Track
     knowledge="what the companion has: telemetry, the operator's orders, and the key of a signed link",
     position="in the companion computer, through which the control link passes",
     budget="one or two frames for each target, on board",
-    load="the sham: the same targets, addressed to a system that is not there; orders of the operator pass",
+    load="the sham: as many frames of the same lengths, which change nothing; orders of the operator pass",
     content="targets along the plan of the aircraft itself",
 )
 class Takeover(CompromisedCompanion):

@@ -11,7 +11,7 @@ from skyrange.attack.bases.mavlink.compromised_sender import (
     station_key,
 )
 from skyrange.attack.bases.mavlink.leading import Leader
-from skyrange.attack.bases.mavlink.orders import NOBODY, Sender
+from skyrange.attack.bases.mavlink.orders import Sender
 from skyrange.attack.bases.mavlink.telemetry import AUTOPILOT, exclusive_messages
 from skyrange.attack.bases.on_path import CopyForLink
 from skyrange.attack.bases.rounds import RoundsOnLink
@@ -23,6 +23,7 @@ from skyrange.attack.tapped_links import ends_of
 @sky.attack(
     "ground.insider",
     technique="T0831",
+    intrudes=True,
     surface=("gcs",),
     persists="mode",
     effect="the whole fleet meets at one place, its operator sees it fly the plan, and no signature fails",
@@ -30,7 +31,7 @@ from skyrange.attack.tapped_links import ends_of
     position="within the ground station: a malicious operator or program, or a remote access to the computer",
     equipment="the station itself, with its links, its system id and its signing key",
     budget="two frames per second and aircraft; all telemetry with a position or a mode is rewritten",
-    load="the sham: the same frames, addressed to a system that is not there, and telemetry as it is",
+    load="the sham: as many frames of the same lengths, which change nothing, and telemetry as it is",
     content="a place on the plan of each aircraft",
     placement="the station of another operator",
 )
@@ -39,8 +40,8 @@ class Insider(RoundsOnLink):
 
     Its program is within the station: it sends in the station's own stream of frames, with the station's own sequence
     numbers and key, so system ids, signatures and sources prove nothing against it. It answers the operator's orders
-    itself, and rewrites telemetry before the station's software reads it. The sham sends as many frames and addresses
-    them to nobody, and lets the operator's orders and telemetry be.
+    itself, and rewrites telemetry before the station's software reads it. The sham sends as many frames, which change
+    nothing, and lets the operator's orders and telemetry be.
     """
 
     operator: str = sky.param("Operator whose ground station is compromised, such as 'blue'.")
@@ -78,7 +79,7 @@ class Insider(RoundsOnLink):
         secret = station_key(self.chance.seed, self.operator)
         self.up, self.down = SenderStream(secret), SenderStream(secret)
         self.answers = sky.MavlinkPacker(aircraft.system_id, AUTOPILOT)
-        sender = Sender(sky.MavlinkPacker(*sky.STATION), NOBODY if self.sham else aircraft.system_id, True)
+        sender = Sender(sky.MavlinkPacker(*sky.STATION), aircraft.system_id, True, is_sham=self.sham)
         self.leader = Leader(sender, self.schedule, self.origin, (self.at,), within_m=1.0)
         self.shown = ShownFlight(self.origin, aircraft.start_enu_m, aircraft.system_id)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.injection import FOREIGN_STATION
+from skyrange.attack.bases.shams import benign_payload
 from skyrange.codec.mavlink import dialect as mav
 
 
@@ -14,12 +14,16 @@ from skyrange.codec.mavlink import dialect as mav
     knowledge="the system id of the ground station, which its heartbeats tell",
     equipment="a computer that filters frames and sends MAVLink",
     budget="a frame of 21 bytes per heartbeat",
-    load="the sham: the same cut, with heartbeats of a ground station that is not the aircraft's",
+    load="the sham: the same cut, with frames of the same length in the station's name that are no heartbeats",
     content="the same attack with cut = false",
     placement="the same attack on the link of another aircraft",
 )
 class KeptAlive(sky.InjectionOnLinks):
-    """Cuts off the ground station and sends heartbeats in its name."""
+    """Cuts off the ground station and sends heartbeats in its name.
+
+    The frames of the sham have the same sender and length, and no receiver acts on them: the failsafe for a lost
+    station counts heartbeats (GCS_Common.cpp, `handle_heartbeat`).
+    """
 
     cut: bool = sky.param("Whether it drops frames to the aircraft; else something else has to cut them.", default=True)
     every_s: sky.Number = sky.param("Time between two heartbeats, in seconds.", default=1.0, ge=0.1, le=60)
@@ -32,7 +36,7 @@ class KeptAlive(sky.InjectionOnLinks):
 
     def begin(self) -> None:
         super().begin()
-        self.packer.system = FOREIGN_STATION if self.sham else self.system or self.packer.system
+        self.packer.system = self.system or self.packer.system
 
     def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         """Drop what goes to the aircraft; learn the station's ids from its heartbeats."""
@@ -40,11 +44,12 @@ class KeptAlive(sky.InjectionOnLinks):
         if frame.direction != "fwd":
             return ()
         if sky.message_id(payload) == mav.MAVLINK_MSG_ID_HEARTBEAT and payload[0] == mav.PROTOCOL_MARKER_V2:
-            if not self.sham and self.system is None:
+            if self.system is None:
                 self.packer.system = payload[5]
             self.packer.component = payload[6]
         return (sky.Drop(),) if self.cut and now >= self.schedule.start_ns else ()
 
     def send(self, now: sky.Time) -> sky.Verdicts:
         beat = mav.MAVLink_heartbeat_message(mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3)
-        return [self.inject(self.packer.pack(beat))]
+        payload = self.packer.pack(beat)
+        return [self.inject(benign_payload(payload) if self.sham else payload)]

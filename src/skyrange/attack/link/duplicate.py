@@ -8,6 +8,7 @@ import skyrange.plugin as sky
 @sky.attack(
     "link.duplicate",
     technique="T0830",
+    intrudes=True,
     persists="mode",
     effect="receivers get frames a second time, and obey a command again that a later one replaced",
     knowledge="nothing for all frames; the message ids to select some",

@@ -15,6 +15,7 @@ MAX_FRAMES: Final = 100_000
 @sky.attack(
     "link.replay",
     technique="T0855",
+    intrudes=True,
     persists="mode",
     effect="an aircraft obeys commands of earlier, or a station sees a flight of earlier",
     knowledge="nothing of the protocol; it learns the frames that it records",

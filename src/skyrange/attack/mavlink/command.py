@@ -13,7 +13,7 @@ from skyrange.attack.bases.mavlink.params import CommandName, CommandValues, com
     effect="the aircraft obeys a command that its operator did not give",
     knowledge="system id of the aircraft, and that of the station, from any of their frames",
     budget="one frame for each command",
-    content="the same frames with a command without effect, such as REQUEST_MESSAGE",
+    content="the sham: the command is REQUEST_MESSAGE, which changes nothing",
     placement="the same command to another aircraft",
 )
 class CommandInjection(sky.Injection):

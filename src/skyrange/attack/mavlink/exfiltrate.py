@@ -27,7 +27,7 @@ _ANSWER_NS: Final = sky.NS_PER_MS
     effect="the attacker learns parameters and mission, and the answers load the link",
     position="on the network of the control link, where answers can be heard",
     budget="one frame for a list of parameters or logs, one for each item of a mission",
-    load="none, because the answers are the load; the sham has the same requests without answers",
+    load="none, because the answers are the load; the sham has frames of the same lengths that nobody answers",
     content="none, because requests have no content",
     placement="the same requests to another aircraft",
 )

@@ -17,7 +17,7 @@ from skyrange.attack.bases.mavlink.params import Track
     effect="the aircraft flies to a place that the attacker chose and stays there or lands",
     knowledge="system ids, and mode and position that telemetry tells",
     budget="one or two frames for each target",
-    load="the sham: the same targets, addressed to a system that is not there",
+    load="the sham: as many frames of the same lengths; for a target a frame that the aircraft does not read",
     content="targets along the plan of the aircraft itself",
     placement="the same track for another aircraft",
 )

@@ -13,7 +13,7 @@ import skyrange.plugin as sky
     persists="upload",
     effect="the mission ends in the air, and the aircraft holds where it is",
     budget="one frame",
-    load="the sham: the same frame, addressed to a system that is not there",
+    load="the sham: a frame of the same length that requests the first item, or the number of items",
     content="MISSION_CLEAR_ALL, which an aircraft in AUTO rejects",
     placement="the same frame to another aircraft",
 )

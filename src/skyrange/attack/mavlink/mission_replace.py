@@ -22,7 +22,7 @@ _ENDS: Final = {
     position="on the network of the control link, where requests of the aircraft can be heard",
     equipment="a computer with a MAVLink library, such as any ground station",
     budget="one frame for each item, and three more",
-    load="none, because an upload to nobody is not answered; the sham sends its first frames in vain",
+    load="none, because what changes nothing uploads no items; the sham requests an item in place of each upload",
     content="the upload of the mission that the aircraft already has",
     placement="the same mission for another aircraft",
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
+from skyrange.attack.bases.mavlink.orders import ModeKeeper
 
 
 @sky.attack(
@@ -24,13 +25,13 @@ class HeldMode(sky.Injection):
         "Mode of ArduCopter by name, such as 'LOITER', 'BRAKE', 'LAND' or 'RTL'.", default="LOITER"
     )
     every_s: sky.Number = sky.param("Least time between two commands, in seconds.", default=0.2, ge=0.02, le=60)
-    shown: int = -1
-    """The mode in the last heartbeat."""
+    keeper: ModeKeeper
+
+    def prepare(self, context: sky.AttackContext) -> None:
+        self.keeper = ModeKeeper(sky.copter_mode(self.mode), period_ns=0, pretends=self.sham)
 
     def on_message(self, now: sky.Time, message: sky.MavlinkMessage) -> None:
-        if message.get_srcComponent() == sky.AUTOPILOT:
-            self.shown = message.custom_mode
+        self.keeper.learn(message)
 
     def orders(self, now: sky.Time) -> list[sky.Order]:
-        mode = sky.copter_mode(self.mode)
-        return [] if self.shown == mode else [sky.mode_order(mode)]
+        return self.keeper.orders(now)

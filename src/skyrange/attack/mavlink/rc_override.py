@@ -39,7 +39,7 @@ class StickOverride(sky.Injection):
 
     def prepare(self, context: sky.AttackContext) -> None:
         self.every_s = 1.0 / self.rate_hz
-        self.keeper = ModeKeeper(None if self.mode == "none" else sky.copter_mode(self.mode), sky.NS_PER_S)
+        self.keeper = ModeKeeper(None if self.mode == "none" else sky.copter_mode(self.mode), sky.NS_PER_S, self.sham)
 
     def on_message(self, now: sky.Time, message: sky.MavlinkMessage) -> None:
         self.keeper.learn(message)

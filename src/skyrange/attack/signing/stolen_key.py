@@ -16,7 +16,7 @@ _ORDERS: Final = {
     "land": sky.Order(mav.MAV_CMD_NAV_LAND),
     "disarm": sky.Order(mav.MAV_CMD_COMPONENT_ARM_DISARM, (0.0, _FORCE)),
 }
-_NOTHING: Final = sky.Order(0)
+_NOTHING: Final = sky.Order(mav.MAV_CMD_REQUEST_MESSAGE, (float(mav.MAVLINK_MSG_ID_HEARTBEAT),))
 
 
 @sky.attack(
@@ -28,15 +28,15 @@ _NOTHING: Final = sky.Order(0)
     position="on the network between ground station and aircraft; it need not hold up frames",
     equipment="a computer that sends MAVLink, and the key, from a stolen computer or aircraft of the operator",
     budget="a frame of 57 bytes per order",
-    load="the sham: the same frames with command 0, which asks for nothing",
+    load="the sham: the same frames with REQUEST_MESSAGE, which asks for a heartbeat",
     content="the same orders signed with another passphrase",
     placement="the same orders on the link of another aircraft of the operator",
 )
 class SignedOrders(sky.InjectionOnLinks):
     """Gives orders signed with the stolen key of the operator.
 
-    They are in the name of the ground station, with a timestamp that is later than all that passed. The sham sends
-    command 0, which asks for nothing, with the same key and as many bytes.
+    They are in the name of the ground station, with a timestamp that is later than all that passed. The sham
+    requests a heartbeat, with the same key and as many bytes.
     """
 
     passphrase: str | None = sky.param(

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from skyrange.study.scoring.leaderboard import LeaderboardRow
-    from skyrange.study.scoring.result_file import ScoreFile, SetScore
+    from skyrange.study.scoring.result_file import DetectorScore, ScoreFile, SetScore
 
 _ALL: Final = "all"
 _HELD, _SEEN = "held-out", "seen"
@@ -45,6 +45,8 @@ def tabulate_scores(files: Sequence[ScoreFile]) -> Iterator[Table]:
     yield _tabulate_effect_scores(first.study, rows)
     scores = {(number, one.detector): one for number, file in enumerate(files) for one in file.detectors}
     ordered = [scores[row.file, row.detector] for row in rows]
+    if any(on.harmless_intrusions.intrusions for detector in ordered if (on := detector.on(_ALL)) is not None):
+        yield _tabulate_intrusions(first.study, ordered)
     axes = [axis for axis in _AXES if any(one.on(f"{_HELD} {axis}") for one in ordered)]
     if _AXES[0] in axes:
         axes = axes[:-1] if axes[-1] == _AXES[-1] else axes  # kinds of these families, and what the draw left out
@@ -78,6 +80,19 @@ def _tabulate_effect_scores(study: str, rows: Sequence[LeaderboardRow]) -> Table
             row.detector, _share(row.effect_recall), _share(row.recall), _share(row.effect_by_chance),
             _rate(row.effect_median_delay_s), _rate(row.effect_hostile_false_per_h), _rate(row.hostile_false_per_h),
         )  # fmt: skip
+    return table
+
+
+def _tabulate_intrusions(study: str, detectors: Sequence[DetectorScore]) -> Table:
+    """How many harmless intrusions each detector reports, which are neither detections nor false alarms."""
+    table = _begin(f"{study}: alarms about harmless intrusions, neither detections nor false alarms")
+    for head in ("detector", "reported", "of"):
+        table.add_column(head, no_wrap=True)
+    for detector in detectors:
+        on = detector.on(_ALL)
+        if on is not None:
+            found = on.harmless_intrusions
+            table.add_row(detector.detector, str(found.reported), str(found.intrusions))
     return table
 
 

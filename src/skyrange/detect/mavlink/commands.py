@@ -3,7 +3,9 @@
 It reads the orders that travel towards the autopilot at a link end, and from the autopilot HEARTBEAT and
 GLOBAL_POSITION_INT. The aircraft is *in flight* if it is armed (MAV_MODE_FLAG_SAFETY_ARMED) and above `airborne_m`, or,
 while no height was received, if its status is MAV_STATE_ACTIVE. The rule: each order has a severity in flight and one
-on the ground; the score is the severity.
+on the ground; the score is the severity. Orders to other systems do not count: judged is what is addressed to system 0,
+which is all, or to a system whose autopilot sent a HEARTBEAT at that link end (mavlink.io, Routing). Every such system
+counts from then on, so a forged heartbeat hides no order. Until there is one, all orders count.
 
 The severities are a judgement by what the MAVLink specification (mavlink.io, common.xml) says that an order does:
 
@@ -137,10 +139,12 @@ class Commands(sky.MessageDetector):
     armed: Flags = sky.table(dtype=np.bool_)
     active: Flags = sky.table(dtype=np.bool_)
     height_m: Floats = sky.table(dtype=np.float64)
+    heard: Flags = sky.table(256, dtype=np.bool_)
+    """By place and system id: whether an autopilot of that system was heard."""
 
     def judge(self, now: sky.Time, frames: sky.ObservedFrames, heads: MessageHeads) -> Sequence[sky.Alert]:
         """Read orders and telemetry since the last service. Returns an alert for each place that begins or doubles."""
-        self.grow(len(frames.ports), armed=False, active=False, height_m=np.nan)
+        self.grow(len(frames.ports), armed=False, active=False, height_m=np.nan, heard=False)
         down = heads.take(heads.to_vehicle)
         orders = sorted(self._orders(frames.take(down.rows), down.messages))
         flying = self.armed & np.where(np.isnan(self.height_m), self.active, self.height_m >= self.airborne_m)
@@ -157,12 +161,15 @@ class Commands(sky.MessageDetector):
         return alerts
 
     def _orders(self, frames: sky.ObservedFrames, messages: sky.Ints) -> Iterator[Order]:
-        """The orders among frames that have these messages."""
+        """The orders to aircraft of their places, or to all, among frames that have these messages."""
         numbers, present = message_numbers(), set(np.unique(messages).tolist())
         for name in ("COMMAND_LONG", "COMMAND_INT", *MESSAGES, "PARAM_SET"):
             if numbers[name] in present:
                 read = sky.read_messages(frames, name)
-                for row, value in zip(read.rows.tolist(), read.values, strict=True):
+                targets = read.values["target" if name == "MANUAL_CONTROL" else "target_system"]
+                heard = self.heard[frames.places[read.rows]]
+                counts = (targets == 0) | heard[np.arange(len(targets)), targets] | ~heard.any(axis=1)
+                for row, value in zip(read.rows[counts].tolist(), read.values[counts], strict=True):
                     order = self._judge_order(name, value)
                     if order is not None:
                         yield Order(row, *order)
@@ -182,11 +189,12 @@ class Commands(sky.MessageDetector):
         return str(mav.enums["MAV_CMD"][int(value["command"])].name).removeprefix("MAV_CMD_"), severity
 
     def _follow(self, frames: sky.ObservedFrames, from_vehicle: sky.Ints) -> None:
-        """Keep the state of the aircraft: the last heartbeat and height of each place."""
+        """Keep the state of the aircraft: the systems, the last heartbeat and the height of each place."""
         up = frames.take(from_vehicle)
         beats = sky.read_messages(up, "HEARTBEAT")
         own = beats.components == mav.MAV_COMP_ID_AUTOPILOT1
         places = up.places[beats.rows[own]]
+        self.heard[places, beats.systems[own]] = True
         self.armed[places] = beats.values["base_mode"][own] & mav.MAV_MODE_FLAG_SAFETY_ARMED != 0
         self.active[places] = beats.values["system_status"][own] >= mav.MAV_STATE_ACTIVE
         positions = sky.read_messages(up, "GLOBAL_POSITION_INT")

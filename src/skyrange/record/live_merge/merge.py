@@ -185,7 +185,7 @@ def _labels(parts: Sequence[NodeRecord], id_maps: Sequence[FrameIdMap]) -> Itera
             acted_on, action = names.resolve_text(row["frame"]), row["action"]
             yield Label(
                 row["at_ns"], row["attack"], row["actor"], action, acted_on, child, row["until_ns"], row["benign"],
-                row["fault"],
+                row["fault"], row["harmless_intrusion"],
             )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Labels of frames that lead back to acts of attacks, shams and faults: by parents, causes or falsified estimates."""
+"""Labels of frames that lead back to acts: by parents, causes or falsified estimates."""
 
 from __future__ import annotations
 
@@ -21,14 +21,16 @@ from skyrange.record.read.station_frames import payload_column
 from skyrange.study.dataset.families import family_of
 from skyrange.study.dataset.telemetry_fields import ESTIMATES
 
-ATTACK, SHAM, FAULT = "attack", "sham", "fault"
-_ORDER: Final = (ATTACK, FAULT, SHAM)
+ATTACK, INTRUSION, SHAM, FAULT = "attack", "harmless_intrusion", "sham", "fault"
+"""What an act is. A harmless intrusion puts a frame of somebody unauthorised on a link or in the air, and harms nobody.
+"""
+_ORDER: Final = (ATTACK, FAULT, INTRUSION, SHAM)
 _ID: Final = ("link", "direction", "sender", "serial")
 
 
 @dataclass(frozen=True, slots=True)
 class Act:
-    """One act of an attack, a sham or a fault, which lasts from `at_ns` to `until_ns`."""
+    """One act of an attack, an intrusion, a sham or a fault, which lasts from `at_ns` to `until_ns`."""
 
     author: str
     role: str
@@ -75,7 +77,7 @@ def read_acts(record: RunRecord, families: Mapping[str, str] | None = None) -> R
         if row["action"] in ("sensor", "body"):
             until_ns = _stop_ns(ends.get(author, {}), first[author], from_seconds(record.duration))
         owner = FrameId.parse(row["frame"]).link.partition(":")[2]
-        role = FAULT if row["fault"] else SHAM if row["benign"] else ATTACK
+        role = _role_of(row)
         acts.append(
             Act(author, role, row["action"], row["frame"], row["child"], at_ns, max(at_ns, until_ns),
                 owner if owner in owners else "")
@@ -84,6 +86,13 @@ def read_acts(record: RunRecord, families: Mapping[str, str] | None = None) -> R
         id_: family_of(kind, dict(families or {})) if id_ in attacks else None for id_, kind in kinds.items()
     }
     return RunActs(acts, kinds, found)
+
+
+def _role_of(row: Mapping[str, Any]) -> str:
+    """What a row of `labels` is."""
+    if row["fault"]:
+        return FAULT
+    return INTRUSION if row["harmless_intrusion"] else SHAM if row["benign"] else ATTACK
 
 
 def _stop_ns(declared: Mapping[str, Any], first_ns: int, end_ns: int) -> int:
@@ -111,7 +120,7 @@ class FrameLabels:
         if not len(self.ids) or ids is None:
             none: NDArray[np.bool_] = np.zeros(count, dtype=np.bool_)
             empty = {name: pa.nulls(count, pa.string()) for name in ("way", "author", "kind", "family")}
-            flags = {name: pa.array(none) for name in ("hostile", "derived", "sham", "fault")}
+            flags = {name: pa.array(none) for name in ("hostile", "derived", INTRUSION, SHAM, FAULT)}
             return flags | empty | {"steps": pa.nulls(count, pa.int32())}
         places = pc.index_in(ids, value_set=self.ids)
         role, steps = pa.array(self.role), pa.array(self.steps, pa.int32())
@@ -120,8 +129,7 @@ class FrameLabels:
         columns = {
             "hostile": pc.and_(attack, first),
             "derived": pc.and_(attack, pc.invert(first)),
-            "sham": pc.equal(role, SHAM),
-            "fault": pc.equal(role, FAULT),
+            **{name: pc.equal(role, name) for name in (INTRUSION, SHAM, FAULT)},
         }
         found = {name: pc.fill_null(column.take(places), False) for name, column in columns.items()}
         way = pc.if_else(columns["derived"], pa.array(self.way), pa.scalar(None, pa.string()))
@@ -135,7 +143,7 @@ def trace_frames(record: RunRecord, acts: RunActs) -> FrameLabels:
     """Every frame that leads back to an act: by ids of parents and causes, or as it tells a falsified estimate.
 
     A frame that leads back to several is labelled with the nearest act, and of equally near ones with that of an
-    attack before that of a fault before that of a sham. Memory: the ids of the frames found, and one batch.
+    attack before that of a fault, an intrusion and a sham. Memory: the ids of the frames found, and one batch.
     """
     labels = FrameLabels(acts)
     if not acts.acts:

@@ -77,9 +77,10 @@ def _describe_label(row: Mapping[str, Any]) -> _Said:
         words.append(f"by {row['child']}")
     if row["until_ns"] is not None:
         words.append(f"until {row['until_ns'] / 1e9:.6f} s")
-    marks = [mark for mark in ("benign", "fault") if row.get(mark)]  # older records have no such columns
-    words += [f"({', '.join(marks)})"] if marks else []
-    return INFO if marks else WARNING, row["actor"], " ".join(words)
+    marks = ("harmless_intrusion", "benign", "fault")
+    mark = next((mark for mark in marks if row.get(mark)), "")  # older records have no such columns
+    words += [f"({mark.replace('_', ' ')})"] if mark else []
+    return INFO if mark else WARNING, row["actor"], " ".join(words)
 
 
 def _describe_alert(row: Mapping[str, Any]) -> _Said:

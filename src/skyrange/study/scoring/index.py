@@ -5,7 +5,7 @@ Rows are sorted by name, so the order of the tables' rows has no effect on any s
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Final, Literal
@@ -44,7 +44,8 @@ class Subjects:
     own_from_ns: NDArray[np.int64]
     """Alarms before it are those of the nominal run of the block, and count there."""
     exposure_ns: NDArray[np.int64]
-    """Airborne time from then on, less that of attacks on this aircraft, with their grace; 0 for a run."""
+    """Airborne time from then on, less that of attacks on and intrusions about this aircraft, with their grace; 0 for a
+    run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +88,14 @@ class Windows:
 
 
 @dataclass(frozen=True, slots=True)
+class Intrusions:
+    """The harmless intrusions, sorted by run, aircraft, id and onset; all arrays of shape (n,)."""
+
+    runs: tuple[str, ...]
+    clusters: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
 class AlertList:
     """Alerts of one detector, sorted by subject, then time; all arrays of shape (n,)."""
 
@@ -102,10 +111,13 @@ class StudyIndex:
     subjects: Subjects
     attacks: Attacks
     windows: Windows
+    intrusions: Intrusions
+    intrusion_windows: Windows
+    """The spans in which alarms are about intrusions: neither detections nor false."""
     numbers: dict[tuple[str, str], int]
     """By run and aircraft, the index of the subject; an empty aircraft stands for the run."""
     digest: str
-    """BLAKE2b of the rows of flights and attacks, sorted: equal for the same study."""
+    """BLAKE2b of the rows of flights, attacks and intrusions, sorted: equal for the same study."""
 
 
 WindowKind = Literal["acts", "effect"]
@@ -113,18 +125,23 @@ WindowKind = Literal["acts", "effect"]
 
 
 def index_study(tables: StudyTables, grace_s: float, window: WindowKind = "acts") -> StudyIndex:
-    """The index of checked tables; an attack's window ends `grace_s` after its stop, or after the end of its effect."""
+    """The index of checked tables; an attack's window ends `grace_s` after its stop, or after the end of its effect,
+    that of a harmless intrusion after its stop.
+    """
     flights = sorted(tables.flights.to_pylist(), key=lambda row: (row["run"], row["vehicle"]))
     first = {row["run"]: row for row in reversed(flights)}
     runs = sorted(first)
     rows = flights + [first[run] | {"vehicle": "", "duration_s": 0.0, "shared_s": 0.0} for run in runs]
     numbers = {(row["run"], row["vehicle"]): number for number, row in enumerate(rows)}
     blocks, clusters = (_rank(row[name] for row in flights) for name in ("block", "cluster"))
-    acts = sorted(
-        tables.attacks.to_pylist(), key=lambda row: (row["run"], row["vehicle"], row["attack_id"], row["active_s"])
+    acts, harmless = (
+        sorted(table.to_pylist(), key=lambda row: (row["run"], row["vehicle"], row["attack_id"], row["active_s"]))
+        for table in (tables.attacks, tables.intrusions)
     )
-    affected = _affected(acts, runs, flights, numbers)
-    windows = _windows(acts, affected, round(grace_s * NS_PER_S), "stop_s" if window == "acts" else "effect_end_s")
+    affected, grace_ns = _affected(acts, runs, flights, numbers), round(grace_s * NS_PER_S)
+    windows = _windows(acts, affected, grace_ns, "stop_s" if window == "acts" else "effect_end_s", "observable_s")
+    touched = _affected(harmless, runs, flights, numbers)
+    harmless_windows = _windows(harmless, touched, grace_ns, "stop_s", "active_s")
     duration_ns = _to_ns([row["duration_s"] for row in rows])
     subjects = Subjects(
         runs=tuple(row["run"] for row in rows),
@@ -138,7 +155,10 @@ def index_study(tables: StudyTables, grace_s: float, window: WindowKind = "acts"
         duration_ns=duration_ns,
         own_from_ns=_to_ns([row["own_from_s"] for row in rows]),
         exposure_ns=np.maximum(
-            duration_ns - _to_ns([row["shared_s"] for row in rows]) - _hostile_ns(windows, len(rows)), 0
+            duration_ns
+            - _to_ns([row["shared_s"] for row in rows])
+            - _covered_ns((windows, harmless_windows), len(rows)),
+            0,
         ),
     )
     homes = [first[row["run"]] for row in acts]
@@ -158,7 +178,12 @@ def index_study(tables: StudyTables, grace_s: float, window: WindowKind = "acts"
             [sum(1 for number in numbers_of if number < len(flights)) for numbers_of in affected], dtype=np.int64
         ),
     )
-    return StudyIndex(subjects, attacks, windows, numbers, _digest(flights, acts))
+    intrusions = Intrusions(
+        runs=tuple(row["run"] for row in harmless),
+        clusters=np.array([clusters[first[row["run"]]["cluster"]] for row in harmless], dtype=np.int64),
+    )
+    digest = _digest(flights, acts, harmless)
+    return StudyIndex(subjects, attacks, windows, intrusions, harmless_windows, numbers, digest)
 
 
 def _rank(names: Iterable[str]) -> dict[str, int]:
@@ -210,11 +235,12 @@ def _affected(
     return found
 
 
-def _windows(acts: list[dict[str, object]], affected: list[list[int]], grace_ns: int, end: str) -> Windows:
+def _windows(acts: list[dict[str, object]], affected: list[list[int]], grace_ns: int, end: str, begin: str) -> Windows:
+    """The windows of acts; `end` and `begin` name their columns."""
     counts = [len(numbers) for numbers in affected]
     which = np.repeat(np.arange(len(acts)), counts).astype(np.int64)
     end_ns = _to_ns([row[end] for row in acts]) + grace_ns
-    begin_ns = _to_ns([row["observable_s"] for row in acts])
+    begin_ns = _to_ns([row[begin] for row in acts])
     return Windows(
         attacks=which,
         subjects=np.array([number for numbers in affected for number in numbers], dtype=np.int64),
@@ -224,12 +250,15 @@ def _windows(acts: list[dict[str, object]], affected: list[list[int]], grace_ns:
     )
 
 
-def _hostile_ns(windows: Windows, subjects: int) -> NDArray[np.int64]:
-    """By subject, the time in which an attack acts on it or has just stopped; overlapping spans count once."""
+def _covered_ns(windows: Sequence[Windows], subjects: int) -> NDArray[np.int64]:
+    """By subject, the time within any of its windows; overlapping spans count once."""
     total = np.zeros(subjects, dtype=np.int64)
     reached: dict[int, int] = {}
-    for row in np.lexsort((windows.act_ns, windows.subjects)).tolist():
-        subject, act, end = int(windows.subjects[row]), int(windows.act_ns[row]), int(windows.end_ns[row])
+    who, acts, ends = (
+        np.concatenate([getattr(one, name) for one in windows]) for name in ("subjects", "act_ns", "end_ns")
+    )
+    for row in np.lexsort((acts, who)).tolist():
+        subject, act, end = int(who[row]), int(acts[row]), int(ends[row])
         begin = max(act, reached.get(subject, act))
         total[subject] += max(0, end - begin)
         reached[subject] = max(end, reached.get(subject, end))
@@ -243,6 +272,6 @@ def _to_ns(seconds: list[object]) -> NDArray[np.int64]:
     return np.where(never, NEVER, np.rint(np.where(never, 0.0, values) * NS_PER_S).astype(np.int64))
 
 
-def _digest(flights: list[dict[str, object]], acts: list[dict[str, object]]) -> str:
-    text = repr([tuple(row.values()) for row in flights] + [tuple(row.values()) for row in acts])
+def _digest(*tables: list[dict[str, object]]) -> str:
+    text = repr([tuple(row.values()) for rows in tables for row in rows])
     return blake2b(text.encode(), digest_size=16).hexdigest()

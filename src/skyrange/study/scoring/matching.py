@@ -3,6 +3,7 @@
 - An alarm is an alert with a score above the threshold. Alarms inside and outside of windows form episodes apart.
 - An attack is detected by the first alarm about a subject that it affects, within [observable, stop + grace]. Later
   alarms of the window add nothing, and no other instant counts as detected with it (no point adjustment).
+- An alarm about a subject of a harmless intrusion, within its window, is about that: neither a detection nor false.
 - All other alarms are false, except for those between the beginning of acting and `observable`: they are neither.
 - False alarms are counted in episodes, those before a run differs from the nominal one of its block in that run alone.
 """
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NEVER
 from skyrange.study.scoring.episodes import find_episodes
-from skyrange.study.scoring.index import AlertList, StudyIndex
+from skyrange.study.scoring.index import AlertList, StudyIndex, Windows
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +29,8 @@ class Outcome:
     """When each attack was detected, shape (attacks,); `NEVER` if it was missed."""
     false_alarms: NDArray[np.int64]
     """Number of episodes of false alarms about each subject, shape (subjects,)."""
+    intrusions: NDArray[np.bool_]
+    """Whether there was an alarm about each harmless intrusion, shape (intrusions,)."""
 
 
 def match_alarms(index: StudyIndex, alerts: AlertList, threshold: float, episode_ns: int) -> Outcome:
@@ -36,13 +39,28 @@ def match_alarms(index: StudyIndex, alerts: AlertList, threshold: float, episode
     subjects, times = alerts.subjects[above], alerts.times_ns[above]
     count = len(index.subjects.runs)
     bounds = np.searchsorted(subjects, np.arange(count + 1))
-    windows = index.windows
-    detected = np.full(len(index.attacks.runs), NEVER, dtype=np.int64)
+    acting, detected = _match_windows(bounds, times, index.windows, len(index.attacks.runs))
+    intruding, reported = _match_windows(bounds, times, index.intrusion_windows, len(index.intrusions.runs))
+    false = ~acting & ~intruding & (times >= index.subjects.own_from_ns[subjects])
+    return Outcome(detected, count_episodes(subjects[false], times[false], episode_ns, count), reported != NEVER)
+
+
+def are_about_intrusions(index: StudyIndex, alerts: AlertList) -> NDArray[np.bool_]:
+    """Which alerts are in the window of a harmless intrusion, shape (alerts,)."""
+    bounds = np.searchsorted(alerts.subjects, np.arange(len(index.subjects.runs) + 1))
+    found, _ = _match_windows(bounds, alerts.times_ns, index.intrusion_windows, len(index.intrusions.runs))
+    return found
+
+
+def _match_windows(
+    bounds: NDArray[np.int64], times: NDArray[np.int64], windows: Windows, count: int
+) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Which alarms are in a window, shape (alarms,), and the earliest that detects each of `count` acts, or `NEVER`."""
+    detected = np.full(count, NEVER, dtype=np.int64)
     acting = _mark_windows(
         bounds, times, windows.attacks, windows.subjects, windows.act_ns, windows.begin_ns, windows.end_ns, detected
     )
-    false = ~acting & (times >= index.subjects.own_from_ns[subjects])
-    return Outcome(detected, count_episodes(subjects[false], times[false], episode_ns, count))
+    return acting, detected
 
 
 def count_episodes(

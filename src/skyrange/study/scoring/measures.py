@@ -33,6 +33,7 @@ from skyrange.study.scoring.result_file import (
     FalseAlarms,
     FalseAlarmsByFlights,
     GroupDetection,
+    HarmlessIntrusions,
     Precision,
     ScoreSettings,
     SetScore,
@@ -98,6 +99,7 @@ def measure_set(
         detection=detection,
         kinds=groups["kinds"],
         families=groups["families"],
+        harmless_intrusions=measure_intrusions(index, outcome, selection.subjects, settings),
         precision=measure_precision(index, outcome, selection.attacks, selected_nominal, settings),
         equal_rate=measure_at_equal_rate(index, alerts, selection.attacks, selected_nominal, settings),
     )
@@ -185,6 +187,17 @@ def measure_detection(
         delay=measure_delay(index, outcome, seen, settings),
         before_effect=measure_before_effect(index, outcome, seen, settings),
     )
+
+
+def measure_intrusions(
+    index: StudyIndex, outcome: Outcome, subjects: NDArray[np.bool_], settings: ScoreSettings
+) -> HarmlessIntrusions:
+    """The harmless intrusions in the runs of the subjects of a mask, and those about which there was an alarm."""
+    runs = {index.subjects.runs[number] for number in np.flatnonzero(subjects).tolist()}
+    chosen = np.array([run in runs for run in index.intrusions.runs], dtype=np.bool_)
+    hits = outcome.intrusions[chosen]
+    share = _proportion(hits, index.intrusions.clusters[chosen], settings) if hits.size else None
+    return HarmlessIntrusions(intrusions=len(hits), reported=int(hits.sum()), share=share)
 
 
 def measure_delay(index: StudyIndex, outcome: Outcome, seen: NDArray[np.int64], settings: ScoreSettings) -> Delay:

@@ -1,4 +1,4 @@
-"""Result file of a scoring: the model of the JSON document `skyrange.scores/3`, its writer and its reader.
+"""Result file of a scoring: the model of the JSON document `skyrange.scores/4`, its writer and its reader.
 
 Whoever scores detectors on the same study with other software can write such a file, and put it beside others.
 """
@@ -16,7 +16,7 @@ from skyrange.core.input_files import MAX_TEXT_BYTES, parse_json, read_input
 from skyrange.scenario.model.base import Model
 from skyrange.scenario.validation.error_messages import input_error
 
-FORMAT: Final = "skyrange.scores/3"
+FORMAT: Final = "skyrange.scores/4"
 """Value of `format`; the number increases when numbers have another meaning or older versions cannot read the file."""
 OpenLimits = tuple[float, float | None]
 """Lower and upper limit of an interval; an upper limit of null is infinite."""
@@ -74,7 +74,7 @@ class FalseAlarms(Model):
     hours: float = Field(
         ge=0,
         description="Aircraft-hours, each flight once, without the time before a run differs from the nominal one of "
-        "its block, and without that in which attacks act on the aircraft.",
+        "its block, and without that in which attacks or harmless intrusions act on the aircraft.",
     )
     per_h: Estimate | None = Field(description="False alarms per aircraft-hour; null without hours.")
 
@@ -176,6 +176,14 @@ class EqualRate(Model):
     restricted_mean_s: float = Field(description="Mean of min(delay, horizon), misses included.")
 
 
+class HarmlessIntrusions(Model):
+    """Alarms about acts of somebody unauthorised that harm nobody: neither detections nor false alarms."""
+
+    intrusions: int = Field(ge=0, description="Number of harmless intrusions, one for each aircraft.")
+    reported: int = Field(ge=0, description="Of these, those about which there was an alarm, from onset to grace.")
+    share: Estimate | None = Field(description="The share about which there was an alarm; null without any intrusion.")
+
+
 class SetScore(Model):
     """Scores on a part of the test flights or attacks."""
 
@@ -188,6 +196,7 @@ class SetScore(Model):
     detection: Detection = Field(description="Over all attacks.")
     kinds: tuple[GroupDetection, ...] = Field(description="By kind of attack.")
     families: tuple[GroupDetection, ...] = Field(description="By family of attacks.")
+    harmless_intrusions: HarmlessIntrusions = Field(description="Of the flights of the set.")
     precision: tuple[Precision, ...] = Field(
         description="Precision at each prevalence; empty without hours or attacks."
     )
@@ -243,7 +252,7 @@ class HeldOut(Model):
 class ScoreFile(Model):
     """Scores of detectors on one study."""
 
-    format: Literal["skyrange.scores/3"] = Field(default=FORMAT, description="The format of this file.")
+    format: Literal["skyrange.scores/4"] = Field(default=FORMAT, description="The format of this file.")
     study: str = Field(description="Name of the study.")
     digest: str = Field(description="Digest of the study's flights and attacks: equal for the same study.")
     software: str = Field(description="What computed the scores, with its version.")

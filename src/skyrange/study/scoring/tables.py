@@ -1,9 +1,10 @@
-"""Input of scoring: the tables of flights, attacks and alerts, with their columns, units and rules."""
+"""Input of scoring: the tables of flights, attacks, intrusions and alerts, with their columns, units and rules."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -73,6 +74,17 @@ ATTACKS: Final = pa.schema(
     ]
 )
 """One row for each attack on each aircraft that it affects, or for each attack on a whole run."""
+INTRUSIONS: Final = pa.schema(
+    [
+        _field("run", pa.string(), "Id of the run."),
+        _field("vehicle", pa.string(), "Aircraft that the act is about; empty if it is about the whole run."),
+        _field("attack_id", pa.string(), "Id of the attack in its scenario whose sham it is."),
+        _field("kind", pa.string(), "Dotted kind of that attack, such as mavlink.mode."),
+        _field("active_s", pa.float64(), "Time at which it starts to act, in seconds of simulated time."),
+        _field("stop_s", pa.float64(), "Time at which it stops, in seconds; not before active_s."),
+    ]
+)
+"""One row for each harmless intrusion about each aircraft, or about a whole run."""
 ALERTS: Final = pa.schema(
     [
         _field("run", pa.string(), "Id of the run."),
@@ -90,23 +102,26 @@ _PER_RUN = ("block", "cluster", "flight", "arm", "split", "city", "aircraft", "o
 
 @dataclass(frozen=True, slots=True)
 class StudyTables:
-    """The three tables of a study, checked: their schemas are `FLIGHTS`, `ATTACKS` and `ALERTS`."""
+    """The tables of a study, checked: their schemas are `FLIGHTS`, `ATTACKS`, `ALERTS` and `INTRUSIONS`."""
 
     flights: pa.Table
     attacks: pa.Table
     alerts: pa.Table
+    intrusions: pa.Table
 
     def detectors(self) -> list[str]:
         """Names of the detectors that raised alerts, sorted."""
         return sorted(set(self.alerts.column("detector").unique().to_pylist()))
 
 
-def check_tables(flights: pa.Table, attacks: pa.Table, alerts: pa.Table) -> StudyTables:
-    """The tables of a study, cast to their schemas; further columns are dropped.
+def check_tables(
+    flights: pa.Table, attacks: pa.Table, alerts: pa.Table, intrusions: pa.Table | None = None
+) -> StudyTables:
+    """The tables of a study, cast to their schemas; further columns are dropped. Without `intrusions` there are none.
 
     Raises InputError that lists missing columns, values of another type, null and non-finite numbers, aircraft listed
     twice, runs whose rows disagree, blocks, clusters and
-    flights in two splits, and attacks and alerts that do not belong to the flights.
+    flights in two splits, and attacks, intrusions and alerts that do not belong to the flights.
     """
     tables = [
         _cast(given, schema, name)
@@ -114,12 +129,13 @@ def check_tables(flights: pa.Table, attacks: pa.Table, alerts: pa.Table) -> Stud
             (flights, FLIGHTS, "flights"),
             (attacks, ATTACKS, "attacks"),
             (alerts, ALERTS, "alerts"),
+            (INTRUSIONS.empty_table() if intrusions is None else intrusions, INTRUSIONS, "intrusions"),
         )
     ]
     checked = StudyTables(*tables)
     problems = _flight_problems(checked.flights)
     if not problems:
-        problems = _attack_problems(checked) + _alert_problems(checked)
+        problems = _attack_problems(checked) + _intrusion_problems(checked) + _alert_problems(checked)
     if problems:
         raise InputError("tables of the study", problems)
     return checked
@@ -140,7 +156,7 @@ def keep_each_flight_once(tables: StudyTables) -> tuple[StudyTables, int]:
     kept = pa.array([run for run, is_first in zip(runs, first, strict=True) if is_first], pa.string())
     chosen = (
         table.filter(pc.is_in(table.column("run"), value_set=kept))
-        for table in (tables.flights, tables.attacks, tables.alerts)
+        for table in (tables.flights, tables.attacks, tables.alerts, tables.intrusions)
     )
     return StudyTables(*chosen), len(runs) - len(kept)
 
@@ -225,16 +241,11 @@ def _attack_problems(tables: StudyTables) -> list[Problem]:
     for number, row in enumerate(tables.attacks.to_pylist()):
         where = f"attacks, row {number}"
         run, vehicle = row["run"], row["vehicle"]
+        problems += _act_problems(where, row, vehicles)
         if run not in vehicles:
-            problems.append(Problem(f"{where}, run", run, "a run of the flights", nearest(run, vehicles)))
             continue
-        if vehicle and vehicle not in vehicles[run]:
-            hint = nearest(vehicle, vehicles[run])
-            problems.append(Problem(f"{where}, vehicle", vehicle, f"an aircraft of run {run}, or ''", hint))
         if not hostile[run]:
             problems.append(Problem(f"{where}, run", run, "a run whose flights are hostile"))
-        if row["stop_s"] < row["active_s"]:
-            problems.append(Problem(f"{where}, stop_s", f"{row['stop_s']:g}", f"not before {row['active_s']:g}"))
         if row["effect_end_s"] < row["stop_s"]:
             expected = f"not before stop_s, {row['stop_s']:g}"
             problems.append(Problem(f"{where}, effect_end_s", f"{row['effect_end_s']:g}", expected))
@@ -257,6 +268,25 @@ def _attack_problems(tables: StudyTables) -> list[Problem]:
         if acts and run not in attacked
     ]
     return problems
+
+
+def _intrusion_problems(tables: StudyTables) -> list[Problem]:
+    vehicles = vehicles_by_run(tables.flights)
+    rows = enumerate(tables.intrusions.to_pylist())
+    return [one for number, row in rows for one in _act_problems(f"intrusions, row {number}", row, vehicles)]
+
+
+def _act_problems(where: str, row: Mapping[str, Any], vehicles: Mapping[str, list[str]]) -> Iterator[Problem]:
+    """What is wrong with the run, aircraft and times of an attack or intrusion."""
+    run, vehicle = row["run"], row["vehicle"]
+    if run not in vehicles:
+        yield Problem(f"{where}, run", run, "a run of the flights", nearest(run, vehicles))
+        return
+    if vehicle and vehicle not in vehicles[run]:
+        hint = nearest(vehicle, vehicles[run])
+        yield Problem(f"{where}, vehicle", vehicle, f"an aircraft of run {run}, or ''", hint)
+    if row["stop_s"] < row["active_s"]:
+        yield Problem(f"{where}, stop_s", f"{row['stop_s']:g}", f"not before {row['active_s']:g}")
 
 
 def _alert_problems(tables: StudyTables) -> list[Problem]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.study.scoring.index import FAULT_STRATUM, NOMINAL_STRATUM, AlertList, StudyIndex
-from skyrange.study.scoring.matching import count_episodes
+from skyrange.study.scoring.matching import are_about_intrusions, count_episodes
 
 NS_PER_H = 3600 * NS_PER_S
 
@@ -54,6 +54,7 @@ def lower_threshold(
     """The lowest threshold with at most `target_per_h` episodes of alarms per aircraft-hour of the `used` subjects."""
     subjects = index.subjects
     mine = used[alerts.subjects] & (alerts.times_ns >= subjects.own_from_ns[alerts.subjects])
+    mine &= ~are_about_intrusions(index, alerts)
     where, times, scores = alerts.subjects[mine], alerts.times_ns[mine], alerts.scores[mine]
 
     def episodes_above(threshold: float) -> NDArray[np.int64]:

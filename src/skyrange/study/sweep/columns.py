@@ -16,7 +16,9 @@ RUN: Final = (
     "status", "error", "failed_missions", "simulated_s", "vehicles", "city", "families", "fingerprint", "flight",
 )  # fmt: skip
 ALERT: Final = ("time_s", "detector", "kind", "subject", "score")
-ACT: Final = ("attack", "kind", "family", "vehicle", "fault", "first_s", "last_s", "effect_end_s", "acts")
+ACT: Final = (
+    "attack", "kind", "family", "vehicle", "fault", "harmless_intrusion", "first_s", "last_s", "effect_end_s", "acts"
+)  # fmt: skip
 
 
 def column_of(quantity: str) -> str:

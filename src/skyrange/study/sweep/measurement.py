@@ -12,7 +12,7 @@ from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.record import RunRecord
 from skyrange.study.attribution.outcomes import ArmOutcomes
 from skyrange.study.dataset.families import FAMILIES, family_of
-from skyrange.study.dataset.labels import FAULT, SHAM, read_acts
+from skyrange.study.dataset.labels import ATTACK, FAULT, INTRUSION, SHAM, read_acts
 from skyrange.study.dataset.splits import name_city
 from skyrange.study.failed_missions import find_failed_missions
 from skyrange.study.measures.aircraft_measures import DEPARTED_M
@@ -35,7 +35,7 @@ ALERTS: Final = "alerts"
 ACTS: Final = "acts"
 TABLES: Final = (RUNS, AIRCRAFT, EFFECTS, ALERTS, ACTS)
 """Tables of results: a row for each run, for each aircraft of a run, for each aircraft of a run compared with that of
-the baseline, for each alert, and for each attack or fault that acted in a run.
+the baseline, for each alert, and for each attack, fault or harmless intrusion in a run.
 """
 
 _WITHOUT: Final = ("seed", "against", "attacks", "faults", "attribution")
@@ -129,20 +129,20 @@ def _alerts(record: RunRecord) -> Iterator[dict[str, Any]]:
 
 
 def measure_acts(record: RunRecord) -> list[dict[str, Any]]:
-    """When each attack and fault acted on each aircraft first and last, and when the effect ended (that of a fault ends
-    with its last act); an empty aircraft stands for none in particular.
+    """When each attack, fault and harmless intrusion acted on each aircraft first and last, and when the effect ended
+    (with the last act, but for attacks); an empty aircraft stands for none in particular.
     """
     found = read_acts(record, _own_families(record))
     fleet = {str(row["id"]) for row in record.manifest["vehicles"]}
-    spans: dict[tuple[str, str, bool], list[int]] = {}
+    spans: dict[tuple[str, str, str], list[int]] = {}
     for act in found.acts:
         if act.role == SHAM:
             continue
-        key = act.author, act.owner if act.owner in fleet else "", act.role == FAULT
+        key = act.author, act.owner if act.owner in fleet else "", act.role
         span = spans.setdefault(key, [act.at_ns, act.until_ns, 0])
         span[0], span[1], span[2] = min(span[0], act.at_ns), max(span[1], act.until_ns), span[2] + 1
     ends_ns = read_effect_ends_ns(
-        record, {(author, vehicle): last for (author, vehicle, fault), (_, last, _) in spans.items() if not fault}
+        record, {(author, vehicle): last for (author, vehicle, role), (_, last, _) in spans.items() if role == ATTACK}
     )
     return [
         {
@@ -150,13 +150,14 @@ def measure_acts(record: RunRecord) -> list[dict[str, Any]]:
             "kind": found.kinds.get(author, ""),
             "family": found.families.get(author) or "",
             "vehicle": vehicle,
-            "fault": fault,
+            "fault": role == FAULT,
+            "harmless_intrusion": role == INTRUSION,
             "first_s": to_seconds(first),
             "last_s": to_seconds(last),
-            "effect_end_s": to_seconds(last if fault else ends_ns[author, vehicle]),
+            "effect_end_s": to_seconds(ends_ns[author, vehicle] if role == ATTACK else last),
             "acts": count,
         }
-        for (author, vehicle, fault), (first, last, count) in sorted(spans.items())
+        for (author, vehicle, role), (first, last, count) in sorted(spans.items())
     ]
 
 

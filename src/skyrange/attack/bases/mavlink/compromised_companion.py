@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Final, Literal
 
 from skyrange.attack.bases.mavlink.compromised_sender import SenderStream, redirect_order, station_key
-from skyrange.attack.bases.mavlink.orders import NOBODY, Order, Sender
+from skyrange.attack.bases.mavlink.orders import Order, Sender
 from skyrange.attack.bases.on_path import CopyForLink
 from skyrange.attack.bases.rounds import RoundsOnLink
 from skyrange.attack.contract import Attack, AttackContext
@@ -40,9 +40,10 @@ class CompromisedCompanion(RoundsOnLink):
     attack_facts: ClassVar[Facts] = {
         "surface": ("log",),
         "persists": "acts",
+        "intrudes": True,
         "position": "in the companion computer",
         "equipment": "a program on the companion: from its supply chain, an update or a remote login",
-        "load": "the sham: the same orders, addressed to a system that is not there",
+        "load": "the sham: as many frames of the same lengths to the aircraft, which change nothing",
         "placement": "the companion of another aircraft",
     }
 
@@ -57,7 +58,7 @@ class CompromisedCompanion(RoundsOnLink):
     system: int
     """That of the aircraft on the link."""
     sender: Sender
-    """The companion; it addresses the aircraft, and nobody in a sham."""
+    """The companion; that of a sham sends harmless frames."""
     own: SenderStream
     forwarded: SenderStream
 
@@ -82,7 +83,7 @@ class CompromisedCompanion(RoundsOnLink):
         super().begin()
         vehicle = self.link.partition(":")[2]
         self.system = self.systems[vehicle]
-        self.sender = Sender(Packer(self.system, COMPONENT), NOBODY if self.sham else self.system, False)
+        self.sender = Sender(Packer(self.system, COMPONENT), self.system, False, is_sham=self.sham)
         secret = station_key(self.chance.seed, operator_of(vehicle))
         self.own, self.forwarded = SenderStream(secret), SenderStream(secret)
 

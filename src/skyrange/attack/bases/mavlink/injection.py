@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Final, Literal
+from typing import Any, ClassVar, Literal
 
-from skyrange.attack.bases.mavlink.orders import NOBODY, STATION, Order, Sender, read
+from skyrange.attack.bases.mavlink.orders import STATION, Order, Sender, read
 from skyrange.attack.bases.roles import OnControlLinks
 from skyrange.attack.bases.rounds import RoundsOnLink
 from skyrange.attack.contract import Attack, AttackContext
@@ -23,12 +23,11 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import link_name
 from skyrange.core.time import Time
 
-FOREIGN_STATION: Final = 254
-"""System id of a ground station that is not the aircraft's."""
-
 
 class InjectionOnLinks(OnControlLinks):
     """Injects frames in rounds on control links that the parameters name: `send` makes those of a round."""
+
+    attack_facts: ClassVar[Facts] = {"intrudes": True}
 
     needs: ClassVar[tuple[str, ...]] = ("send",)
 
@@ -59,15 +58,16 @@ class Injection(RoundsOnLink):
     """Injects MAVLink on a link of each named aircraft, in the name of its ground station or of a sender of its own.
 
     `orders` tells what is sent in a round. With `reads`, `on_message` is shown these messages of the aircraft. The sham
-    sends the same frames, addressed to nobody.
+    sends as many frames of the same lengths to the aircraft, which change nothing (`harmless_message`).
     """
 
     attack_facts: ClassVar[Facts] = {
         "surface": CONTROL_LINKS,
+        "intrudes": True,
         "knowledge": "system ids, from any frame",
         "position": "on the network of the control link, or on board",
         "equipment": "a computer with a MAVLink library",
-        "load": "the sham: the same frames, addressed to a system that is not there",
+        "load": "the sham: as many frames of the same lengths to the aircraft, which answers them and changes nothing",
     }
 
     needs: ClassVar[tuple[str, ...]] = ("orders",)
@@ -90,9 +90,9 @@ class Injection(RoundsOnLink):
 
     origin: Origin
     systems: dict[str, int]
-    """By link: system id of its aircraft; that of nobody in a sham. A tap keeps that of its own alone."""
+    """By link: system id of its aircraft. A tap keeps that of its own alone."""
     target: int
-    """System id that its frames address: that of the link's aircraft, or of nobody in a sham."""
+    """System id that its frames address: that of the link's aircraft."""
     claimed: Sender
     """The sender that its frames name."""
 
@@ -112,9 +112,7 @@ class Injection(RoundsOnLink):
     def build(self, context: AttackContext) -> Attack:
         """A tap for each aircraft. Raises `InputError` for aircraft that are not in the scenario."""
         check_vehicles(context, self.vehicles)
-        self.systems = {
-            link_name(self.on, one): NOBODY if self.sham else context.vehicles[one].system_id for one in self.vehicles
-        }
+        self.systems = {link_name(self.on, one): context.vehicles[one].system_id for one in self.vehicles}
         return Attack(taps=self.place(list(self.systems), context), shown=self.marks())
 
     def begin(self) -> None:
@@ -122,7 +120,8 @@ class Injection(RoundsOnLink):
         super().begin()
         self.target, self.systems = self.systems[self.link], {}
         own = self.sender == "own"
-        self.claimed = Sender(Packer(*((self.system_id, self.component_id) if own else STATION)), self.target, not own)
+        packer = Packer(*((self.system_id, self.component_id) if own else STATION))
+        self.claimed = Sender(packer, self.target, not own, is_sham=self.sham)
 
     def on_frame(self, now: Time, frame: Frame) -> Verdicts:
         """Let it pass, and learn who the station is and what the aircraft says."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Final
 
 from skyrange.attack.bases.mavlink.orders import ModeKeeper, Order, Sender, geodetic, mode_order, read
@@ -33,7 +32,11 @@ class Leader:
     lands: bool = False
     at: int = 0
     landing: bool = False
-    keeper: ModeKeeper = field(default_factory=partial(ModeKeeper, mav.COPTER_MODE_GUIDED, NS_PER_S))
+    keeper: ModeKeeper = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Keep GUIDED; a sham's commands count as obeyed."""
+        self.keeper = ModeKeeper(mav.COPTER_MODE_GUIDED, NS_PER_S, self.sender.is_sham)
 
     def see(self, now: Time, frame: Frame) -> None:
         """Learn who the station is, mode and position."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from skyrange.attack.bases.shams import benign_payload, harmless_message
 from skyrange.attack.contract import Place
 from skyrange.codec.mavlink import Message, Packer, decode, message_id, sender_system
 from skyrange.codec.mavlink import dialect as mav
@@ -19,7 +20,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.time import Time
 
 NOBODY: Final = 251
-"""System id that shams address: aircraft have 1 to 250, so nobody obeys, and the frame has the same size."""
+"""System id of nobody: aircraft have 1 to 250. What a compromised computer holds back is addressed to it."""
 STATION: Final = (255, int(mav.MAV_COMP_ID_MISSIONPLANNER))
 """System and component id of ground stations by convention; used until a heartbeat of the station was seen."""
 AUTOPILOT: Final = int(mav.MAV_COMP_ID_AUTOPILOT1)
@@ -103,19 +104,28 @@ class ModeKeeper:
     mode: int | None
     """The mode to change to; `None` leaves any."""
     period_ns: Time
+    pretends: bool = False
+    """Whether it is of a sham, whose commands change nothing: the mode in which they were given counts as changed."""
     seen: int = -1
+    shown: int = -1
+    """The mode in the last heartbeat."""
+    kept: int = -1
+    """Of a sham: the mode in which it commanded last."""
     next_ns: Time = 0
 
     def learn(self, heartbeat: Message) -> None:
         """Learn the mode from a heartbeat, if it is the autopilot's."""
         if heartbeat.get_srcComponent() == AUTOPILOT:
-            self.seen = heartbeat.custom_mode
+            self.shown = heartbeat.custom_mode
+            self.seen = self.shown
+            if self.pretends and self.mode is not None and self.shown == self.kept:
+                self.seen = self.mode
 
     def orders(self, now: Time) -> list[Order]:
         """The command, where the mode is another one and the last command was `period_ns` ago."""
         if self.mode is None or self.seen == self.mode or now < self.next_ns:
             return []
-        self.next_ns = now + self.period_ns
+        self.next_ns, self.kept = now + self.period_ns, self.shown
         return [mode_order(self.mode)]
 
 
@@ -125,9 +135,11 @@ class Sender:
 
     packer: Packer
     target: int
-    """System id of the aircraft; that of nobody in a sham."""
+    """System id of the aircraft."""
     claims_station: bool
     component: int = AUTOPILOT
+    is_sham: bool = False
+    """Whether it sends harmless frames of the same lengths."""
 
     def see(self, frame: Frame) -> None:
         """Learn the ids and the sequence number of the station from a frame towards the aircraft."""
@@ -146,5 +158,13 @@ class Sender:
         return message.target_system in (0, self.packer.system)
 
     def pack(self, order: Order | Message) -> bytes:
-        """The frame of a command to the system that it addresses, or of a message."""
-        return self.packer.pack(order.message(self.target) if isinstance(order, Order) else order)
+        """The frame of a command to the system that it addresses, or of a message.
+
+        That of a sham has a harmless message of the same length (`harmless_message`); where there is none, one that
+        nobody acts on.
+        """
+        message = order.message(self.target) if isinstance(order, Order) else order
+        if not self.is_sham:
+            return self.packer.pack(message)
+        harmless = harmless_message(message)
+        return benign_payload(self.packer.pack(message)) if harmless is None else self.packer.pack(harmless)

@@ -23,6 +23,8 @@ TRIES: Final = 6
 """The first try and five retries, as mavlink.io recommends."""
 _ANSWER_NS: Final = NS_PER_MS
 """Time in which the node answers a request."""
+_DOWNLOADS: Final = (mav.MAVLINK_MSG_ID_MISSION_ITEM_INT, mav.MAVLINK_MSG_ID_MISSION_COUNT)
+"""Answers to what the sham requests."""
 _REQUESTS: Final = (mav.MAVLINK_MSG_ID_MISSION_REQUEST, mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT)
 
 
@@ -62,10 +64,15 @@ Step = Order | Upload | Clear
 
 
 class Script(Injection):
-    """Takes the steps of `steps` in order, once, each until it is answered or was tried six times."""
+    """Takes the steps of `steps` in order, once, each until it is answered or was tried six times.
+
+    In place of an upload the sham requests an item, and of a removal the number of items.
+    """
 
     needs: ClassVar[tuple[str, ...]] = ("steps",)
-    reads = ("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK", "COMMAND_ACK")
+    reads = (
+        "MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK", "COMMAND_ACK", "MISSION_ITEM_INT", "MISSION_COUNT",
+    )  # fmt: skip
 
     todo: tuple[Step, ...]
     done: int = 0
@@ -97,18 +104,22 @@ class Script(Injection):
             return
         step, number = self.todo[self.done], message.get_msgId()
         if isinstance(step, Order):
-            answered = number == mav.MAVLINK_MSG_ID_COMMAND_ACK and message.command == step.command
+            command = mav.MAV_CMD_REQUEST_MESSAGE if self.sham else step.command
+            answered = number == mav.MAVLINK_MSG_ID_COMMAND_ACK and message.command == command
             if answered and message.result != mav.MAV_RESULT_IN_PROGRESS:
                 self._go_on(now)
             return
         if number == mav.MAVLINK_MSG_ID_COMMAND_ACK or message.mission_type != step.mission_type:
             return
-        if number in _REQUESTS:
+        if number in _DOWNLOADS:
+            if self.sham:
+                self._go_on(now)
+        elif number in _REQUESTS:
             if isinstance(step, Upload) and message.seq < len(step.items):
                 self.requested = message.seq
                 self.tries = 1
                 self.clock.due = now + _ANSWER_NS
-        elif message.type != mav.MAV_MISSION_INVALID_SEQUENCE:
+        elif self.sham or message.type != mav.MAV_MISSION_INVALID_SEQUENCE:
             self._go_on(now)
 
     def orders(self, now: Time) -> Sequence[Order | Message]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,10 +14,12 @@ import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
 from skyrange.study.dataset.description.contents import RUNS
+from skyrange.study.dataset.labels import ATTACK, INTRUSION, SHAM
 from skyrange.study.dataset.progress import require_whole
 
 NEVER: Final = 2**62
 """The time of what does not happen, in ns."""
+_OF_SHAMS: Final = (SHAM, INTRUSION)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +29,8 @@ class ArmOfBlock:
     run: str
     block: str
     role: str
-    """attacked, sham or nominal, by its episodes: of a sham that does nothing it is nominal."""
+    """attacked, sham (also that of a harmless intrusion) or nominal, by its episodes: of a sham that does nothing it is
+    nominal."""
     kinds: frozenset[str]
     onset_ns: int
     effect_ns: int
@@ -61,7 +65,7 @@ def read_arms(folder: Path) -> list[ArmOfBlock]:
     for row in pq.read_table(folder / RUNS).to_pylist():
         own = episodes.get(row["run"], [])
         roles = {one["role"] for one in own}
-        role = "attacked" if "attack" in roles else "sham" if "sham" in roles else "nominal"
+        role = "attacked" if ATTACK in roles else "sham" if roles & {SHAM, INTRUSION} else "nominal"
         onset_ns = min((one["onset_ns"] for one in own), default=NEVER)
         kinds = frozenset(str(one["kind"]) for one in own)
         effect_ns = _effect_ns(own, departures.get(row["run"], {"": None})) if own else NEVER
@@ -136,8 +140,9 @@ def _read_answers(folder: Path) -> dict[str, int]:
     """By run, when the first frame was seen that follows from an act and is none, such as an acknowledgement."""
     found: dict[str, int] = {}
     for path in sorted(folder.glob("view=mavlink/split=*/*.parquet")):
-        table = pq.ParquetFile(path).read(columns=["run", "time_ns", "steps", "derived", "sham"])
-        answers = pc.and_(pc.greater(table.column("steps"), 0), pc.or_(table.column("derived"), table.column("sham")))
+        table = pq.ParquetFile(path).read(columns=["run", "time_ns", "steps", "derived", *_OF_SHAMS])
+        of_acts = reduce(pc.or_, [table.column(name) for name in ("derived", *_OF_SHAMS)])
+        answers = pc.and_(pc.greater(table.column("steps"), 0), of_acts)
         first = table.filter(answers).group_by("run").aggregate([("time_ns", "min")])
         found |= {row["run"]: row["time_ns_min"] for row in first.to_pylist()}
     return found

@@ -12,7 +12,9 @@ from skyrange.study.dataset.description.contents import Contents
 from skyrange.study.dataset.description.hugging_face import format_card_header
 
 README: Final = "README.md"
-DESCRIPTION: Final = "Simulated flights of small unmanned aircraft with attacks, shams and faults, labelled."
+DESCRIPTION: Final = (
+    "Simulated flights of small unmanned aircraft with attacks, harmless intrusions, shams and faults, labelled."
+)
 
 LIMITATIONS: Final = (
     "All data are simulated. Radio, sensors, estimator and autopilot are models, and networks have the delays and "
@@ -29,7 +31,7 @@ MEANINGS: Final = {
     "aircraft": "the state of each aircraft at a fixed rate as its ground station has received it",
     "remote_id": "Remote ID receptions of each receiver with signal strength",
     "approval": "requests for flight approval and answers at the station's end",
-    "episodes": "onset, end, first observation and effect of each attack, sham and fault on each aircraft",
+    "episodes": "onset, end, first observation and effect of each attack, intrusion, sham and fault on each aircraft",
 }
 
 _TEXT: Final = """\

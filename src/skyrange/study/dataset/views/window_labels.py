@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from skyrange.contracts.frames.payloads import Ints
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
-from skyrange.study.dataset.labels import ATTACK, FAULT, SHAM, Act, RunActs
+from skyrange.study.dataset.labels import ATTACK, FAULT, INTRUSION, SHAM, Act, RunActs
 
 Flags = NDArray[np.bool_]
 
@@ -46,6 +46,7 @@ class WindowLabeller:
             "observable": pa.array(shown),
             "effect": self._effect(owner, end_ns),
             "after_onset": pa.array(end_ns > onset_ns),
+            "harmless_intrusion_active": pa.array(_overlaps(self.acts.of(INTRUSION, owner), begin_ns, end_ns)),
             "sham_active": pa.array(_overlaps(self.acts.of(SHAM, owner), begin_ns, end_ns)),
             "fault_active": pa.array(faulty),
             "author": pa.array(author, pa.string()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -52,7 +53,10 @@ def learn_detectors(folder: StudyFolder, tables: StudyTables) -> Learned:
     acts: dict[str, list[dict[str, Any]]] = {row["run"]: [] for row in runs.values() if row["hostile"]}
     for row in tables.attacks.to_pylist():
         acts[row["run"]].append({"vehicle": row["vehicle"], "first_s": row["active_s"], "last_s": row["stop_s"]})
-    labels = label_windows(windows, acts, from_seconds(learned.window_s))
+    intruded_s: dict[str, float] = {}
+    for row in tables.intrusions.to_pylist():
+        intruded_s[row["run"]] = min(row["active_s"], intruded_s.get(row["run"], math.inf))
+    labels = label_windows(windows, acts, intruded_s, from_seconds(learned.window_s))
     names = windows.column("run").to_pylist()
     nominal = np.array([runs[run]["arm"] == NOMINAL for run in names], dtype=np.bool_)
     training = np.array([runs[run]["split"] == "train" for run in names], dtype=np.bool_)

@@ -13,7 +13,7 @@ from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.study.dataset.splits import HELD_OUT, HeldOut, Traits, split_of
 from skyrange.study.scoring.result_file import ScoreFile, ScoreSettings
 from skyrange.study.scoring.scores import score_detectors
-from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, NOMINAL, StudyTables, check_tables
+from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, INTRUSIONS, NOMINAL, StudyTables, check_tables
 from skyrange.study.sweep.design.model import Study
 from skyrange.study.sweep.folder import StudyFolder, open_folder
 from skyrange.study.sweep.independence import cluster_blocks
@@ -22,8 +22,8 @@ from skyrange.study.sweep.scores.learned_detectors import learn_detectors, write
 
 
 def make_score_tables(folder: StudyFolder, held: HeldOut | None = None) -> StudyTables:
-    """The flights, attacks and alerts of a study. Blocks with a held-out family, city or number of aircraft are in the
-    test split; without `held` these are those of the study's file.
+    """The flights, attacks, harmless intrusions and alerts of a study. Blocks with a held-out family, city or number of
+    aircraft are in the test split; without `held` these are those of the study's file.
 
     An attack is taken to be observable from its first act on an aircraft on, and its effect to begin when the aircraft
     departs from the baseline. Raises `InputError` for results that cannot be scored.
@@ -37,7 +37,8 @@ def make_score_tables(folder: StudyFolder, held: HeldOut | None = None) -> Study
     clusters = cluster_blocks(folder, runs.values())
     splits = _assign_splits(folder, runs, clusters, held_out_of(folder.study) if held is None else held)
     own_from_s = _own_from(folder.study, runs, acts)
-    hostile = {_run(row) for row in acts if not row["fault"]}
+    attacked = [row for row in acts if not row["fault"] and not row["harmless_intrusion"]]
+    hostile = {_run(row) for row in attacked}
     faulty = {_run(row) for row in acts if row["fault"]}
     fleets: dict[str, set[str]] = {}
     flights = []
@@ -78,8 +79,19 @@ def make_score_tables(folder: StudyFolder, held: HeldOut | None = None) -> Study
             "observable_s": row["first_s"],
             "effect_s": _effect_s(effects.get(_run(row), {}), row["vehicle"], row["first_s"]),
         }
+        for row in attacked
+    ]
+    intrusions = [
+        {
+            "run": _run(row),
+            "vehicle": row["vehicle"],
+            "attack_id": row["attack"],
+            "kind": row["kind"],
+            "active_s": row["first_s"],
+            "stop_s": row["last_s"],
+        }
         for row in acts
-        if not row["fault"]
+        if row["harmless_intrusion"]
     ]
     alerts = [
         {
@@ -97,6 +109,7 @@ def make_score_tables(folder: StudyFolder, held: HeldOut | None = None) -> Study
         pa.Table.from_pylist(flights, FLIGHTS),
         pa.Table.from_pylist(attacks, ATTACKS),
         pa.Table.from_pylist(alerts, ALERTS),
+        pa.Table.from_pylist(intrusions, INTRUSIONS),
     )
 
 
@@ -124,7 +137,8 @@ def score_study(
     if opened.study.learned is None:
         return score_detectors(tables, settings, sorted(names), opened.study.name)
     learned = learn_detectors(opened, tables)
-    tables = check_tables(tables.flights, tables.attacks, pa.concat_tables([tables.alerts, learned.alerts]))
+    alerts = pa.concat_tables([tables.alerts, learned.alerts])
+    tables = check_tables(tables.flights, tables.attacks, alerts, tables.intrusions)
     scores = score_detectors(tables, settings, sorted({*names, *learned.models}), opened.study.name)
     write_models(opened, learned, tables, scores)
     return scores
@@ -183,7 +197,7 @@ def _own_from(
     for row in acts:
         at = float(row["first_s"])
         first[_run(row)] = min(first.get(_run(row), math.inf), at)
-        if not row["fault"]:
+        if not row["fault"] and not row["harmless_intrusion"]:
             attacked[row["block"]] = min(attacked.get(row["block"], math.inf), at)
     for run, row in runs.items():
         arm = alike.get(row["arm"])
