@@ -140,7 +140,8 @@ def detectors() -> str:
     parts = []
     for name, kind in _shipped(DETECTORS):
         about = (import_module(kind.params.__module__).__doc__ or "").partition("\n")[2].strip()
-        parts.append(f"### `{name}`\n\n{kind.about}\n\n{about}\n")
+        reduced = f"**Reduced**, as rankings say: {kind.reduced}.\n\n" if kind.reduced else ""
+        parts.append(f"### `{name}`\n\n{kind.about}\n\n{reduced}{about}\n")
         parts.append(keys(kind.params.model_json_schema(), kind.params.model_fields))
     return "\n".join(parts)
 

@@ -1,4 +1,4 @@
-"""Result file of a scoring: the model of the JSON document `skyrange.scores/3`, its writer and its reader.
+"""Result file of a scoring: the model of the JSON document `skyrange.scores/4`, its writer and its reader.
 
 Whoever scores detectors on the same study with other software can write such a file, and put it beside others.
 """
@@ -16,7 +16,7 @@ from skyrange.core.input_files import MAX_TEXT_BYTES, parse_json, read_input
 from skyrange.scenario.model.base import Model
 from skyrange.scenario.validation.error_messages import input_error
 
-FORMAT: Final = "skyrange.scores/3"
+FORMAT: Final = "skyrange.scores/4"
 """Value of `format`; the number increases when numbers have another meaning or older versions cannot read the file."""
 OpenLimits = tuple[float, float | None]
 """Lower and upper limit of an interval; an upper limit of null is infinite."""
@@ -213,6 +213,11 @@ class DetectorScore(Model):
 
     detector: str = Field(min_length=1, description="Its name.")
     trivial: bool = Field(description="Whether it is a trivial detector, which looks at nothing.")
+    reduced: str = Field(
+        default="",
+        description="What it lacks of the published method that it is named after; rankings mark it then. Empty: "
+        "nothing, or it is named after none.",
+    )
     threshold: Threshold | None = Field(description="Its threshold; null for a trivial detector.")
     sets: tuple[SetScore, ...] = Field(
         min_length=1,
@@ -243,7 +248,7 @@ class HeldOut(Model):
 class ScoreFile(Model):
     """Scores of detectors on one study."""
 
-    format: Literal["skyrange.scores/3"] = Field(default=FORMAT, description="The format of this file.")
+    format: Literal["skyrange.scores/4"] = Field(default=FORMAT, description="The format of this file.")
     study: str = Field(description="Name of the study.")
     digest: str = Field(description="Digest of the study's flights and attacks: equal for the same study.")
     software: str = Field(description="What computed the scores, with its version.")
