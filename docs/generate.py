@@ -28,6 +28,7 @@ from plugin_kinds import (  # noqa: E402
     defences,
     detectors,
     faults,
+    firewall_profiles,
 )
 from public_api import described as describe_api  # noqa: E402
 
@@ -578,6 +579,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "faults": faults,
     "defences": defences,
     "detectors": detectors,
+    "firewall-profiles": firewall_profiles,
     "approvals": approvals,
     "tables": tables,
     "pair-tables": pair_tables,

@@ -133,6 +133,18 @@ def defences() -> str:
     return "\n".join(parts)
 
 
+def firewall_profiles() -> str:
+    """The lists of each profile of the firewall."""
+    from skyrange.defence.station_profiles import PROFILES
+
+    heads = ("profile", "messages", "commands", "modes")
+    rows = [
+        (f"`{name}`", *(", ".join(sorted(one)) for one in (profile.messages, profile.commands, profile.modes)))
+        for name, profile in PROFILES.items()
+    ]
+    return table(heads, rows)
+
+
 def detectors() -> str:
     """Every kind of detector with the description of its module and its parameters."""
     from skyrange.contracts.plugins.registry import DETECTORS
