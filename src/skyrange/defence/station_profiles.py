@@ -16,9 +16,10 @@ the firewall.
   which sends DO_SET_MODE and SET_MODE; `setParam`, `getDatastream`, `setWP`, `doCommandAsync`, `doCommandIntAsync`,
   `setPositionTargetGlobalInt`, `InjectGpsData`, the answer to TIMESYNC), `MAVFtp.cs`, `CameraProtocol.cs`,
   `GimbalManagerProtocol.cs`, `ExtLibs/ArduPilot/Joystick/JoystickBase.cs`, `GCSViews/FlightData.cs`.
-- MAVProxy (`ArduPilot/MAVProxy` f76c4d3d), without what its command `long` sends by any name:
-  `mavproxy.py` (heartbeat, REQUEST_DATA_STREAM), `mavproxy_link.py` (TIMESYNC), `mavproxy_mode.py`,
-  `mavproxy_arm.py`, `mavproxy_cmdlong.py`, `mavproxy_param.py`, `mavproxy_ftp.py`, `mavproxy_rc.py`, `mavproxy_wp.py`, `lib/mission_item_protocol.py`, `mavproxy_terrain.py`, `mavproxy_misc.py`.
+- MAVProxy (`ArduPilot/MAVProxy` f76c4d3d), without what its command `long` sends by any name: `mavproxy.py` (heartbeat,
+  REQUEST_DATA_STREAM), `mavproxy_link.py` (TIMESYNC), `mavproxy_mode.py`, `mavproxy_arm.py`, `mavproxy_cmdlong.py`,
+  `mavproxy_param.py`, `mavproxy_ftp.py`, `mavproxy_rc.py`, `mavproxy_wp.py`, `lib/mission_item_protocol.py`,
+  `mavproxy_terrain.py`, `mavproxy_misc.py`.
 
 Modes are an operator's choice: a station offers all that the autopilot has. Those of a pilot at a stick are in the
 three profiles, and ACRO, SPORT, FLIP, THROW, TURTLE and others that nobody flies a mission in are not (*assumed*).
