@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from skyrange.study.matrix.cells import Cell
+from skyrange.study.matrix.cells import Cell, Nominal
 from skyrange.study.matrix.flights import MatrixResult
 from skyrange.study.matrix.model import Matrix
 from skyrange.study.matrix.sections import make_sections
@@ -25,10 +25,10 @@ MATRIX = Matrix.model_validate(
 
 
 def _cell(row: str, column: str, effects: Sequence[float], alarms: Sequence[int] = (0, 0), **more: Any) -> Cell:
-    hours = [0.02, 0.02]
+    hours, nominal = [0.02, 0.02], [Nominal([60.0], [100.0], [True], f"{row} {seed}", 10) for seed in (1, 2)]
     return Cell(
         row, column, fault=True, effects=effects, complete=[True] * len(effects), fault_alarms=alarms, flown_h=hours,
-        false_alarms=[0, 0], alarms_s=[None, None], watched_s=[1.0, 1.0], **more,
+        nominal=nominal, false_alarms=[0, 0], alarms_s=[None, None], watched_s=[1.0, 1.0], **more,
     )  # fmt: skip
 
 
