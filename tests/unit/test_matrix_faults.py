@@ -17,7 +17,8 @@ MATRIX = Matrix.model_validate(
         "name": "m",
         "seeds": 2,
         "rows": [
-            {"id": name, "scenario": "gnss.multipath", "measure": "departure_m"} for name in ("multipath", "gust")
+            {"id": name, "scenario": "gnss.multipath", "measure": "departure_m"}
+            for name in ("multipath", "gust", "loss")
         ],
         "columns": [{"id": name, "defences": [{"kind": "gnss.innovation"}]} for name in ("harmful", "mild", "absent")],
     }
@@ -40,12 +41,16 @@ def _result() -> MatrixResult:
         _cell("gust", "none", [3.0, 3.0]),
         _cell("gust", "harmful", [3.0, 3.0]),
         _cell("gust", "mild", [3.0, 3.0], [1, 0]),
-        *(Cell(row, "absent", fault=True, refused="no radio") for row in ("multipath", "gust")),
+        _cell("loss", "none", [17.0, 18.0]),
+        _cell("loss", "harmful", [10.0, 31.0]),
+        _cell("loss", "mild", [17.0, 18.0]),
+        *(Cell(row, "absent", fault=True, refused="no radio") for row in ("multipath", "gust", "loss")),
     ]
     return MatrixResult(Path("m"), MATRIX, {(cell.row, cell.column): cell for cell in cells})
 
 
 def test_harm_with_faults_is_an_effect_that_grows_or_an_alarm() -> None:
+    """A mean that is larger in two flights that differ much shows nothing: `loss` with the first defence."""
     result = _result()
     harmful, mild, absent = (cost_of(result, column).faults for column in MATRIX.columns)
     assert [(one.row, one.without, one.defended, one.alarms_per_h) for one in harmful if one.is_harm] == [

@@ -35,6 +35,7 @@ _GAP_S: Final = 5.0
     realism={
         "pressure error by airflow": "assumed: none in the range; pressure_error_m allows for one",
         "barometer's weather drift": "assumed: 1 m in half an hour",
+        "barometer's drift by temperature": "assumed: none; [sensors] warming_k makes one that the check does not know",
     },
 )
 class BarometerCheck(sky.FixCheck):

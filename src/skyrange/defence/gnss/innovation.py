@@ -65,8 +65,10 @@ class Gates:
     evasion="drifts at 0.25 m/s from the first false fix on, or lets the false velocity grow by 0.1 m/s in a second",
     cost="a filter of 15 states for each fix; a false alarm with action = 'reject' lands the aircraft",
     realism={
-        "inertial sensors": "simulated: noise and a bias that is constant during a run",
-        "bias by temperature and vibration": "assumed: none; with it the gates have to be wider",
+        "inertial sensors": "simulated: noise, and a bias that is constant unless [sensors] has warming_k or "
+        "instability, which the check does not know",
+        "bias by vibration": "assumed: none; with it the gates have to be wider",
+        "the Earth's field": "assumed: that of the world's model, exactly",
     },
 )
 class InnovationCheck(sky.FixCheck):

@@ -49,7 +49,7 @@ class CellText:
 
 
 LEAST_HARM: Final = 0.1
-"""Share by which the effect of a fault has to grow with a defence to be called harm; less differs by chance alone."""
+"""Share by which the effect of a fault has to grow with a defence to be called harm."""
 LEAST_GROWTH: Final = 0.1
 """Growth that is shown, in metres a minute."""
 
@@ -73,13 +73,16 @@ class FaultHarm(NamedTuple):
     """Mean effect of the fault without the defence, in the unit of the measure."""
     defended: float
     """The same with it."""
+    least: float
+    """The lower 95 % limit of that; the mean where it has none."""
     alarms_per_h: float
     """Alarms an aircraft-hour of the runs with the fault, all of them false."""
 
     @property
     def is_harm(self) -> bool:
-        """Whether there are alarms, or the fault has a larger effect with the defence by more than a tenth."""
-        return self.alarms_per_h > 0.0 or self.defended > (1.0 + LEAST_HARM) * self.without
+        """Whether there are alarms, or the effect is larger with the defence, by a tenth and by its limits."""
+        larger = self.defended > (1.0 + LEAST_HARM) * self.without and self.least > self.without
+        return self.alarms_per_h > 0.0 or larger
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,9 +201,10 @@ def _fault_harms(result: MatrixResult, column: Column) -> Iterator[FaultHarm]:
         cell, without = result.cell(row.id, column.id), result.cell(row.id)
         if cell.refused or not cell.effects or not without.effects:
             continue
-        hours = sum(cell.flown_h)
-        means = (sum(one.effects) / len(one.effects) for one in (without, cell))
-        yield FaultHarm(row.id, row.measure, *means, sum(cell.fault_alarms) / hours if hours else 0.0)
+        hours, effect = sum(cell.flown_h), cell.effect
+        usual, mean = (sum(one.effects) / len(one.effects) for one in (without, cell))
+        least = mean if effect is None or effect.low is None else effect.low
+        yield FaultHarm(row.id, row.measure, usual, mean, least, sum(cell.fault_alarms) / hours if hours else 0.0)
 
 
 def _count(result: MatrixResult, rows: Sequence[Row], column: Column, *, adaptive: bool = False) -> Count:
