@@ -54,9 +54,9 @@ within 30 s are one; flights of several rows that are the same count once; the l
 independent. `broken missions`: missions that are complete without the defence alone; they have no delay. Delay and
 energy are means over rows, then over seeds, without rows that lack a value for some seed. `with benign faults`: each
 fault with an alarm, or with an effect that is larger with the defence by a tenth and by its limits; the mean effect
-without the defence and with it, and the alarms an aircraft-hour of flight with the fault, all false. `honest`: runs with an
-alarm, of those in which a real aircraft flies where the attack would claim one. `latency of frames`: growth of the
-median and of the 95th percentile of the time from sender to the end of processing, on the links that the defence
+without the defence and with it, and the alarms an aircraft-hour of flight with the fault, all false. `honest`: runs
+with an alarm, of those in which a real aircraft flies where the attack would claim one. `latency of frames`: growth of
+the median and of the 95th percentile of the time from sender to the end of processing, on the links that the defence
 protects. Processor time counts only where the column declares a `cost`.
 """
 FAULTS = """\
