@@ -29,6 +29,7 @@ from plugin_kinds import (  # noqa: E402
     defences,
     detectors,
     faults,
+    firewall_profiles,
 )
 from public_api import described as describe_api  # noqa: E402
 
@@ -581,6 +582,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "faults": faults,
     "defences": defences,
     "detectors": detectors,
+    "firewall-profiles": firewall_profiles,
     "approvals": approvals,
     "tables": tables,
     "pair-tables": pair_tables,

@@ -145,6 +145,18 @@ def defences() -> str:
     return "\n".join(parts)
 
 
+def firewall_profiles() -> str:
+    """The lists of each profile of the firewall."""
+    from skyrange.defence.station_profiles import PROFILES
+
+    heads = ("profile", "messages", "commands", "modes")
+    rows = [
+        (f"`{name}`", *(", ".join(sorted(one)) for one in (profile.messages, profile.commands, profile.modes)))
+        for name, profile in PROFILES.items()
+    ]
+    return table(heads, rows)
+
+
 def detectors() -> str:
     """Every kind of detector with the description of its module and its parameters."""
     from skyrange.contracts.plugins.registry import DETECTORS
@@ -152,7 +164,8 @@ def detectors() -> str:
     parts = []
     for name, kind in _shipped(DETECTORS):
         about = (import_module(kind.params.__module__).__doc__ or "").partition("\n")[2].strip()
-        parts.append(f"### `{name}`\n\n{kind.about}\n\n{about}\n")
+        reduced = f"**Reduced**, as rankings say: {kind.reduced}.\n\n" if kind.reduced else ""
+        parts.append(f"### `{name}`\n\n{kind.about}\n\n{reduced}{about}\n")
         parts.append(keys(kind.params.model_json_schema(), kind.params.model_fields))
     return "\n".join(parts)
 

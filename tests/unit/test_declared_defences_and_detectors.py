@@ -15,6 +15,7 @@ from skyrange.contracts.frames.payloads import Ints
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.plugins.fields import state
+from skyrange.contracts.plugins.registry import DETECTORS, kinds
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
@@ -102,6 +103,15 @@ def test_each_run_has_a_monitor_of_its_own() -> None:
     assert isinstance(one, Counts)
     assert isinstance(other, Counts)
     assert (len(one.ends), len(other.ends)) == (3, 0)
+
+
+def test_a_detector_after_a_method_on_board_says_what_it_lacks() -> None:
+    lacking = {kind for kind in kinds(DETECTORS) if DetectorPlugin.find(kind).reduced}
+    assert {"motion.consistency", "navigation.cs_ema"} <= lacking
+    assert "mavlink.sequence" not in lacking
+    with registered():
+        detector("test.counts", reduced="no motors")(Counts)
+        assert DetectorPlugin.find("test.counts").reduced == "no motors"
 
 
 class Marks(EndTap):

@@ -24,7 +24,7 @@ from skyrange.defence.remote_id.ground import GroundCheck
 from skyrange.defence.remote_id.motion import JUMP, VELOCITY, MotionCheck, elapsed
 from skyrange.defence.remote_id.replay import AgeCheck
 from skyrange.defence.remote_id.signal import SignalCheck
-from skyrange.defence.remote_id.strength_test import FADING_DB, StrengthTest, free_space_loss_db, shadowing_db
+from skyrange.defence.remote_id.strength_test import USUAL, StrengthTest, free_space_loss_db, shadowing_db
 from skyrange.radio.ground_receptions import Reception, ReceptionReport, encode
 
 ORIGIN = Origin(40.778, -73.955, 20.0)
@@ -42,7 +42,7 @@ def test_spread_of_fading_is_that_of_rices_distribution() -> None:
     k, n = 15.85, 200_000
     x = np.sqrt(k / (k + 1)) + rng.normal(size=n) * np.sqrt(0.5 / (k + 1))
     y = rng.normal(size=n) * np.sqrt(0.5 / (k + 1))
-    assert np.std(10 * np.log10(x * x + y * y)) == pytest.approx(FADING_DB, rel=0.07)
+    assert np.std(10 * np.log10(x * x + y * y)) == pytest.approx(USUAL.fading_db, rel=0.07)
 
 
 def _fly_past(rng: np.random.Generator, sends_from: Place | None, power_dbm: float, cells: int = 25) -> float:
@@ -53,7 +53,7 @@ def _fly_past(rng: np.random.Generator, sends_from: Place | None, power_dbm: flo
         true = claimed if sends_from is None else sends_from
         away = float(np.linalg.norm(np.subtract(true, here)))
         sigma = shadowing_db(min(true[2], here[2]))
-        strength = power_dbm - free_space_loss_db(away) + rng.normal() * sigma + rng.normal() * FADING_DB
+        strength = power_dbm - free_space_loss_db(away) + rng.normal() * sigma + rng.normal() * USUAL.fading_db
         test.add("b1", here, claimed, strength)
         most = max(most, test.log_evidence)
     return most

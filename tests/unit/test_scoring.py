@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from skyrange.cli.output.score_tables import tabulate_scores
 from skyrange.core.errors import InputError
 from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.study.scoring.episodes import find_episodes
@@ -396,6 +397,23 @@ def test_a_leaderboard_ranks_by_recall_at_the_target_rate_then_delay() -> None:
         rank_detectors([file, theirs.model_copy(update={"settings": ScoreSettings()})])
     with pytest.raises(InputError, match="one of all"):
         rank_detectors([file], "held-out moons")
+
+
+def test_rankings_mark_a_detector_that_is_reduced_and_say_what_it_lacks() -> None:
+    flights = [flight("v", split="validation"), flight("n"), flight("r", arm="attacked")]
+    alerts = [alert("r", 1020.0, detector="whole"), alert("r", 1030.0, detector="part")]
+    given = tables(flights, [attack("r")], alerts)
+    file = score_detectors(given, SETTINGS, reduced={"part": "no commands of motors", "absent": "all"})
+    assert {row.detector: row.reduced for row in rank_detectors([file]) if row.reduced} == {
+        "part": "no commands of motors"
+    }
+    printed = list(tabulate_scores([file]))
+    for table in printed:
+        column = next(one for one in table.columns if one.header == "detector")
+        assert "part\n(reduced)" in list(column.cells)
+        assert "whole" in list(column.cells)
+    assert "part: no commands of motors." in str(printed[0].caption)
+    assert "reduced" not in str(next(tabulate_scores([score_detectors(given, SETTINGS)])).caption)
 
 
 def test_by_time_alarms_at_the_median_onset_of_training() -> None:

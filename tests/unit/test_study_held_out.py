@@ -23,7 +23,11 @@ KINDS = {"gnss.drift": "gnss_false_position", "link.delay": "link_timing"}
 
 
 def fabricate(
-    path: Path, held_out: dict[str, Any] | None = None, shared_seeds: bool = False, harmless: bool = False
+    path: Path,
+    held_out: dict[str, Any] | None = None,
+    shared_seeds: bool = False,
+    harmless: bool = False,
+    detectors: Any = (),
 ) -> StudyFolder:
     """A finished study of 80 blocks that nobody flew: kinds, cities and numbers of aircraft in all combinations. With
     `harmless` each attack is a harmless intrusion.
@@ -41,6 +45,7 @@ def fabricate(
         seeds=10,
         arms=arms,
         shared_seeds=shared_seeds,
+        detectors=detectors,
         held_out=HeldOutTraits(**held_out or {}),
     )
     folder = create_folder(study, path)
@@ -104,6 +109,13 @@ def test_blocks_that_share_a_seed_are_in_one_split_and_count_once(tmp_path: Path
     every = next(one for one in scores.detectors if one.detector == "d").on("all")
     assert every is not None
     assert every.clusters == sum(found == {"test"} for found in by_seed.values())
+
+
+def test_a_study_scores_its_detectors_with_what_their_kinds_lack(tmp_path: Path) -> None:
+    fabricate(tmp_path / "s", detectors=({"id": "ema", "kind": "navigation.cs_ema"},))
+    reduced = {one.detector: one.reduced for one in score_study(tmp_path / "s").detectors}
+    assert reduced["ema"].startswith("VIMU runs on board")
+    assert (reduced["d"], reduced["never"]) == ("", "")
 
 
 def test_what_a_run_shares_with_the_nominal_one_is_its_time_before_the_first_act(tmp_path: Path) -> None:

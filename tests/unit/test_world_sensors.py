@@ -85,6 +85,38 @@ def test_errors_are_of_the_size_that_is_said() -> None:
     assert offset.std() == pytest.approx(models.COMPASS_OFFSET_GAUSS, rel=0.15)
 
 
+def test_sensors_that_warm_up_drift_towards_their_coefficient_times_the_rise() -> None:
+    """At rest, without noise of motors: the mean of a second after 300 s is 1 - 1/e of the way."""
+    cold, warm = standing(8), standing(8, replace(SPEC, warming_k=20.0))
+    for now in range(0, 20 * STEP, STEP):
+        cold.advance(now)
+        warm.advance(now)
+    at_start = np.abs(readings(warm)["accel_mps2"] - readings(cold)["accel_mps2"]).max()
+    late = round(300e9)
+    for world in (cold, warm):
+        world.advance(late)
+    share = 1.0 - np.exp(-1.0)
+    drift = readings(warm)["accel_mps2"] - readings(cold)["accel_mps2"]
+    assert at_start < 1e-4
+    assert np.std(drift) == pytest.approx(share * 20.0 * models.ACCEL_PER_K, rel=0.5)
+    turned = readings(warm)["gyro_radps"] - readings(cold)["gyro_radps"]
+    assert np.std(turned) == pytest.approx(share * 20.0 * models.GYRO_PER_K, rel=0.5)
+    higher = readings(warm)["baro_up_m"] - readings(cold)["baro_up_m"]
+    assert np.std(higher) == pytest.approx(share * 20.0 * models.BARO_PER_K, rel=0.7)
+
+
+def test_biases_wander_and_fixes_are_worse_by_their_factors() -> None:
+    usual, unstable = standing(20), standing(20, replace(SPEC, instability=100.0, gnss=3.0))
+    for now in [*range(0, 3 * STEP, STEP), *(k * 1_000_000_000 for k in range(1, 300))]:
+        usual.advance(now)
+        unstable.advance(now)
+    wandered = readings(unstable)["accel_mps2"] - readings(usual)["accel_mps2"]
+    assert np.std(wandered) == pytest.approx(100.0 * models.ACCEL_INSTABILITY_MPS2, rel=0.3)
+    truth = np.array([[10.0 * i, 0.0] for i in range(20)])
+    errors = [np.std(readings(world)["gnss_enu_m"][:, :2] - truth) for world in (usual, unstable)]
+    assert errors[1] / errors[0] == pytest.approx(3.0, rel=0.1)
+
+
 def test_gnss_wanders_with_its_correlation_time() -> None:
     """Lag-10 s correlation of 300 aircraft's errors: exp(-10/60), within 0.05."""
     world = standing(300)

@@ -58,7 +58,8 @@ def build_aircraft(
     fleet = len(bodies)
     bodies += park(honest, scenario)
     datum = scenario.origin.datum
-    sensors = SensorSpec(scenario.sensors.noise, magnetic_field_at(datum), chance)
+    true = scenario.sensors
+    sensors = SensorSpec(true.noise, magnetic_field_at(datum), chance, true.warming_k, true.instability, true.gnss)
     world = World(bodies, wind=scenario.wind.air, city=city, chance=chance, sensors=sensors)
     mounts = []
     everyone = [spec for _, spec in sorted(chain.from_iterable(specs.values()), key=lambda member: member[0])]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 from skyrange.contracts.monitors import Monitor
@@ -36,3 +36,9 @@ class DetectorPlugin(Plugin[DetectorContext, Monitor]):
     """A kind of detector. `make` returns a new monitor at each call: one for each run, and each process of it."""
 
     group: ClassVar[str] = DETECTORS
+
+    reduced: str = field(default="", kw_only=True)
+    """What it lacks of the published method that it is named after, such as inputs or a rate; "" for nothing.
+
+    Rankings mark a detector that has it: its place says nothing about the method as published.
+    """

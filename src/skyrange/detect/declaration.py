@@ -54,14 +54,16 @@ class Detector(Kind):
         return Alert(at, subject_of_link(link), kind, score, {"link": link, **(data or {})})
 
 
-def detector(name: str) -> Callable[[DetectorT], DetectorT]:
+def detector(name: str, *, reduced: str = "") -> Callable[[DetectorT], DetectorT]:
     """Declare a class as the kind of detector `name`.
+
+    `reduced` says what it lacks of the published method that it is named after; rankings mark it as reduced then.
 
     Raises `InputError` for a class that is no such kind, as `contracts.plugins.declaration.declare` does.
     """
 
     def decorate(kind: DetectorT) -> DetectorT:
-        declare(kind, name, Detector, DetectorPlugin, {})
+        declare(kind, name, Detector, DetectorPlugin, {"reduced": reduced})
         kind.name = name
         return kind
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from skyrange.study.scoring.result_file import DetectorScore, ScoreFile, SetScore
 
 _ALL: Final = "all"
+_REDUCED: Final = "reduced"
 _HELD, _SEEN = "held-out", "seen"
 _AXES: Final = ("families", "cities", "fleet sizes", "kinds")
 """What can be held out, as the names of sets say it."""
@@ -38,7 +39,7 @@ def tabulate_scores(files: Sequence[ScoreFile]) -> Iterator[Table]:
         at_rate = f"{_share(row.equal_rate_recall)}\nat {_rate(row.equal_rate_per_h)}"
         shares = at_rate, _share(row.recall), _share(row.by_chance)
         rates = _rate_with_limits(row), _rate(row.fault_false_per_h), _rate(row.median_delay_s)
-        table.add_row(rank, row.detector, *shares, *rates, _share(row.before_effect))
+        table.add_row(rank, _name(row), *shares, *rates, _share(row.before_effect))
     table.caption = _describe(files)
     table.caption_justify = "left"
     yield table
@@ -58,14 +59,14 @@ def tabulate_scores(files: Sequence[ScoreFile]) -> Iterator[Table]:
     table = _begin(f"{first.study}: recall, detected of attacks; new is held out: {'; '.join(told)}")
     _add_heads(table, parts)
     for one in ordered:
-        table.add_row(one.detector, *(_recall(one.on(part)) for part in parts))
+        table.add_row(_name(one), *(_recall(one.on(part)) for part in parts))
     yield table
     parts = [f"{part} {axis}" for axis in axes if axis in _BY_FLIGHT for part in (_HELD, _SEEN)]
     if parts:
         table = _begin(f"{first.study}: false alarms per aircraft-hour of nominal flight")
         _add_heads(table, parts)
         for one in ordered:
-            table.add_row(one.detector, *(_false(one.on(part)) for part in parts))
+            table.add_row(_name(one), *(_false(one.on(part)) for part in parts))
         yield table
 
 
@@ -77,7 +78,7 @@ def _tabulate_effect_scores(study: str, rows: Sequence[LeaderboardRow]) -> Table
         table.add_column(head)
     for row in rows:
         table.add_row(
-            row.detector, _share(row.effect_recall), _share(row.recall), _share(row.effect_by_chance),
+            _name(row), _share(row.effect_recall), _share(row.recall), _share(row.effect_by_chance),
             _rate(row.effect_median_delay_s), _rate(row.effect_hostile_false_per_h), _rate(row.hostile_false_per_h),
         )  # fmt: skip
     return table
@@ -110,7 +111,15 @@ def _describe(files: Sequence[ScoreFile]) -> str:
         told.append(f"The test split has {on.runs} runs in {on.clusters} independent clusters.")
     if first.repeated_runs:
         told.append(f"{first.repeated_runs} runs are the same flight as another one, and do not count.")
+    lacks = {one.detector: one.reduced for file in files for one in file.detectors if one.reduced}
+    if lacks:
+        told.append(f"{_REDUCED}: not the method as published. " + " ".join(f"{one}: {lacks[one]}." for one in lacks))
     return "\n".join(told)
+
+
+def _name(of: LeaderboardRow | DetectorScore) -> str:
+    """The name of a detector, with a mark if it is reduced."""
+    return f"{of.detector}\n({_REDUCED})" if of.reduced else of.detector
 
 
 def _rate_with_limits(row: LeaderboardRow) -> str:

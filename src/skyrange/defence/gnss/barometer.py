@@ -9,9 +9,9 @@ from math import exp, isfinite, sqrt
 from typing import Final, NamedTuple
 
 import skyrange.plugin as sky
+from skyrange.defence import data_sheets
 from skyrange.defence.fix_guard import NewFixes
 from skyrange.defence.gnss.gates import normal_gate
-from skyrange.world.sensing import sensor_errors as errors
 
 WINDOWS: Final = (1, 25, 100)
 """Intervals of fixes over which changes of height are compared: 0.2, 5 and 20 s."""
@@ -35,6 +35,7 @@ _GAP_S: Final = 5.0
     realism={
         "pressure error by airflow": "assumed: none in the range; pressure_error_m allows for one",
         "barometer's weather drift": "assumed: 1 m in half an hour",
+        "barometer's drift by temperature": "assumed: none; [sensors] warming_k makes one that the check does not know",
     },
 )
 class BarometerCheck(sky.FixCheck):
@@ -46,17 +47,27 @@ class BarometerCheck(sky.FixCheck):
         default=0.5, ge=0, le=100,
     )  # fmt: skip
     baro_noise_m: sky.Number = sky.param(
-        "Noise of a reading of the barometer, one sigma, in metres.", default=errors.BARO_NOISE_M, gt=0, le=10
+        "Noise of a reading of the barometer, one sigma, in metres.", default=data_sheets.BARO_NOISE_M, gt=0, le=10
     )
     weather_m: sky.Number = sky.param(
-        "Drift of the barometer by weather, one sigma, in metres.", default=errors.BARO_DRIFT_M, ge=0, le=100
+        "Drift of the barometer by weather, one sigma, in metres.", default=data_sheets.WEATHER_M, ge=0, le=100
+    )
+    weather_s: sky.Number = sky.param(
+        "Correlation time of that drift in seconds.", default=data_sheets.WEATHER_S, gt=0, le=1e6
     )
     wander_up_m: sky.Number = sky.param(
         "Slow error of the height of a fix under an open sky, one sigma, in metres.",
-        default=errors.GNSS_WANDER_UP_M, gt=0, le=100,
+        default=data_sheets.WANDER_UP_M, gt=0, le=100,
+    )  # fmt: skip
+    wander_s: sky.Number = sky.param(
+        "Correlation time of that error in seconds.", default=data_sheets.WANDER_S, gt=0, le=3_600
+    )
+    white_m: sky.Number = sky.param(
+        "Error of the height of a fix that the next one does not share, one sigma, in metres.",
+        default=data_sheets.WHITE_M, ge=0, le=10,
     )  # fmt: skip
     speed_mps: sky.Number = sky.param(
-        "Error of the receiver's climb rate, one sigma, in m/s.", default=errors.GNSS_SPEED_MPS, gt=0, le=10
+        "Error of the receiver's climb rate, one sigma, in m/s.", default=data_sheets.SPEED_MPS, gt=0, le=10
     )
     slow: bool = True
     fixes: NewFixes
@@ -88,7 +99,7 @@ class BarometerCheck(sky.FixCheck):
 def claimed_over_usual(sensors: sky.Sensors, row: int) -> float:
     """By how much the receiver claims to be worse than under an open sky, in height or speed; at least 1."""
     _, height_m, speed_mps = sensors.gnss_accuracy[row].tolist()
-    ratios = (height_m / errors.GNSS_ACCURACY[1], speed_mps / errors.GNSS_ACCURACY[2])
+    ratios = (height_m / data_sheets.CLAIMED[1], speed_mps / data_sheets.CLAIMED[2])
     return max([1.0, *(float(ratio) for ratio in ratios if isfinite(ratio))])
 
 
@@ -114,19 +125,19 @@ class HeightErrors:
     def of_barometer(self, seconds: float) -> float:
         """Variance of the change of the barometer's error in so many seconds, m²."""
         one = self.params
-        weather = 2.0 * one.weather_m**2 * (1.0 - exp(-seconds / errors.BARO_DRIFT_S))
+        weather = 2.0 * one.weather_m**2 * (1.0 - exp(-seconds / one.weather_s))
         return 2.0 * one.baro_noise_m**2 + weather + one.pressure_error_m**2
 
     def of_height(self, seconds: float, accuracy: float) -> float:
         """One sigma of the change of GNSS height minus barometer, metres."""
-        wander = 2.0 * self.params.wander_up_m**2 * (1.0 - exp(-seconds / errors.GNSS_WANDER_S))
-        white = 2.0 * errors.GNSS_WHITE_M**2
-        worse = 2.0 * (accuracy**2 - 1.0) * errors.GNSS_ACCURACY[1] ** 2
+        wander = 2.0 * self.params.wander_up_m**2 * (1.0 - exp(-seconds / self.params.wander_s))
+        white = 2.0 * self.params.white_m**2
+        worse = 2.0 * (accuracy**2 - 1.0) * data_sheets.CLAIMED[1] ** 2
         return sqrt(wander + white + worse + self.of_barometer(seconds))
 
     def of_climb(self, seconds: float, accuracy: float) -> float:
         """One sigma of the integral of the climb rate minus the change of the barometer, metres."""
-        interval_s = errors.GNSS_PERIOD_NS / sky.NS_PER_S
+        interval_s = data_sheets.FIX_S
         integral = (accuracy * self.params.speed_mps) ** 2 * interval_s * max(seconds, interval_s)
         return sqrt(integral + self.of_barometer(seconds))
 

@@ -17,11 +17,11 @@ from typing import Final
 import numpy as np
 
 import skyrange.plugin as sky
+from skyrange.defence import data_sheets
 from skyrange.defence.bases.fix_checks import FIXES_PER_H
 from skyrange.defence.fix_guard import NewFixes
 from skyrange.defence.gnss.dead_reckoning import ALIGN_STEPS, DeadReckoning
 from skyrange.defence.gnss.gates import chi_square_gate, cusum_gate
-from skyrange.world.sensing import sensor_errors as errors
 from skyrange.world.sensing.geomagnetism import magnetic_field_at
 
 _GRAVITY: Final = 9.80665
@@ -32,11 +32,8 @@ _WINDOW: Final = 25
 _SHIFT: Final = 0.5
 """The shift of the mean that the CUSUM is made for, in standard deviations of an innovation."""
 _TESTS: Final = 3
-_IMU_S: Final = errors.IMU_PERIOD_NS / sky.NS_PER_S
-_GYRO_NOISE: Final = (errors.GYRO_FLOOR_RADPS + errors.GYRO_MOTORS_RADPS) ** 2 * _IMU_S
-"""rad²/s at full throttle."""
-_GYRO_REST: Final = errors.GYRO_FLOOR_RADPS**2 / ALIGN_STEPS * 60.0
-"""rad²/s: what the calibration at rest leaves of a bias, as a random walk that reaches the same in a minute."""
+_BIAS_S: Final = 60.0
+"""A bias of a gyroscope that calibration at rest leaves is a random walk that reaches the same in a minute."""
 _YAW_RAD: Final = 0.05
 """One sigma of the heading at rest: 5 mgauss over a level field of 0.2 gauss, and a degree of declination."""
 P, V, A, B, W = (slice(first, first + 3) for first in (0, 3, 6, 9, 12))
@@ -68,8 +65,10 @@ class Gates:
     evasion="drifts at 0.25 m/s from the first false fix on, or lets the false velocity grow by 0.1 m/s in a second",
     cost="a filter of 15 states for each fix; a false alarm with action = 'reject' lands the aircraft",
     realism={
-        "inertial sensors": "simulated: noise and a bias that is constant during a run",
-        "bias by temperature and vibration": "assumed: none; with it the gates have to be wider",
+        "inertial sensors": "simulated: noise, and a bias that is constant unless [sensors] has warming_k or "
+        "instability, which the check does not know",
+        "bias by vibration": "assumed: none; with it the gates have to be wider",
+        "the Earth's field": "assumed: that of the world's model, exactly",
     },
 )
 class InnovationCheck(sky.FixCheck):
@@ -85,22 +84,35 @@ class InnovationCheck(sky.FixCheck):
     wander_m: sky.Number = sky.param(
         "Slow error of a fix under an open sky along a level axis, one sigma, in metres; 1.27 is 1.5 m circular error "
         "probable (data sheet of the u-blox SAM-M10Q). 1.5 times that in height.",
-        default=errors.GNSS_WANDER_M, gt=0, le=100,
+        default=data_sheets.WANDER_M, gt=0, le=100,
     )  # fmt: skip
     wander_s: sky.Number = sky.param(
-        "Correlation time of that error in seconds.", default=errors.GNSS_WANDER_S, gt=0, le=3_600
+        "Correlation time of that error in seconds.", default=data_sheets.WANDER_S, gt=0, le=3_600
     )
     speed_mps: sky.Number = sky.param(
         "Error of the receiver's velocity along an axis, one sigma, in m/s (same data sheet).",
-        default=errors.GNSS_SPEED_MPS, gt=0, le=10,
+        default=data_sheets.SPEED_MPS, gt=0, le=10,
     )  # fmt: skip
     accel_bias_mps2: sky.Number = sky.param(
         "Bias of an accelerometer after calibration, one sigma, in m/s²; 0.05 is 5 mg.",
-        default=errors.ACCEL_BIAS_MPS2, gt=0, le=5,
+        default=data_sheets.ACCEL_BIAS_MPS2, gt=0, le=5,
     )  # fmt: skip
     accel_noise_mps2: sky.Number = sky.param(
         "Noise of an accelerometer at 100 Hz and full throttle, one sigma, in m/s².",
-        default=errors.ACCEL_FLOOR_MPS2 + errors.ACCEL_MOTORS_MPS2, gt=0, le=50,
+        default=data_sheets.ACCEL_FLIGHT_MPS2, gt=0, le=50,
+    )  # fmt: skip
+    gyro_noise_radps: sky.Number = sky.param(
+        "Noise of a gyroscope at 100 Hz and full throttle, one sigma, in rad/s.",
+        default=data_sheets.GYRO_FLIGHT_RADPS, gt=0, le=1,
+    )  # fmt: skip
+    gyro_bias_radps: sky.Number = sky.param(
+        "Bias of a gyroscope that calibration at rest leaves or that comes within a minute, one sigma, in rad/s; the "
+        "default is the noise at rest over a second of samples.",
+        default=data_sheets.GYRO_REST_RADPS / ALIGN_STEPS**0.5, gt=0, le=1,
+    )  # fmt: skip
+    white_m: sky.Number = sky.param(
+        "Error of a fix that the next one does not share, one sigma, in metres.",
+        default=data_sheets.WHITE_M, ge=0, le=10,
     )  # fmt: skip
     slow: bool = True
     gates: Gates
@@ -114,6 +126,11 @@ class InnovationCheck(sky.FixCheck):
         self.gates, self.fixes = self.find_gates(), NewFixes(count)
         self.reckoning = DeadReckoning(count, magnetic_field_at(context.origin))
         self.filters, self.fused_ns = [ErrorFilter(self) for _ in self.vehicles], [0] * count
+
+    @property
+    def gyro_walk(self) -> float:
+        """Growth of the variance of attitude, in rad²/s."""
+        return self.gyro_noise_radps**2 * data_sheets.IMU_S + self.gyro_bias_radps**2 * _BIAS_S
 
     def find_gates(self) -> Gates:
         """Gates that noise alone passes once in `false_alarm_h`, shared by the tests."""
@@ -218,7 +235,7 @@ class ErrorFilter:
 
     @property
     def _wander(self) -> sky.Floats:
-        return self.params.wander_m * np.array([1.0, 1.0, errors.GNSS_WANDER_UP_M / errors.GNSS_WANDER_M])
+        return self.params.wander_m * np.array([1.0, 1.0, data_sheets.WANDER_UP_M / data_sheets.WANDER_M])
 
     def start(
         self, time: sky.Time, position: sky.Floats, force: sky.Floats, rotation: sky.Floats, attitude: sky.Floats
@@ -276,8 +293,8 @@ class ErrorFilter:
             cross = np.array([[0, push[2], -push[1]], [-push[2], 0, push[0]], [push[1], -push[0], 0]])
             move[V, A], move[V, B] = cross, -turned
             move[P, V], move[P, A], move[P, B] = dt_s * np.eye(3), 0.5 * dt_s * cross, -0.5 * dt_s * turned
-            noise[V] = self.params.accel_noise_mps2**2 * _IMU_S * dt_s
-            noise[A] = (_GYRO_NOISE + _GYRO_REST) * dt_s
+            noise[V] = self.params.accel_noise_mps2**2 * data_sheets.IMU_S * dt_s
+            noise[A] = self.params.gyro_walk * dt_s
         self.state = move @ self.state
         self.covariance = move @ self.covariance @ move.T + np.diag(noise)
 
@@ -288,10 +305,10 @@ class ErrorFilter:
 
         Where the receiver claims a worse accuracy than under an open sky, its noise is so much larger.
         """
-        usual = np.array(errors.GNSS_ACCURACY)
+        usual = np.array(data_sheets.CLAIMED)
         claimed = np.clip(np.nan_to_num(accuracy, nan=np.inf), usual, _WORST * usual) / usual
-        worse = (claimed[:2] ** 2 - 1.0) * np.array(errors.GNSS_ACCURACY[:2]) ** 2
-        position = errors.GNSS_WHITE_M**2 + np.array([worse[0], worse[0], worse[1]])
+        worse = (claimed[:2] ** 2 - 1.0) * np.array(data_sheets.CLAIMED[:2]) ** 2
+        position = self.params.white_m**2 + np.array([worse[0], worse[0], worse[1]])
         velocity = np.full(3, (self.params.speed_mps * claimed[2]) ** 2)
         seen = _OBSERVED
         spread = seen @ self.covariance @ seen.T + np.diag(np.concatenate([velocity, position]))

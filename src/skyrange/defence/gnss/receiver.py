@@ -10,11 +10,11 @@ from statistics import median
 from typing import ClassVar, Final
 
 import skyrange.plugin as sky
+from skyrange.defence import data_sheets
 from skyrange.defence.fix_guard import LEAST_INTERVAL_NS
 from skyrange.defence.gnss.gates import normal_gate
-from skyrange.world.sensing import sensor_errors as errors
 
-_FIX_3D: Final = errors.FIX_3D
+_FIX_3D: Final = data_sheets.FIX_3D
 _FUTURE_NS: Final = 20 * sky.NS_PER_MS
 _USUAL: Final = 150
 """Fixes whose median is the usual accuracy and count of satellites: 30 s."""
@@ -52,7 +52,7 @@ class ReceiverCheck(sky.FixCheck):
     )  # fmt: skip
     lost_s: sky.Number = sky.param(
         "Time in seconds without a new fix that raises an alarm; receivers lose it for up to 3 s at times.",
-        default=errors.OUTAGE_MAX_S + 1.0, gt=0, le=3_600,
+        default=data_sheets.LOST_S + 1.0, gt=0, le=3_600,
     )  # fmt: skip
     worse: sky.Number = sky.param(
         "Factor by which claimed accuracy gets worse, or satellites get fewer, against the last 30 s that raises an "
@@ -67,6 +67,10 @@ class ReceiverCheck(sky.FixCheck):
     speed_max_mps: sky.Number = sky.param(
         "Largest ground speed of the aircraft in m/s, wind included.", default=25.0, gt=0, le=500
     )
+    wander_up_m: sky.Number = sky.param(
+        "Slow error of the height of a fix under an open sky, one sigma, in metres, by which a place is judged.",
+        default=data_sheets.WANDER_UP_M, gt=0, le=100,
+    )  # fmt: skip
     receivers: list[Receiver]
 
     def prepare(self, context: sky.DefenceContext) -> None:
@@ -179,8 +183,8 @@ class Receiver:
         gap_s = (time - self._time_ns) / sky.NS_PER_S
         expected = [at + rate * gap_s for at, rate in zip(self._place, self._velocity, strict=True)]
         reach_m = min(0.5 * self.params.accel_mps2 * gap_s**2, 2.0 * self.params.speed_max_mps * gap_s)
-        worse = max(claimed_m / errors.GNSS_ACCURACY[0], 1.0)
-        sigma = sqrt(2.0) * worse * errors.GNSS_WANDER_UP_M
+        worse = max(claimed_m / data_sheets.CLAIMED[0], 1.0)
+        sigma = sqrt(2.0) * worse * self.params.wander_up_m
         score = dist(place, expected) / (reach_m + self.gate * sigma)
         return ("receiver.jump", score) if score > 1.0 else ("", 0.0)
 

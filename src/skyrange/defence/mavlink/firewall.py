@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot
+from math import hypot, isfinite
 from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -16,6 +16,7 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.defence.bases.link_ends import role_of
 from skyrange.defence.placement import inspects_forward
+from skyrange.defence.station_profiles import PROFILES
 
 _SCALE: Final = 1e7
 """Degrees of latitude and longitude are sent as whole numbers of 1e-7 degrees."""
@@ -23,6 +24,24 @@ _OF_COMPANION: Final = ("OPEN_DRONE_ID_ARM_STATUS",)
 """What a companion tells the autopilot about Remote ID; it passes no end of a gcs link."""
 _BURST_S: Final = 1.0
 """A burst of as many frames as the rate allows in this time passes."""
+_PLACED: Final = frozenset(number for number, entry in mav.enums["MAV_CMD"].items() if entry.has_location)
+"""Commands whose parameters 5 and 6 are a latitude and a longitude (`hasLocation` of the dialect's XML)."""
+_UPLOADS: Final = frozenset(
+    {
+        mav.MAVLINK_MSG_ID_MISSION_COUNT,
+        mav.MAVLINK_MSG_ID_MISSION_ITEM,
+        mav.MAVLINK_MSG_ID_MISSION_ITEM_INT,
+        mav.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST,
+        mav.MAVLINK_MSG_ID_MISSION_CLEAR_ALL,
+    }
+)
+_GUIDED: Final = (2, 3)
+"""`current` of a mission item that is flown to at once and not stored (GCS_MAVLINK::handle_mission_item)."""
+_FTP_READS: Final = frozenset({0, 1, 2, 3, 4, 5, 14, 15})
+"""Operations of MAVFTP that change no file: None, TerminateSession, ResetSessions, ListDirectory, OpenFileRO, ReadFile,
+CalcFileCRC32 and BurstReadFile (mavlink.io, File Transfer Protocol, OpCodes)."""
+_FTP_OPCODE: Final = 3
+"""Place of the operation in the payload of FILE_TRANSFER_PROTOCOL."""
 
 
 def _commands(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -55,17 +74,20 @@ _Texts = Annotated[tuple[str, ...], BeforeValidator(sky.items, json_schema_input
         "firewall.command",
         "firewall.mode",
         "firewall.mission",
+        "firewall.parameter",
         "firewall.place",
         "firewall.rate",
     ),
     against=("mavlink.*", "link.flood", "identity.*", "companion.takeover", "signing.*"),
-    evasion="commands what is allowed: AUTO, RTL, or a place within reach",
+    evasion="commands what is allowed: AUTO, RTL, or a place within reach; with the profile of a real station also "
+    "sets parameters or home, or moves sticks",
     cost="reads each frame once; no frame and no delay is added",
 )
 class Firewall(sky.EndTap):
     """Drops frames towards the aircraft whose message, command, mode, place or rate is not allowed.
 
-    The defaults are what a ground station needs to fly a plan and to end it.
+    `profile` is the ground station whose messages, commands and modes pass; without it these are what the station of
+    the range needs to fly a plan and to end it. Lists that are given replace those of the profile.
     """
 
     inspects = staticmethod(inspects_forward)
@@ -75,23 +97,23 @@ class Firewall(sky.EndTap):
         "commands of the companion pass too.",
         default="companion",
     )
-    messages: Annotated[Messages, Field(min_length=1)] = sky.param(
-        "Messages that pass; at the proxy also OPEN_DRONE_ID_ARM_STATUS, which the companion sends. mission.hash sends "
-        "its hashes as TUNNEL.",
-        default=(
-            "HEARTBEAT", "COMMAND_LONG", "MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_REQUEST_LIST",
-            "MISSION_REQUEST_INT", "MISSION_ACK", "SET_POSITION_TARGET_GLOBAL_INT", "TIMESYNC", "TUNNEL",
-        ),
-    )  # fmt: skip
-    commands: Annotated[_Texts, AfterValidator(_commands)] = sky.param(
-        "Commands that pass in COMMAND_LONG and COMMAND_INT, by the names of MAV_CMD without MAV_CMD_.",
-        default=(
-            "SET_MESSAGE_INTERVAL", "REQUEST_MESSAGE", "DO_SET_MODE", "COMPONENT_ARM_DISARM", "MISSION_START",
-            "NAV_RETURN_TO_LAUNCH", "NAV_LAND", "NAV_TAKEOFF", "DO_CHANGE_SPEED",
-        ),
-    )  # fmt: skip
-    modes: Annotated[_Texts, AfterValidator(_modes)] = sky.param(
-        "Flight modes that may be set.", default=("GUIDED", "AUTO", "RTL", "SMART_RTL", "LAND", "BRAKE")
+    profile: Literal["range", "qgroundcontrol", "mission_planner", "mavproxy"] = sky.param(
+        "Ground station whose messages, commands and modes pass: that of the range, or what QGroundControl, Mission "
+        "Planner or MAVProxy send in flight.",
+        default="range",
+    )
+    messages: Annotated[Messages, Field(min_length=1)] | None = sky.param(
+        "Messages that pass, instead of those of the profile; at the proxy also OPEN_DRONE_ID_ARM_STATUS, which the "
+        "companion sends. mission.hash sends its hashes as TUNNEL.",
+        default=None,
+    )
+    commands: Annotated[_Texts, AfterValidator(_commands)] | None = sky.param(
+        "Commands that pass in COMMAND_LONG and COMMAND_INT, instead of those of the profile, by the names of MAV_CMD "
+        "without MAV_CMD_.",
+        default=None,
+    )
+    modes: Annotated[_Texts, AfterValidator(_modes)] | None = sky.param(
+        "Flight modes that may be set, instead of those of the profile.", default=None
     )
     disarm_in_flight: bool = sky.param(
         "Whether a command to disarm passes while the aircraft is armed.", default=False, strict=True
@@ -99,6 +121,10 @@ class Firewall(sky.EndTap):
     mission_in_flight: bool = sky.param(
         "Whether mission items pass while the aircraft is armed.", default=False, strict=True
     )
+    parameters_in_flight: bool = sky.param(
+        "Whether PARAM_SET, and operations of MAVFTP that change files, pass while the aircraft is armed.",
+        default=True, strict=True,
+    )  # fmt: skip
     reach_m: sky.Number = sky.param(
         "Largest horizontal distance in metres from the aircraft's start of a place that is commanded.",
         default=2_000.0, gt=0, le=1_000_000,
@@ -111,16 +137,23 @@ class Firewall(sky.EndTap):
     allowed: frozenset[int]
     """Numbers of the commands that pass."""
     mode_numbers: frozenset[int]
+    guided_items: bool
+    """Whether an item that is flown to at once passes while the aircraft is armed."""
     origin: sky.Origin
     start_m: tuple[float, float]
     allowance: float = 0.0
     filled_ns: sky.Time = -sky.NS_PER_S
 
     def prepare(self, context: sky.DefenceContext) -> None:
-        names = (*self.messages, *(_OF_COMPANION if self.at == "proxy" else ()))
+        station = PROFILES[self.profile]
+        messages = station.messages if self.messages is None else self.messages
+        commands = station.commands if self.commands is None else self.commands
+        modes = station.modes if self.modes is None else self.modes
+        names = (*messages, *(_OF_COMPANION if self.at == "proxy" else ()))
         self.numbers = frozenset(MESSAGE_NUMBERS[name] for name in names)
-        self.allowed = frozenset(COMMANDS[name] for name in self.commands)
-        self.mode_numbers = frozenset(COPTER_MODE_NUMBERS[name] for name in self.modes)
+        self.allowed = frozenset(COMMANDS[name] for name in commands)
+        self.mode_numbers = frozenset(COPTER_MODE_NUMBERS[name] for name in modes)
+        self.guided_items = station.guided_items
         self.origin = context.origin
 
     def find_end(self) -> tuple[str, str]:
@@ -171,33 +204,63 @@ class Firewall(sky.EndTap):
             return "firewall.message", f"malformed message {number}"
         if number in (mav.MAVLINK_MSG_ID_COMMAND_LONG, mav.MAVLINK_MSG_ID_COMMAND_INT):
             return self._find_command_problem(message)
-        uploads = number in (mav.MAVLINK_MSG_ID_MISSION_ITEM_INT, mav.MAVLINK_MSG_ID_MISSION_COUNT)
-        if uploads and self.armed and not self.mission_in_flight:
-            return "firewall.mission", "a mission while armed"
-        if number == mav.MAVLINK_MSG_ID_MISSION_ITEM_INT and message.frame != mav.MAV_FRAME_MISSION:
-            return self._find_reach_problem(message.x, message.y)
+        if number in _UPLOADS:
+            return self._find_upload_problem(message)
+        if number == mav.MAVLINK_MSG_ID_SET_MODE:
+            return self._find_mode_problem(message.custom_mode)
         if number == mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT:
-            return self._find_reach_problem(message.lat_int, message.lon_int)
+            return self._find_reach_problem(message.lat_int / _SCALE, message.lon_int / _SCALE)
+        if self.armed and not self.parameters_in_flight:
+            return _find_setting(number, message)
         return None
+
+    def _find_upload_problem(self, message: sky.MavlinkMessage) -> tuple[str, str] | None:
+        number = message.get_msgId()
+        is_item = number in (mav.MAVLINK_MSG_ID_MISSION_ITEM, mav.MAVLINK_MSG_ID_MISSION_ITEM_INT)
+        at_once = is_item and self.guided_items and message.current in _GUIDED
+        if self.armed and not self.mission_in_flight and not at_once:
+            return "firewall.mission", "a mission while armed"
+        if not is_item or message.frame == mav.MAV_FRAME_MISSION:
+            return None
+        scale = _SCALE if number == mav.MAVLINK_MSG_ID_MISSION_ITEM_INT else 1.0
+        return self._find_reach_problem(message.x / scale, message.y / scale)
+
+    def _find_mode_problem(self, mode: float) -> tuple[str, str] | None:
+        return None if mode in self.mode_numbers else ("firewall.mode", f"mode {mode:g}")
 
     def _find_command_problem(self, message: sky.MavlinkMessage) -> tuple[str, str] | None:
         command = message.command
         if command not in self.allowed:
             return "firewall.command", f"command {command}"
-        if command == mav.MAV_CMD_DO_SET_MODE and message.param2 not in self.mode_numbers:
-            return "firewall.mode", f"mode {message.param2:g}"
+        if command == mav.MAV_CMD_DO_SET_MODE and (problem := self._find_mode_problem(message.param2)):
+            return problem
         disarms = command == mav.MAV_CMD_COMPONENT_ARM_DISARM and not message.param1
         if disarms and self.armed and not self.disarm_in_flight:
             return "firewall.command", "disarm while armed"
-        if message.get_msgId() == mav.MAVLINK_MSG_ID_COMMAND_INT:
-            return self._find_reach_problem(message.x, message.y)
-        return None
-
-    def _find_reach_problem(self, latitude_e7: int, longitude_e7: int) -> tuple[str, str] | None:
-        if not latitude_e7 and not longitude_e7:  # no place: as of a command at the aircraft's own
+        if command not in _PLACED:  # QGroundControl sends NaN times 1e7 where a command has no place
             return None
-        east_m, north_m = self.origin.enu_of(latitude_e7 / _SCALE, longitude_e7 / _SCALE)
+        if message.get_msgId() == mav.MAVLINK_MSG_ID_COMMAND_INT:
+            return self._find_reach_problem(message.x / _SCALE, message.y / _SCALE)
+        return self._find_reach_problem(message.param5, message.param6)
+
+    def _find_reach_problem(self, latitude: float, longitude: float) -> tuple[str, str] | None:
+        if not latitude and not longitude:  # no place: as of a command at the aircraft's own
+            return None
+        if isfinite(latitude) != isfinite(longitude) or abs(latitude) > 90.0 or abs(longitude) > 180.0:
+            return "firewall.place", f"a place at {latitude:g}, {longitude:g}"
+        if not isfinite(latitude):
+            return None
+        east_m, north_m = self.origin.enu_of(latitude, longitude)
         away_m = hypot(east_m - self.start_m[0], north_m - self.start_m[1])
         if away_m <= self.reach_m:
             return None
         return "firewall.place", f"a place {away_m:.0f} m away"
+
+
+def _find_setting(number: int, message: sky.MavlinkMessage) -> tuple[str, str] | None:
+    """What a message alters that is stored: a parameter, or a file by MAVFTP."""
+    if number == mav.MAVLINK_MSG_ID_PARAM_SET:
+        return "firewall.parameter", "a parameter while armed"
+    if number == mav.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL and message.payload[_FTP_OPCODE] not in _FTP_READS:
+        return "firewall.parameter", f"a file while armed, by operation {message.payload[_FTP_OPCODE]}"
+    return None

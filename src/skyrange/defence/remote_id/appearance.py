@@ -9,8 +9,18 @@ from typing import ClassVar, Final
 import skyrange.plugin as sky
 from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.receptions import Claim, Finding, Held, Sender
+from skyrange.defence.remote_id.knowledge import (
+    Shift,
+    assumed_decorrelation,
+    assumed_k,
+    assumed_missing,
+    assumed_shadowing,
+    assumed_shift,
+    channel_of,
+    map_of,
+)
 from skyrange.defence.remote_id.signal import ErrorRate, is_in_sight
-from skyrange.defence.remote_id.strength_test import FADING_DB, distance_m, free_space_loss_db, shadowing_db
+from skyrange.defence.remote_id.strength_test import distance_m, free_space_loss_db
 
 KIND: Final = "remote_id.appearance"
 SENSITIVITY_DBM: Final = -92.0
@@ -62,12 +72,17 @@ class AppearanceCheck(BroadcastJudge):
         "flight is believed after it.",
         default=60.0, ge=0, le=86_400,
     )  # fmt: skip
+    rician_k_db: sky.Number = assumed_k()
+    decorrelation_m: sky.Number = assumed_decorrelation()
+    shadowing_db: sky.Number | None = assumed_shadowing()
+    map_shift_m: Shift = assumed_shift()
+    map_missing: sky.Number = assumed_missing()
     city: sky.City | None
     known: Held = sky.state(Held)
     """By `Sender` without an address if it has an id: the finding and when it ends, or True."""
 
     def prepare(self, context: sky.DefenceContext) -> None:
-        self.city = context.city
+        self.city = map_of(self, context)
 
     @property
     def broadcasts(self) -> int:
@@ -110,6 +125,7 @@ class AppearanceCheck(BroadcastJudge):
     def _in_reach(self, here: tuple[float, float, float], there: tuple[float, float, float]) -> bool:
         if there[2] < TAKE_OFF_M:
             return False
-        spread = (shadowing_db(min(here[2], there[2])) ** 2 + FADING_DB**2) ** 0.5
+        channel = channel_of(self)
+        spread = (channel.shadowing_db(min(here[2], there[2])) ** 2 + channel.fading_db**2) ** 0.5
         strength = self.power_dbm - free_space_loss_db(distance_m(here, there))
         return strength >= SENSITIVITY_DBM + MARGIN * spread and is_in_sight(self.city, here, there)

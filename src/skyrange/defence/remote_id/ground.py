@@ -15,6 +15,16 @@ from skyrange.attack.declaration import Acting
 from skyrange.defence.bases.receptions import TapOf
 from skyrange.defence.placement import Alarm
 from skyrange.defence.receptions import Held, Reader, Sender
+from skyrange.defence.remote_id.knowledge import (
+    Shift,
+    assumed_decorrelation,
+    assumed_k,
+    assumed_missing,
+    assumed_shadowing,
+    assumed_shift,
+    channel_of,
+    map_of,
+)
 from skyrange.defence.remote_id.signal import ErrorRate, PowerLimits, doubt_m, is_usable
 from skyrange.defence.remote_id.strength_test import StrengthTest
 from skyrange.radio.ground_receptions import Reception, ReceptionReport, decode, encode
@@ -52,6 +62,11 @@ class GroundCheck(Acting):
     false_alarm: ErrorRate = sky.param(
         "Largest probability that an honest sender in sight is ever rejected by one station.", default=0.001
     )
+    rician_k_db: sky.Number = assumed_k()
+    decorrelation_m: sky.Number = assumed_decorrelation()
+    shadowing_db: sky.Number | None = assumed_shadowing()
+    map_shift_m: Shift = assumed_shift()
+    map_missing: sky.Number = assumed_missing()
     city: sky.City | None
     reader: Reader
     own: Mapping[str, GroundReceiver]
@@ -60,7 +75,7 @@ class GroundCheck(Acting):
     held: Held = sky.state(Held)
 
     def prepare(self, context: sky.DefenceContext) -> None:
-        self.city, self.reader = context.city, Reader(context.origin)
+        self.city, self.reader = map_of(self, context), Reader(context.origin)
 
     def build(self, context: sky.DefenceContext) -> sky.Defence:
         """Taps. Raises `InputError` where nobody has receivers on the ground, or a named operator has none."""
@@ -138,7 +153,7 @@ class GroundCheck(Acting):
     def _test_of(self, sender: Sender) -> StrengthTest:
         test = self.held.touch(sender)
         if not isinstance(test, StrengthTest):
-            test = StrengthTest((self.legal_dbm[0], self.legal_dbm[1]))
+            test = StrengthTest((self.legal_dbm[0], self.legal_dbm[1]), channel_of(self))
             self.held.put(sender, test)
         return test
 

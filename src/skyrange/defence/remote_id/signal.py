@@ -11,8 +11,17 @@ from pydantic import AfterValidator, BeforeValidator, Field
 import skyrange.plugin as sky
 from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.receptions import UNKNOWN_M, Claim, Finding, Held, Place, Sender
-from skyrange.defence.remote_id.strength_test import FREQUENCY_MHZ, StrengthTest, distance_m
-from skyrange.radio.propagation.path_loss import wavelength_m
+from skyrange.defence.remote_id.knowledge import (
+    Shift,
+    assumed_decorrelation,
+    assumed_k,
+    assumed_missing,
+    assumed_shadowing,
+    assumed_shift,
+    channel_of,
+    map_of,
+)
+from skyrange.defence.remote_id.strength_test import WAVELENGTH_M, StrengthTest, distance_m
 
 KIND: Final = "remote_id.signal"
 
@@ -44,7 +53,7 @@ ErrorRate = Annotated[sky.Number, Field(gt=0, lt=1)]
     realism={
         "signal strength": "simulated",
         "antennas": "assumed: isotropic, which strengths at low elevation come near to",
-        "building map": "assumed: the receiver has the range's own",
+        "building map": "assumed: the receiver has the range's own, unless map_shift_m or map_missing say otherwise",
     },
 )
 class SignalCheck(BroadcastJudge):
@@ -63,17 +72,22 @@ class SignalCheck(BroadcastJudge):
     false_alarm: ErrorRate = sky.param(
         "Largest probability that an honest sender in sight is ever rejected by one receiver.", default=0.001
     )
+    rician_k_db: sky.Number = assumed_k()
+    decorrelation_m: sky.Number = assumed_decorrelation()
+    shadowing_db: sky.Number | None = assumed_shadowing()
+    map_shift_m: Shift = assumed_shift()
+    map_missing: sky.Number = assumed_missing()
     city: sky.City | None
     held: Held = sky.state(Held)
 
     def prepare(self, context: sky.DefenceContext) -> None:
-        self.city = context.city
+        self.city = map_of(self, context)
 
     def judge(self, now: sky.Time, sender: Sender, claim: Claim | None) -> Sequence[sky.Verdict]:
         """Add the strength to the sender's test, and drop the broadcast while the claim is rejected."""
         test = self.held.touch(sender)
         if not isinstance(test, StrengthTest):
-            test = StrengthTest((self.legal_dbm[0], self.legal_dbm[1]))
+            test = StrengthTest((self.legal_dbm[0], self.legal_dbm[1]), channel_of(self))
             self.held.put(sender, test)
         if claim is not None:
             self._add(test, self.own.place_at(now), claim)
@@ -108,7 +122,7 @@ def is_usable(city: sky.City | None, a: Place, b: Place, off_m: float) -> bool:
 
 def is_in_sight(city: sky.City | None, a: Place, b: Place, off_m: float = 0.0) -> bool:
     """Whether no building is in the way, nor within 0.6 of the first Fresnel zone and `off_m` on top."""
-    clear_m = 0.3 * (wavelength_m(FREQUENCY_MHZ) * distance_m(a, b)) ** 0.5
+    clear_m = 0.3 * (WAVELENGTH_M * distance_m(a, b)) ** 0.5
     return city is None or city.is_clear([a, b], clear_m + off_m)
 
 

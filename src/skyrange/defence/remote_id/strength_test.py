@@ -24,15 +24,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.defence.receptions import Place
-from skyrange.radio.propagation.fading import LOS_DECORRELATION_M, RICIAN_K
-from skyrange.radio.propagation.path_loss import MIN_DISTANCE_M, wavelength_m
 
 Floats = NDArray[np.float64]
-CELL_M: Final = LOS_DECORRELATION_M / 0.63
-FADING_DB: Final = 10.0 / log(10.0) * sqrt(1.0 + 2.0 * RICIAN_K) / (1.0 + RICIAN_K)
+RICIAN_K_DB: Final = 12.0
+"""Matolak & Sun 2017, air to ground near a city."""
+DECORRELATION_M: Final = 10.0
+"""TR 38.901 table 7.5-6, UMi in sight."""
+_LIGHT_MPS: Final = 299_792_458.0
+_LEAST_M: Final = 0.5
+"""Shorter distances have the loss of this one: free space holds in the far field alone."""
 FREQUENCY_MHZ: Final = 2437.0
 """Wi-Fi channel 6; Bluetooth at 2.402 to 2.480 GHz differs by 0.15 dB at most."""
-_CONSTANT_DB: Final = 20.0 * log10(4.0 * pi / wavelength_m(FREQUENCY_MHZ))
+WAVELENGTH_M: Final = _LIGHT_MPS / (FREQUENCY_MHZ * 1e6)
+_CONSTANT_DB: Final = 20.0 * log10(4.0 * pi / WAVELENGTH_M)
 _RADII_M: Final = (20.0, 40.0, 80.0, 160.0, 320.0, 640.0)
 _BEARINGS: Final = 12
 _HEIGHT_M: Final = 2.0
@@ -46,9 +50,37 @@ coarse. It alters the power of the test, and not its error rate."""
 MAX_CELLS: Final = 256
 
 
+@dataclass(frozen=True, slots=True)
+class AssumedChannel:
+    """What a test assumes of signals in sight; the world's may be another."""
+
+    rician_k_db: float = RICIAN_K_DB
+    decorrelation_m: float = DECORRELATION_M
+    sigma_db: float | None = None
+    """Standard deviation of shadowing; `None`: by the height of the lower antenna, TR 36.777."""
+
+    @property
+    def fading_db(self) -> float:
+        """Standard deviation of the power of one broadcast, in dB, to first order."""
+        k: float = 10.0 ** (0.1 * self.rician_k_db)
+        return 10.0 / log(10.0) * sqrt(1.0 + 2.0 * k) / (1.0 + k)
+
+    @property
+    def cell_m(self) -> float:
+        """Side of the cells within which shadowing is one value."""
+        return self.decorrelation_m / 0.63
+
+    def shadowing_db(self, lower_m: float) -> float:
+        """Standard deviation of shadowing, for the height of the lower antenna."""
+        return shadowing_db(lower_m) if self.sigma_db is None else self.sigma_db
+
+
+USUAL: Final = AssumedChannel()
+
+
 def free_space_loss_db(distance_m: float) -> float:
     """Loss between isotropic antennas at 2437 MHz."""
-    return _CONSTANT_DB + 20.0 * log10(max(distance_m, MIN_DISTANCE_M))
+    return _CONSTANT_DB + 20.0 * log10(max(distance_m, _LEAST_M))
 
 
 def shadowing_db(lower_m: float) -> float:
@@ -65,6 +97,7 @@ def distance_m(a: Place, b: Place) -> float:
 class _Cell:
     """Means of the receptions of one receiver while both ends stay in their cells."""
 
+    channel: AssumedChannel
     count: int = 0
     strength_dbm: float = 0.0
     receiver: Place = (0.0, 0.0, 0.0)
@@ -86,7 +119,7 @@ class _Cell:
     def variance(self) -> float:
         """Of the mean, in dB²."""
         lower_m = min(self.receiver[2], self.claimed[2])
-        return shadowing_db(lower_m) ** 2 + FADING_DB**2 / self.count
+        return self.channel.shadowing_db(lower_m) ** 2 + self.channel.fading_db**2 / self.count
 
 
 def _mix(mean: Place, new: Place, share: float) -> Place:
@@ -99,6 +132,7 @@ class StrengthTest:
     """The test of one sender. Deep-copyable."""
 
     legal_dbm: tuple[float, float]
+    channel: AssumedChannel = USUAL
     _cells: dict[tuple[str, int, int, int, int, int, int], _Cell] = field(default_factory=dict)
     _places: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     _other: Floats = field(default_factory=lambda: np.zeros(0))
@@ -111,13 +145,14 @@ class StrengthTest:
         if not self._cells:
             self._places = _grid(receiver)
             self._other = np.zeros(len(self._places) * len(_POWERS_DBM) + len(_EXCESS_DB))
-        near, far = _cell_of(receiver), _cell_of(claimed)
+        side_m = self.channel.cell_m
+        near, far = _cell_of(receiver, side_m), _cell_of(claimed, side_m)
         key = (who, *near, *far)
         cell = self._cells.get(key)
         if cell is None:
             if len(self._cells) >= MAX_CELLS:
                 return
-            cell = self._cells[key] = _Cell()
+            cell = self._cells[key] = _Cell(self.channel)
         else:
             self._count(cell, -1.0)
         cell.add(strength_dbm, receiver, claimed)
@@ -159,7 +194,7 @@ class StrengthTest:
         for place, term in enumerate((1.0 / variance, power / variance, power * power / variance, log(variance))):
             self._sums[place] += sign * term
         away = self._places - np.array(cell.receiver)
-        distance = np.maximum(np.sqrt((away * away).sum(axis=1)), MIN_DISTANCE_M)
+        distance = np.maximum(np.sqrt((away * away).sum(axis=1)), _LEAST_M)
         implied = cell.strength_dbm + _CONSTANT_DB + 20.0 * np.log10(distance)
         illegal = power - self.legal_dbm[1] - np.array(_EXCESS_DB)
         error = np.concatenate((illegal, (implied[:, None] - _POWERS_DBM[None, :]).ravel()))
@@ -176,6 +211,6 @@ def _grid(centre: Place) -> Floats:
     return np.column_stack((east, north, np.full(len(east), _HEIGHT_M)))
 
 
-def _cell_of(place: Place) -> tuple[int, int, int]:
-    x, y, z = (floor(v / CELL_M) for v in place)
+def _cell_of(place: Place, side_m: float) -> tuple[int, int, int]:
+    x, y, z = (floor(v / side_m) for v in place)
     return (x, y, z)

@@ -62,7 +62,11 @@ _AIRBORNE_M: Final = 2.0
 _MOVING_MPS: Final = 1.0
 
 
-@sky.detector("motion.consistency")
+@sky.detector(
+    "motion.consistency",
+    reduced="SAVIOR runs on board at 400 Hz with the commands of the motors and a model identified from earlier "
+    "flights; this is at the station, at the rate of telemetry (2 Hz), without these commands",
+)
 class MotionConsistency(sky.TelemetryDetector):
     """Compares telemetry with a motion model: position, velocity, lean, battery (after SAVIOR, 2020)."""
 

@@ -100,7 +100,12 @@ class _First:
         return first
 
 
-@sky.detector("navigation.cs_ema")
+@sky.detector(
+    "navigation.cs_ema",
+    reduced="VIMU runs on board at the rate of sensors, against a model of motors and airframe; this is at the "
+    "station, at the rate of telemetry (2 Hz), against the autopilot's own estimate, without gyroscopes and "
+    "accelerometers",
+)
 class CsEmaDetector(sky.TelemetryDetector):
     """Finds small lasting innovations of fixes, barometer and magnetometer by CS-EMA charts (VIMU, 2024).
 

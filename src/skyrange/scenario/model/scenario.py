@@ -217,6 +217,27 @@ class Sensors(Model):
     noise: Number = Field(
         default=1.0, ge=0, le=10, description="Scale factor of all sensor errors: 1 is typical, 0 is ideal."
     )
+    warming_k: Number = Field(
+        default=0.0,
+        ge=0,
+        le=100,
+        description="Kelvin by which inertial sensors and barometer warm up from power-on, with a time constant of 300 "
+        "s; biases change by the coefficients of data sheets. 20 is usual for a small aircraft (assumed).",
+    )
+    instability: Number = Field(
+        default=0.0,
+        ge=0,
+        le=100,
+        description="Scale factor of the biases of inertial sensors that wander during a run: 1 is 10 deg/h and 0.1 mg "
+        "over 100 s (assumed).",
+    )
+    gnss: Number = Field(
+        default=1.0,
+        ge=0,
+        le=100,
+        description="Scale factor of the slow error of satellite fixes and of their velocity error, which the receiver "
+        "does not claim.",
+    )
 
 
 class Record(Model):

@@ -13,6 +13,7 @@ from skyrange.study.matrix.model import UNDEFENDED, Row
 from skyrange.study.matrix.summary import (
     UNITS,
     Count,
+    FaultHarm,
     attack_rows,
     cost_of,
     describe_cell,
@@ -51,9 +52,11 @@ whose scenarios it can be declared. `without assumptions`: the same without atta
 assumed. `adaptive`: attacks that it stops although the adversary knows it. `false alarms`: alerts about an aircraft
 within 30 s are one; flights of several rows that are the same count once; the limits are 95 % if alarms are
 independent. `broken missions`: missions that are complete without the defence alone; they have no delay. Delay and
-energy are means over rows, then over seeds, without rows that lack a value for some seed. `honest`: runs with an
-alarm, of those in which a real aircraft flies where the attack would claim one. `latency of frames`: growth of the
-median and of the 95th percentile of the time from sender to the end of processing, on the links that the defence
+energy are means over rows, then over seeds, without rows that lack a value for some seed. `with benign faults`: each
+fault with an alarm, or with an effect that is larger with the defence by a tenth and by its limits; the mean effect
+without the defence and with it, and the alarms an aircraft-hour of flight with the fault, all false. `honest`: runs
+with an alarm, of those in which a real aircraft flies where the attack would claim one. `latency of frames`: growth of
+the median and of the 95th percentile of the time from sender to the end of processing, on the links that the defence
 protects. Processor time counts only where the column declares a `cost`.
 """
 FAULTS = """\
@@ -212,8 +215,8 @@ def _verdicts(result: MatrixResult) -> Iterator[list[Shown]]:
 
 
 _COST_HEAD: Final = (
-    "defence", "stops", "without assumptions", "adaptive", "false alarms an aircraft-hour", "honest", "broken missions",
-    "delay, s", "energy, J", "frames an aircraft-hour", "latency of frames, ms",
+    "defence", "stops", "without assumptions", "adaptive", "false alarms an aircraft-hour", "with benign faults",
+    "honest", "broken missions", "delay, s", "energy, J", "frames an aircraft-hour", "latency of frames, ms",
 )  # fmt: skip
 
 
@@ -225,6 +228,7 @@ def _costs(result: MatrixResult) -> Iterator[list[Shown]]:
             _count(one.simulated),
             _count(one.adaptive) if one.adaptive.of else "non-adaptive",
             format_alarms(one.false_alarms, one.flown_h, one.false_per_h),
+            _harms(one.faults),
             f"{one.honest_alarms} of {one.of_honest}" if one.of_honest else "–",
             f"{one.broken} of {one.missions}",
             _difference(one.delay),
@@ -233,6 +237,17 @@ def _costs(result: MatrixResult) -> Iterator[list[Shown]]:
             "–" if one.latency_ms is None else f"{one.latency_ms[0]:+.2f}, {one.latency_ms[1]:+.2f}",
         )
         yield [Shown(column.id, True), *map(Shown, texts)]
+
+
+def _harms(faults: Sequence[FaultHarm]) -> str:
+    """The faults with which a defence does harm; "none" if it was flown with faults and does none."""
+    texts = []
+    for one in faults:
+        if one.is_harm:
+            unit, factor = UNITS[one.measure]
+            change = f"{factor * one.without:.1f} → {factor * one.defended:.1f} {unit}"
+            texts.append(f"{one.row}: {change}, {one.alarms_per_h:.0f} alarms/h")
+    return "; ".join(texts) or ("none" if faults else "–")
 
 
 def _count(found: Count) -> str:

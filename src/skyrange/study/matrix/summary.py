@@ -48,6 +48,8 @@ class CellText:
     refused: str
 
 
+LEAST_HARM: Final = 0.1
+"""Share by which the effect of a fault has to grow with a defence to be called harm."""
 LEAST_GROWTH: Final = 0.1
 """Growth that is shown, in metres a minute."""
 
@@ -60,6 +62,27 @@ class Count(NamedTuple):
     in_every_flight: int
     """In every flight, be they too few for a verdict or not."""
     of: int
+
+
+class FaultHarm(NamedTuple):
+    """What a defence does with one benign fault."""
+
+    row: str
+    measure: str
+    without: float
+    """Mean effect of the fault without the defence, in the unit of the measure."""
+    defended: float
+    """The same with it."""
+    least: float
+    """The lower 95 % limit of that; the mean where it has none."""
+    alarms_per_h: float
+    """Alarms an aircraft-hour of the runs with the fault, all of them false."""
+
+    @property
+    def is_harm(self) -> bool:
+        """Whether there are alarms, or the effect is larger with the defence, by a tenth and by its limits."""
+        larger = self.defended > (1.0 + LEAST_HARM) * self.without and self.least > self.without
+        return self.alarms_per_h > 0.0 or larger
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +111,8 @@ class Cost:
     frames_per_h: float
     honest_alarms: int
     of_honest: int
+    faults: tuple[FaultHarm, ...]
+    """Of each row with a benign fault in whose scenario it can be declared."""
     latency_ms: tuple[float, float] | None = None
     """Mean growth of median and 95th percentile of the delay of frames on the links that it protects."""
 
@@ -166,8 +191,20 @@ def cost_of(result: MatrixResult, column: Column) -> Cost:
         sum(sum(added_frames(cell, without)) for cell, without in cells) / hours if hours else 0.0,
         sum(honest),
         len(honest),
+        tuple(_fault_harms(result, column)),
         _mean_latency([one for cell, without in cells for one in added_transit_ms(cell, without, _roles(column))]),
     )
+
+
+def _fault_harms(result: MatrixResult, column: Column) -> Iterator[FaultHarm]:
+    for row in fault_rows(result):
+        cell, without = result.cell(row.id, column.id), result.cell(row.id)
+        if cell.refused or not cell.effects or not without.effects:
+            continue
+        hours, effect = sum(cell.flown_h), cell.effect
+        usual, mean = (sum(one.effects) / len(one.effects) for one in (without, cell))
+        least = mean if effect is None or effect.low is None else effect.low
+        yield FaultHarm(row.id, row.measure, usual, mean, least, sum(cell.fault_alarms) / hours if hours else 0.0)
 
 
 def _count(result: MatrixResult, rows: Sequence[Row], column: Column, *, adaptive: bool = False) -> Count:

@@ -22,6 +22,8 @@ class LeaderboardRow:
     file: int
     """Number of its result file, from 0."""
     trivial: bool
+    reduced: str
+    """What it lacks of the published method that it is named after; "" for nothing. Print a mark with its rank."""
     same_study: bool
     """Whether it was scored on the same flights and attacks as the first file."""
     recall: float | None
@@ -104,6 +106,7 @@ def _row(
         study=files[number].study,
         file=number,
         trivial=score.trivial,
+        reduced=score.reduced,
         same_study=files[number].digest == files[0].digest,
         recall=recall.value if recall else None,
         recall_exact=recall.exact if recall else None,

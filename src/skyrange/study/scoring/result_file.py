@@ -222,6 +222,11 @@ class DetectorScore(Model):
 
     detector: str = Field(min_length=1, description="Its name.")
     trivial: bool = Field(description="Whether it is a trivial detector, which looks at nothing.")
+    reduced: str = Field(
+        default="",
+        description="What it lacks of the published method that it is named after; rankings mark it then. Empty: "
+        "nothing, or it is named after none.",
+    )
     threshold: Threshold | None = Field(description="Its threshold; null for a trivial detector.")
     sets: tuple[SetScore, ...] = Field(
         min_length=1,

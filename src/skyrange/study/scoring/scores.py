@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -26,10 +26,12 @@ def score_detectors(
     settings: ScoreSettings | None = None,
     detectors: Sequence[str] | None = None,
     study: str = "",
+    reduced: Mapping[str, str] | None = None,
 ) -> ScoreFile:
     """Scores of `detectors` (by default of those that raised alerts) and of the trivial ones, on the test flights.
 
-    Name detectors that may have raised no alert at all: they are scored too. Raises InputError if there are no test
+    Name detectors that may have raised no alert at all: they are scored too. `reduced` says by name what a detector
+    lacks of the published method that it is named after. Raises InputError if there are no test
     flights, no validation flights to choose thresholds from, or if SciPy is missing.
     """
     settings = ScoreSettings() if settings is None else settings
@@ -45,7 +47,9 @@ def score_detectors(
     selections = select_sets(index, held_out)
     episode_ns = from_seconds(settings.episode_s)
     scores = [
-        _score_one(index, lasting, index_alerts(index, tables.alerts, name), name, selections, settings)
+        _score_one(index, lasting, index_alerts(index, tables.alerts, name), name, selections, settings).model_copy(
+            update={"reduced": (reduced or {}).get(name, "")}
+        )
         for name in names
     ]
     trivial = [trivial_alerts(one, episode_ns) for one in (index, lasting)]  # `always` alarms where windows begin

@@ -39,6 +39,18 @@ ACCEL_MOTORS_MPS2: Final = 0.3
 GYRO_BIAS_RADPS: Final = math.radians(0.05)
 ACCEL_BIAS_MPS2: Final = 0.05
 
+# drift, none by default: temperature coefficient of a TDK ICP-10110 (data sheet: 0.5 Pa/K, at 12 Pa/m) as one standard
+# deviation. *Assumed*: 0.005 deg/s/K and 0.15 mg/K of inertial sensors, the time constant with which electronics warm
+# up, and the instability of a bias in a run, 10 deg/h and 0.1 mg over 100 s
+WARMING_S: Final = 300.0
+GYRO_PER_K: Final = math.radians(0.005)
+ACCEL_PER_K: Final = 0.15e-3 * 9.80665
+BARO_PER_K: Final = 0.5 / 12.0
+DRIFT_PERIOD_NS: Final = NS_PER_S
+DRIFT_S: Final = 100.0
+GYRO_INSTABILITY_RADPS: Final = math.radians(10.0) / 3600.0
+ACCEL_INSTABILITY_MPS2: Final = 0.1e-3 * 9.80665
+
 # GNSS: rate [S] SIM_GPS1_HZ 5 and GPS_RATE_MS 200; delay AP_GPS_UBLOX.cpp `get_lag` 0.12 s (M8 and later)
 GNSS_PERIOD_NS: Final = 200 * NS_PER_MS
 GNSS_LAG_NS: Final = 120 * NS_PER_MS
@@ -88,6 +100,7 @@ _S_BARO: Final = np.uint64(hash64("sensor.baro"))
 _S_COMPASS: Final = np.uint64(hash64("sensor.compass"))
 _S_RANGE: Final = np.uint64(hash64("sensor.rangefinder"))
 _S_START: Final = np.uint64(hash64("sensor.start"))
+_S_DRIFT: Final = np.uint64(hash64("sensor.drift"))
 _0: Final = np.uint64(0)
 _12: Final = np.uint64(12)
 _FIELD: Final = np.uint64(0xFFF)
@@ -98,6 +111,8 @@ _GNSS_KEEP = math.exp(-GNSS_PERIOD_NS / NS_PER_S / GNSS_WANDER_S)
 _GNSS_STIR = math.sqrt(1.0 - _GNSS_KEEP * _GNSS_KEEP)
 _BARO_KEEP = math.exp(-BARO_PERIOD_NS / NS_PER_S / BARO_DRIFT_S)
 _BARO_STIR = math.sqrt(1.0 - _BARO_KEEP * _BARO_KEEP)
+_DRIFT_KEEP = math.exp(-DRIFT_PERIOD_NS / NS_PER_S / DRIFT_S)
+_DRIFT_STIR = math.sqrt(1.0 - _DRIFT_KEEP * _DRIFT_KEEP)
 _ACCURACY_H, _ACCURACY_V, _ACCURACY_S = GNSS_ACCURACY
 
 GNSS, BARO, COMPASS, RANGE = 0, 1, 2, 3
@@ -161,6 +176,7 @@ def in_outage(seed: np.uint64, who: np.uint64, at: int, level: float) -> bool:
 def power_on(
     now: int,
     level: float,
+    gnss: float,
     seed: np.uint64,
     who: Words,
     position: Floats,
@@ -188,9 +204,9 @@ def power_on(
             bias[i, axis] = level * GYRO_BIAS_RADPS * g[axis]
             bias[i, 3 + axis] = level * ACCEL_BIAS_MPS2 * g[3 + axis]
             offset[i, axis] = level * COMPASS_OFFSET_GAUSS * m[axis]
-        wander[i, 0] = level * GNSS_WANDER_M * w[0]
-        wander[i, 1] = level * GNSS_WANDER_M * w[1]
-        wander[i, 2] = level * GNSS_WANDER_UP_M * w[2]
+        wander[i, 0] = level * gnss * GNSS_WANDER_M * w[0]
+        wander[i, 1] = level * gnss * GNSS_WANDER_M * w[1]
+        wander[i, 2] = level * gnss * GNSS_WANDER_UP_M * w[2]
         wander[i, 3] = 0.0  # the barometer was calibrated here
         for k in range(4):
             period = PERIODS[k]
@@ -206,6 +222,18 @@ def power_on(
         accuracy[i, 0], accuracy[i, 1], accuracy[i, 2] = _ACCURACY_H, _ACCURACY_V, _ACCURACY_S
         fix[i] = FIX_3D
         satellites[i] = GNSS_SATELLITES
+
+
+@compiled
+def draw_warming(level: float, warming_k: float, seed: np.uint64, who: Words, warm: Floats) -> None:
+    """Draw what a warming of `warming_k` kelvin adds to gyroscopes, accelerometers and barometer: `warm` (rows, 7)."""
+    for i in range(who.shape[0]):
+        w = normal6(seed, _S_START, who[i], 0, np.uint64(4))
+        b = normal6(seed, _S_START, who[i], 0, np.uint64(5))
+        for axis in range(3):
+            warm[i, axis] = level * warming_k * GYRO_PER_K * w[axis]
+            warm[i, 3 + axis] = level * warming_k * ACCEL_PER_K * w[3 + axis]
+        warm[i, 6] = level * warming_k * BARO_PER_K * b[0]
 
 
 @compiled
@@ -270,13 +298,29 @@ def draw_errors(
     baro: Floats,
     rangefinder: Floats,
     compass: Floats,
+    gnss: float,
+    instability: float,
+    warm: Floats,
+    drift: Floats,
 ) -> None:
     """Do what is due every 10 ms: new inertial noise, and the slow sensors that sample at `now`.
+
+    `gnss` scales the slow error and the velocity error of the receiver, `instability` the bias that wanders in a run,
+    which `drift` (rows, 6) holds; `warm` (rows, 7) is what a full warming adds.
 
     `wander` (rows, 4) holds the position error of GNSS and the barometer's drift, `phase` and `epoch` (rows, 4) the
     phase of each slow sensor and the number of its last sample, `pending` (rows, 6) the fix that is being delayed.
     """
+    heat = 1.0 - math.exp(-now / NS_PER_S / WARMING_S)
     for i in range(who.shape[0]):
+        if instability > 0.0 and now % DRIFT_PERIOD_NS == 0:
+            d = normal6(seed, _S_DRIFT, who[i], now, _0)
+            for axis in range(3):
+                size = level * instability
+                drift[i, axis] = _DRIFT_KEEP * drift[i, axis] + _DRIFT_STIR * size * GYRO_INSTABILITY_RADPS * d[axis]
+                drift[i, 3 + axis] = (
+                    _DRIFT_KEEP * drift[i, 3 + axis] + _DRIFT_STIR * size * ACCEL_INSTABILITY_MPS2 * d[3 + axis]
+                )
         throttle = 0.0
         for m in range(commands.shape[1]):
             if commands[i, m] > 0.0:  # a NaN turns no motor
@@ -286,8 +330,10 @@ def draw_errors(
         gyro_sd = level * (GYRO_FLOOR_RADPS + GYRO_MOTORS_RADPS * throttle)
         accel_sd = level * (ACCEL_FLOOR_MPS2 + ACCEL_MOTORS_MPS2 * throttle)
         for axis in range(3):
-            error[i, axis] = bias[i, axis] + gyro_sd * z[axis]
-            error[i, 3 + axis] = bias[i, 3 + axis] + accel_sd * z[3 + axis]
+            of_gyro = drift[i, axis] + heat * warm[i, axis]
+            of_accel = drift[i, 3 + axis] + heat * warm[i, 3 + axis]
+            error[i, axis] = bias[i, axis] + of_gyro + gyro_sd * z[axis]
+            error[i, 3 + axis] = bias[i, 3 + axis] + of_accel + accel_sd * z[3 + axis]
 
         if _is_due(now, phase[i, GNSS], epoch[i, GNSS], GNSS_PERIOD_NS):
             count = (now - phase[i, GNSS]) // GNSS_PERIOD_NS
@@ -296,10 +342,10 @@ def draw_errors(
             w = normal6(seed, _S_GNSS, who[i], at, _0)
             v = normal6(seed, _S_GNSS, who[i], at, np.uint64(1))
             for axis in range(3):
-                size = level * (GNSS_WANDER_UP_M if axis == 2 else GNSS_WANDER_M)
+                size = level * gnss * (GNSS_WANDER_UP_M if axis == 2 else GNSS_WANDER_M)
                 wander[i, axis] = _GNSS_KEEP * wander[i, axis] + _GNSS_STIR * size * w[axis]
                 pending[i, axis] = position[i, axis] + wander[i, axis] + level * GNSS_WHITE_M * w[3 + axis]
-                pending[i, 3 + axis] = velocity[i, axis] + level * GNSS_SPEED_MPS * v[axis]
+                pending[i, 3 + axis] = velocity[i, axis] + level * gnss * GNSS_SPEED_MPS * v[axis]
             pending_time[i] = now
         if pending_time[i] != gnss_time[i] and now >= pending_time[i] + GNSS_LAG_NS:
             if in_outage(seed, who[i], pending_time[i], level):
@@ -319,7 +365,7 @@ def draw_errors(
             epoch[i, BARO] = count
             b = normal6(seed, _S_BARO, who[i], count * BARO_PERIOD_NS + phase[i, BARO], _0)
             wander[i, 3] = _BARO_KEEP * wander[i, 3] + _BARO_STIR * level * BARO_DRIFT_M * b[0]
-            baro[i] = position[i, 2] + wander[i, 3] + level * BARO_NOISE_M * b[1]
+            baro[i] = position[i, 2] + wander[i, 3] + heat * warm[i, 6] + level * BARO_NOISE_M * b[1]
         if _is_due(now, phase[i, COMPASS], epoch[i, COMPASS], COMPASS_PERIOD_NS):
             count = (now - phase[i, COMPASS]) // COMPASS_PERIOD_NS
             epoch[i, COMPASS] = count

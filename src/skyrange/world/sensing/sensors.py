@@ -30,13 +30,18 @@ class SensorSpec:
     """Quality of the sensors, and the magnetic field at their place.
 
     `noise` multiplies every error of `sensor_errors`: 1 is a usual small aircraft, 0 is ideal (every reading is the
-    truth of the tick, the fix has neither delay nor outage). `field_enu_gauss` is the Earth's magnetic field there; if
-    it is zero there is no compass.
+    truth of the tick, the fix has neither delay nor outage). `warming_k` is by how many kelvin the sensors warm up,
+    `instability` scales the biases that wander in a run, and `gnss` the slow error and the velocity error of receivers:
+    what a defence need not know. `field_enu_gauss` is the Earth's magnetic field there; if it is zero there is no
+    compass.
     """
 
     noise: float = 0.0
     field_enu_gauss: MagneticField = (0.0, 0.0, 0.0)
     chance: Chance = _NO_CHANCE
+    warming_k: float = 0.0
+    instability: float = 0.0
+    gnss: float = 1.0
 
 
 IDEAL = SensorSpec()
@@ -62,6 +67,8 @@ class SensorSuite:
         """
         n = len(vehicles)
         self._level = float(spec.noise)
+        self._warming_k, self._instability, self._gnss_scale = map(float, (spec.warming_k, spec.instability, spec.gnss))
+        self._warm, self._drift = np.zeros((n, 7)), np.zeros((n, 6))
         self._seed = np.uint64(spec.chance.seed & 0xFFFFFFFFFFFFFFFF)
         self._who = np.array([hash64(vehicle) for vehicle in vehicles], dtype=np.uint64)
         self._field = np.array(spec.field_enu_gauss, dtype=np.float64)
@@ -102,6 +109,7 @@ class SensorSuite:
             (
                 self._level, self._seed, self._who, commands, position, height, velocity, attitude, self._field, bias,
                 self._error, *drawn, *self._fixes(), self._baro, self._range, self._compass,
+                self._gnss_scale, self._instability, self._warm, self._drift,
             ),
             (rates, force, self._error, self._gyro, self._force),
             (*((rates, force) if ideal else (self._gyro, self._force)), self._sums),
@@ -123,7 +131,11 @@ class SensorSuite:
         last, self._sampled_ns = self._sampled_ns, now
         if last is None and self._level != 0.0:
             position = self._state[3]
-            sensor_errors.power_on(now, self._level, self._seed, self._who, position, *self._drawn(), *self._fixes())
+            of_chance = self._seed, self._who
+            sensor_errors.power_on(
+                now, self._level, self._gnss_scale, *of_chance, position, *self._drawn(), *self._fixes()
+            )
+            sensor_errors.draw_warming(self._level, self._warming_k, *of_chance, self._warm)
         step_ns = 0 if last is None else now - last
         new = last is None or now // READINGS_NS != last // READINGS_NS
         sensor_errors.sample(now, step_ns / NS_PER_S, new, *self.arguments)

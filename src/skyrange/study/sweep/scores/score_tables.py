@@ -134,12 +134,13 @@ def score_study(
     tables = make_score_tables(opened, held_out_of(opened.study) if held == HeldOut() else held)
     check_held_traits(opened, held)
     names = {one.id for one in opened.study.detectors} | set(tables.detectors())
+    reduced = {one.id: one.plugin.reduced for one in opened.study.detectors}
     if opened.study.learned is None:
-        return score_detectors(tables, settings, sorted(names), opened.study.name)
+        return score_detectors(tables, settings, sorted(names), opened.study.name, reduced)
     learned = learn_detectors(opened, tables)
     alerts = pa.concat_tables([tables.alerts, learned.alerts])
     tables = check_tables(tables.flights, tables.attacks, alerts, tables.intrusions)
-    scores = score_detectors(tables, settings, sorted({*names, *learned.models}), opened.study.name)
+    scores = score_detectors(tables, settings, sorted({*names, *learned.models}), opened.study.name, reduced)
     write_models(opened, learned, tables, scores)
     return scores
 
