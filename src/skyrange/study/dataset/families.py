@@ -14,7 +14,7 @@ FAMILIES: Final[dict[str, tuple[str, ...]]] = {
     "inertial_sensor": ("sensor.accelerometer", "sensor.barometer", "sensor.compass", "sensor.gyro"),
     "command_injection": (
         "mavlink.command", "mavlink.guided", "mavlink.home", "mavlink.mode", "mavlink.rc_override",
-        "signing.stolen_key", "companion.takeover", "ground.insider",
+        "signing.setup_key", "signing.stolen_key", "companion.takeover", "ground.insider",
     ),
     "configuration_change": (
         "mavlink.fence", "mavlink.mission_alter", "mavlink.mission_clear", "mavlink.mission_replace",
