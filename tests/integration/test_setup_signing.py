@@ -172,8 +172,12 @@ def test_a_gateway_signs_an_attackers_command(tmp_path: Path) -> None:
     assert modes(record, AT)[0] == "LAND"
     payloads = {row["payload_id"]: row["payload"] for row in record.table("payloads").to_pylist()}
     rows = [row for row in record.table("frames").to_pylist() if row["direction"] == "fwd"]
-    signed = {name: {is_signed(payloads[row["payload_id"]]) for row in rows if row["link"] == name and
-                     row["fate"] == "delivered"} for name in (LINK, f"autopilot:{V}")}
+    signed = {
+        name: {
+            is_signed(payloads[row["payload_id"]]) for row in rows if row["link"] == name and row["fate"] == "delivered"
+        }
+        for name in (LINK, f"autopilot:{V}")
+    }
     assert signed == {LINK: {True}, f"autopilot:{V}": {True}}, "signed at the gateway's end"
     assert not any(is_signed(payloads[row["payload_id"]]) for row in rows if row["sender"] == "blue.gcs")
     assert [row["action"] for row in record.table("labels").to_pylist()] == ["inject"], "the gateway is no attack"
@@ -189,7 +193,9 @@ def test_a_gateway_gives_what_it_signs_its_own_name_and_leaves_the_rest() -> Non
     aircraft.start(0)
 
     def through(payload: bytes, direction: str = "fwd") -> Any:
-        frame = Frame(link=LINK, direction=direction, src="a", dst="b", payload=payload, sent_ns=0, sender="a", serial=0)
+        frame = Frame(
+            link=LINK, direction=direction, src="a", dst="b", payload=payload, sent_ns=0, sender="a", serial=0
+        )
         return gateway.on_frame(NS_PER_S, frame)
 
     (verdict,) = through(Packer(254, 1).pack(GUIDED))

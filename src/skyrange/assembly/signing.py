@@ -1,5 +1,6 @@
-"""MAVLink signing in a scenario: keys, as after pairing, and gateways. Keys follow from the scenario and protect nothing
-real.
+"""MAVLink signing in a scenario: keys, as after pairing, and gateways.
+
+Keys follow from the scenario and protect nothing real.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """MAVLink gateway that holds an aircraft's key: it signs what its ground side sends unsigned.
 
-After MAVProxy (mavproxy.py `process_mavlink`, setting `mavfwd_signing`, on by default since pull request 1589; pymavlink
-`MAVLink_message.pack`). It asks nobody on its ground side for anything, which is MAVProxy's issue 1683.
+After MAVProxy (mavproxy.py `process_mavlink`, setting `mavfwd_signing`, on by default since pull request 1589;
+pymavlink `MAVLink_message.pack`). It asks nobody on its ground side for anything, which is MAVProxy's issue 1683.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import skyrange.plugin as sky
+from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import KEY_BYTES, UNIT_NS, secret_from_passphrase, signing_timestamp
 
@@ -51,7 +52,7 @@ class SetupKey(sky.Injection):
     def prepare(self, context: sky.AttackContext) -> None:
         self.first_timestamp = signing_timestamp(context.epoch.unix_ns)
 
-    def orders(self, now: sky.Time) -> list[sky.Message]:
+    def orders(self, now: sky.Time) -> list[Message]:
         secret, timestamp = bytes(KEY_BYTES), 0
         if self.form == "set":
             secret = secret_from_passphrase(self.passphrase)

@@ -1,8 +1,8 @@
 """SETUP_SIGNING: the key with which an autopilot signs its frames and verifies those that it receives.
 
-After ArduPilot's GCS_Signing.cpp (`handle_setup_signing`, `load_signing_key`). Whoever may command the autopilot may give
-it a key: while it has none, anybody. An armed one refuses since pull request 10311 of January 2019, which answers issue
-10298; it was first in Copter 4.0 (assumed from the dates). Nothing is acknowledged.
+After ArduPilot's GCS_Signing.cpp (`handle_setup_signing`, `load_signing_key`). Whoever may command the autopilot may
+give it a key: while it has none, anybody. An armed one refuses since pull request 10311 of January 2019, which answers
+issue 10298; it was first in Copter 4.0 (assumed from the dates). Nothing is acknowledged.
 """
 
 from __future__ import annotations
