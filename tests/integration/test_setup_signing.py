@@ -18,8 +18,11 @@ from skyrange.codec.mavlink.signing import (
     secret_from_passphrase,
     signing_timestamp,
 )
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.verdicts import Replace
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.contract import VehicleSpec
+from skyrange.vehicle.signing_gateway import SENDER, SigningGateway
 from tests.integration.flight_harness import EPOCH, Range
 from tests.integration.test_signed_flights import AT, LINK, Says, V, flown, land_now, modes, notes, outcome, scenario
 
@@ -184,18 +187,12 @@ def test_a_gateway_signs_an_attackers_command(tmp_path: Path) -> None:
 
 
 def test_a_gateway_gives_what_it_signs_its_own_name_and_leaves_the_rest() -> None:
-    from skyrange.contracts.frames.frame import Frame
-    from skyrange.contracts.verdicts import Replace
-    from skyrange.vehicle.signing_gateway import SENDER, SigningGateway
-
     key = SigningKey(SECRET, NOW)
     gateway, aircraft = SigningGateway(key), Signer(key, 1)
     aircraft.start(0)
 
     def through(payload: bytes, direction: str = "fwd") -> Any:
-        frame = Frame(
-            link=LINK, direction=direction, src="a", dst="b", payload=payload, sent_ns=0, sender="a", serial=0
-        )
+        frame = Frame(LINK, direction, "a", 0, "a", "b", 0, payload)
         return gateway.on_frame(NS_PER_S, frame)
 
     (verdict,) = through(Packer(254, 1).pack(GUIDED))

@@ -18,7 +18,7 @@ FAMILIES: Final[dict[str, tuple[str, ...]]] = {
     ),
     "configuration_change": (
         "mavlink.fence", "mavlink.mission_alter", "mavlink.mission_clear", "mavlink.mission_replace",
-        "mavlink.parameter", "ground.plan_file",
+        "mavlink.parameter", "ground.geo_zones", "ground.plan_file",
     ),
     "malformed_input": ("mavlink.malformed",),
     "data_access": ("link.eavesdrop", "mavlink.exfiltrate"),
