@@ -61,7 +61,7 @@ def say(r: Range, message: Any, packer: Packer | None = None) -> None:
 
 
 def refusals(r: Range) -> list[str]:
-    return [note.data["reason"] for note in r.events("event.signature_refused")]
+    return [str(note.data["reason"]) for note in r.events("event.signature_refused")]
 
 
 def test_whoever_sets_the_key_commands_and_the_operator_is_locked_out() -> None:

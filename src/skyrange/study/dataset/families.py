@@ -11,7 +11,7 @@ FAMILIES: Final[dict[str, tuple[str, ...]]] = {
         "gnss.capture", "gnss.drift", "gnss.jump", "gnss.meacon", "gnss.pull_off", "gnss.time",
     ),
     "gnss_denial": ("gnss.jam",),
-    "inertial_sensor": ("sensor.accelerometer", "sensor.barometer", "sensor.compass", "sensor.gyro"),
+    "inertial_sensor": ("sensor.accelerometer", "sensor.barometer", "sensor.bus", "sensor.compass", "sensor.gyro"),
     "command_injection": (
         "mavlink.command", "mavlink.guided", "mavlink.home", "mavlink.mode", "mavlink.rc_override",
         "signing.setup_key", "signing.stolen_key", "companion.takeover", "ground.insider",
