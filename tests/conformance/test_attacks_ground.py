@@ -8,15 +8,33 @@ from typing import Any
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.model.scenario import Fence, FenceCircle, FencePolygon, Scenario
 from skyrange.testing import check_attack
 from skyrange.testing.checks.attacks import two_squares
 from tests.conformance.test_attacks_telemetry import signed_squares
 
 INSIDER = AttackPlugin.find("ground.insider")
 PLAN_FILE = AttackPlugin.find("ground.plan_file")
+GEO_ZONES = AttackPlugin.find("ground.geo_zones")
 
 BLUE = {"vehicles": ["blue/b1"]}
+
+
+def fenced_squares(duration_s: float) -> Scenario:
+    """The two squares of the check, beside closed areas."""
+    circle = FenceCircle(center=(60, 60), radius_m=20, inclusion=False)
+    fence = Fence(circles=(circle,), polygons=(FencePolygon(points=((90, 0), (99, 0), (99, 9)), inclusion=False),))
+
+    def fenced(vehicle: Any) -> Any:
+        return vehicle.model_copy(update={"plan": vehicle.plan.model_copy(update={"fence": fence})})
+
+    squares = signed_squares(duration_s)
+    operators = tuple(
+        one.model_copy(update={"vehicles": tuple(map(fenced, one.vehicles))}) for one in squares.operators
+    )
+    return squares.model_copy(update={"operators": operators})
+
+
 MEETING = {"operator": "blue", "at": [30.0, 30.0, 15.0]}
 KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Collection[str], Callable[[float], Scenario], float, float]] = [
     (INSIDER, MEETING, {"replace", "inject"}, two_squares, 3.0, 7.0),
@@ -25,6 +43,8 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Collection[str], Callable[[fl
     (PLAN_FILE, {**BLUE, "form": "scale"}, {"replace"}, two_squares, 0.0, 4.0),
     (PLAN_FILE, {**BLUE, "form": "sea_level"}, {"replace"}, two_squares, 0.0, 4.0),
     (PLAN_FILE, {**BLUE, "form": "endless"}, {"replace"}, two_squares, 0.0, 4.0),
+    (GEO_ZONES, BLUE, {"replace"}, fenced_squares, 0.0, 6.0),
+    (GEO_ZONES, {**BLUE, "form": "move", "east_m": 50}, {"replace"}, fenced_squares, 0.0, 6.0),
 ]
 
 

@@ -12,6 +12,7 @@ from skyrange.testing import check_attack
 
 ACCELEROMETER = AttackPlugin.find("sensor.accelerometer")
 BAROMETER = AttackPlugin.find("sensor.barometer")
+BUS = AttackPlugin.find("sensor.bus")
 COMPASS = AttackPlugin.find("sensor.compass")
 GYRO = AttackPlugin.find("sensor.gyro")
 
@@ -22,6 +23,8 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any]]] = [
     (GYRO, {"amplitude_dps": [200.0, 0.0, 0.0], "frequency_hz": 11.0}),
     (GYRO, {"bias_dps": [0.0, 3.0, 0.0], "rise_s": 1.0}),
     (ACCELEROMETER, {"bias_mps2": [0.0, 0.0, 2.0]}),
+    (BUS, {}),
+    (BUS, {"sensors": ["baro", "compass"], "bit_error_rate": 0.01}),
 ]
 
 

@@ -16,6 +16,7 @@ KEEP_ALIVE = AttackPlugin.find("identity.keep_alive")
 SECOND_VEHICLE = AttackPlugin.find("identity.second_vehicle")
 SILENCE_STATION = AttackPlugin.find("identity.silence_station")
 REPLAY = AttackPlugin.find("signing.replay")
+SETUP_KEY = AttackPlugin.find("signing.setup_key")
 STOLEN_KEY = AttackPlugin.find("signing.stolen_key")
 ATTITUDE = AttackPlugin.find("telemetry.attitude")
 BATTERY = AttackPlugin.find("telemetry.battery")
@@ -67,7 +68,10 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Collection[str], Callable[[fl
     (KEEP_ALIVE, {"links": GCS, "cut": False}, {"inject"}, two_squares),
     (STOLEN_KEY, {"links": GCS}, {"inject"}, signed_squares),
     (STOLEN_KEY, {"links": GCS, "passphrase": "guessed", "order": "disarm"}, {"inject"}, signed_squares),
+    (STOLEN_KEY, {"links": GCS, "order": "take_off"}, {"inject"}, signed_squares),
     (REPLAY, {"links": GCS}, {"inject"}, signed_squares),
+    (SETUP_KEY, {"vehicles": ["blue/b1"], "times": 0}, {"inject"}, two_squares),
+    (SETUP_KEY, {"vehicles": ["blue/b1"], "form": "remove", "on": "log"}, {"inject"}, signed_squares),
 ]
 
 

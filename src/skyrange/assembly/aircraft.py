@@ -53,6 +53,7 @@ def build_aircraft(
             params=dict(vehicle.params),
             wind_enu_mps=scenario.wind.air.steady_enu_mps,
             signing_key=derive_keys(scenario, operator).aircraft,
+            signing_exempt=operator.signing == "exempt",
         )
         specs.setdefault(vehicle.autopilot, []).append((row, spec))
     fleet = len(bodies)

@@ -25,7 +25,7 @@ from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.assembly.radio import LiveMedium, build_radio, describe_medium, make_lookout
 from skyrange.assembly.radio_checks import check_radios
 from skyrange.assembly.run_header import make_attachments, make_header, make_mission_files
-from skyrange.assembly.signing import check_signing, derive_keys
+from skyrange.assembly.signing import check_signing, derive_keys, place_gateways
 from skyrange.city.city import City
 from skyrange.contracts.components import Agent
 from skyrange.contracts.links import Act, LinkSpec, TapPlacement
@@ -179,7 +179,7 @@ def build(
         routes=[route for route in all_routes if route.endpoint in here],
         agents=[*agents, *air.agents],
         truth_subscribers=air.truth_subscribers,
-        taps=[*defences.taps, *made.taps, *taps],
+        taps=[*place_gateways(scenario), *defences.taps, *made.taps, *taps],
         acts=[plan if whole else _elsewhere(plan) for plan in (*made.plans, *acts, *defences.plans)],
         monitors=[*detectors, *monitors],
         processing=processing,

@@ -26,6 +26,7 @@ AUTOPILOT_EVENTS: Final[Mapping[str, str]] = MappingProxyType(
         "event.parameter": "",
         "event.rally": "",
         "event.reboot": "",
+        "event.signing_key": "ArduPilot stores a key, and sends no message about it",
         "event.signature_refused": "ArduPilot drops frames with a wrong signature, and sends no message about them",
         "event.takeoff": "",
     }

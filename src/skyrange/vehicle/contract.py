@@ -23,7 +23,8 @@ class VehicleSpec:
 
     `system_id` is its MAVLink system in the operator's network number `network`. `params` are ArduCopter parameters in
     their own units that replace defaults. `wind_enu_mps` is the steady wind, for engines with dynamics of their own.
-    With a `signing_key` its MAVLink is signed, and commands to it must be signed.
+    With a `signing_key` its MAVLink is signed, and commands to it must be signed, unless its channel is exempt from
+    that (`signing_exempt`).
     """
 
     vehicle: str
@@ -35,6 +36,7 @@ class VehicleSpec:
     network: int = 0
     wind_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)
     signing_key: SigningKey | None = field(default=None, repr=False)
+    signing_exempt: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +81,8 @@ class AutopilotPlugin(Plugin[AutopilotContext, Engine]):
 
     signs: bool = False
     """Whether they obey `VehicleSpec.signing_key`."""
+    exempts: bool = False
+    """Whether they obey `VehicleSpec.signing_exempt`."""
     reads_sensors: Callable[[Any], bool] = _always
     """`reads_sensors(params)`: whether they fly by the range's sensors. Physics of their own, or a vehicle outside, has
     others, which no attack on sensors, no sensor fault and no sensor check can reach."""

@@ -11,10 +11,17 @@ from skyrange.codec.mavlink.signing import range_passphrase, secret_from_passphr
 
 _FORCE: Final = 21196.0
 """Param 2 of MAV_CMD_COMPONENT_ARM_DISARM: disarm in flight too."""
+_TAKE_OFF_M: Final = 20.0
+"""Height of a take-off above home, in metres."""
 _ORDERS: Final = {
-    "return": sky.Order(mav.MAV_CMD_NAV_RETURN_TO_LAUNCH),
-    "land": sky.Order(mav.MAV_CMD_NAV_LAND),
-    "disarm": sky.Order(mav.MAV_CMD_COMPONENT_ARM_DISARM, (0.0, _FORCE)),
+    "return": (sky.Order(mav.MAV_CMD_NAV_RETURN_TO_LAUNCH),),
+    "land": (sky.Order(mav.MAV_CMD_NAV_LAND),),
+    "disarm": (sky.Order(mav.MAV_CMD_COMPONENT_ARM_DISARM, (0.0, _FORCE)),),
+    "take_off": (
+        sky.mode_order(sky.copter_mode("GUIDED")),
+        sky.Order(mav.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,)),
+        sky.Order(mav.MAV_CMD_NAV_TAKEOFF, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, _TAKE_OFF_M)),
+    ),
 }
 _NOTHING: Final = sky.Order(mav.MAV_CMD_REQUEST_MESSAGE, (float(mav.MAVLINK_MSG_ID_HEARTBEAT),))
 
@@ -41,13 +48,13 @@ class SignedOrders(sky.InjectionOnLinks):
 
     passphrase: str | None = sky.param(
         "Passphrase of the attacker's key; default: that of the operator, skyrange/SEED/OPERATOR, so the key is "
-        "stolen. Any other one is a wrong key, and its frames are refused.",
+        "stolen. Any other one is a wrong key, and its frames are refused, unless signing.setup_key has set it.",
         default=None,
         min_length=1,
     )
-    order: Literal["return", "land", "disarm"] = sky.param(
-        "Order to the aircraft: MAV_CMD_NAV_RETURN_TO_LAUNCH, MAV_CMD_NAV_LAND, or MAV_CMD_COMPONENT_ARM_DISARM by "
-        "force, which stops the motors in flight.",
+    order: Literal["return", "land", "disarm", "take_off"] = sky.param(
+        "Order to the aircraft: MAV_CMD_NAV_RETURN_TO_LAUNCH; MAV_CMD_NAV_LAND; MAV_CMD_COMPONENT_ARM_DISARM by "
+        "force, which stops the motors in flight; or take_off: GUIDED, armed and up to 20 m, from the ground.",
         default="return",
     )
     every_s: sky.Number = sky.param("Time between two orders, in seconds.", default=1.0, ge=0.1, le=3600)
@@ -74,6 +81,7 @@ class SignedOrders(sky.InjectionOnLinks):
         return ()
 
     def send(self, now: sky.Time) -> sky.Verdicts:
-        order = _NOTHING if self.sham else _ORDERS[self.order]
-        frame = self.packer.pack(order.message(self.target))
-        return [self.inject(sign_frame(frame, self.secret, self.link_id, self.stamps.take(now)))]
+        return [
+            self.inject(sign_frame(self.packer.pack(message), self.secret, self.link_id, self.stamps.take(now)))
+            for message in ((_NOTHING if self.sham else one).message(self.target) for one in _ORDERS[self.order])
+        ]

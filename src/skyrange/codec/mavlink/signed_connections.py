@@ -31,6 +31,9 @@ class SignedConnection(NamedTuple):
     key: SigningKey
     receive_port: Port
     send_port: Port
+    exempt: bool = False
+    """Whether frames that fail verification are accepted, as ArduPilot does on its first channel (GCS_Signing.cpp
+    `accept_unsigned_callback`). Its own frames are signed all the same."""
 
 
 class SignedConnections:
@@ -40,15 +43,46 @@ class SignedConnections:
         """`ports` are the agent's; `link` is the link id in its signatures; `note` is the kind of the notes about
         refusals.
         """
-        self._connections = tuple(connections)
+        self._ports = tuple(ports)
+        self._connections = list(connections)
         self._signers = [Signer(one.key, link) for one in connections]
+        self._link = link
         self._note = note
-        self._send_ports = {one.send_port: number for number, one in enumerate(connections)}
-        receiving = {one.receive_port: number for number, one in enumerate(connections)}
-        self._receive_index = np.array([receiving.get(port, -1) for port in ports], dtype=np.int64)
-        self._send_index = np.array([self._send_ports.get(port, -1) for port in ports], dtype=np.int64)
+        self._unsigned: set[int] = set()
+        """Numbers of connections whose key was removed."""
         self._counts = np.zeros((len(self._signers), len(_REASONS)), dtype=np.int64)
         self._started = False
+        self._index_ports()
+
+    def _index_ports(self) -> None:
+        signed = [(number, one) for number, one in enumerate(self._connections) if number not in self._unsigned]
+        self._send_ports = {one.send_port: number for number, one in signed}
+        receiving = {one.receive_port: number for number, one in signed}
+        self._receive_index = np.array([receiving.get(port, -1) for port in self._ports], dtype=np.int64)
+        self._send_index = np.array([self._send_ports.get(port, -1) for port in self._ports], dtype=np.int64)
+
+    def set_key(self, now: Time, connection: SignedConnection, timestamp: int) -> None:
+        """Give a connection, which may be new, the key that it names, as SETUP_SIGNING does (`Signer.set_key`)."""
+        self._begin(now)
+        number = self._find(connection.vehicle)
+        if number is None:
+            number = len(self._connections)
+            self._connections.append(connection)
+            self._signers.append(Signer(connection.key, self._link))
+            self._counts = np.concatenate([self._counts, np.zeros((1, len(_REASONS)), dtype=np.int64)])
+        self._signers[number].set_key(connection.key, timestamp)
+        self._unsigned.discard(number)
+        self._index_ports()
+
+    def remove_key(self, vehicle: str) -> None:
+        """Let an aircraft's connection neither sign nor verify from now on; one that is not signed stays as it is."""
+        number = self._find(vehicle)
+        if number is not None:
+            self._unsigned.add(number)
+            self._index_ports()
+
+    def _find(self, vehicle: str) -> int | None:
+        return next((number for number, one in enumerate(self._connections) if one.vehicle == vehicle), None)
 
     def start(self, now: Time, vehicle: str | None = None) -> None:
         """Start signing on all connections, or on those of one aircraft."""
@@ -81,7 +115,7 @@ class SignedConnections:
         numbers = self._receive_index[mail.places[rows]].tolist()
         for row, number, kind, frame in zip(rows.tolist(), numbers, classify_frames(mine).tolist(), mine, strict=True):
             found = self._signers[number].check(frame) if kind >= 0 else self._check_other(number, frame)
-            if found is not None:
+            if found is not None and not self._connections[number].exempt:
                 keep[row] = False
                 self._refuse(number, found, frame, inbox, mail.order.item(row), out)
         return mail if keep.all() else mail.take(np.flatnonzero(keep))

@@ -46,12 +46,12 @@ class SignatureRefusal(StrEnum):
 
 
 class SigningKey(NamedTuple):
-    """The key with which a component is paired before the flight, as SETUP_SIGNING carries it."""
+    """A key as SETUP_SIGNING carries it: that of the pairing before the flight, or one that came later."""
 
     secret: bytes
     """`KEY_BYTES` bytes."""
     initial: int
-    """The timestamp at time 0 of the run."""
+    """The timestamp of the component's clock at time 0 of the run."""
 
 
 def secret_from_passphrase(passphrase: str) -> bytes:
@@ -114,8 +114,17 @@ class Signer:
         stream (GCS_Signing.cpp `load_signing_key`).
         """
         self.streams.clear()
-        stored = self.timestamp + MAX_LAG if self.timestamp else 0
-        self.timestamp = min(max(stored, self.key.initial + max(now, 0) // UNIT_NS), LAST_TIMESTAMP)
+        stored = (self.timestamp + MAX_LAG) % 2**64 if self.timestamp else 0
+        self.timestamp = max(stored, min(self.key.initial + max(now, 0) // UNIT_NS, LAST_TIMESTAMP))
+
+    def set_key(self, key: SigningKey, timestamp: int) -> None:
+        """Sign and verify with another key, which came with a timestamp of 64 bits that nobody checks.
+
+        The own timestamp is a minute after it, and the streams stay: keys change, and `signing_streams` does not
+        (GCS_Signing.cpp `handle_setup_signing` and `load_signing_key`). One that is far in the future refuses all new
+        streams for good.
+        """
+        self.key, self.timestamp = key, (timestamp + MAX_LAG) % 2**64
 
     def set_clock(self, unix_ns: int) -> None:
         """Advance the timestamp to a clock that was set, in whole seconds and never backwards.

@@ -17,7 +17,7 @@ COLORS = (
     "blue", "green", "red", "orange", "purple", "teal", "magenta", "brown", "gold", "navy", "olive", "gray", "black",
 )  # fmt: skip
 """Names of colours. Operators without a colour get the first unused ones, in this order."""
-Signing = Literal["off", "on", "wrong-key"]
+Signing = Literal["off", "on", "wrong-key", "gateway", "exempt"]
 
 
 def _known_color(color: str) -> str:
@@ -118,7 +118,8 @@ class Operator(Model):
     signing: Signing = Field(
         default="off",
         description="MAVLink 2 signing between its ground station and its aircraft. wrong-key: signing is on, and the "
-        "key of the ground station differs from that of the aircraft.",
+        "key of the ground station differs from that of the aircraft. gateway: the aircraft sign, and a gateway on "
+        "board signs what reaches it unsigned. exempt: signing is on, and the aircraft's channel is exempt from it.",
     )
     station: AnyStation = None
     remote_id: Broadcasts = None

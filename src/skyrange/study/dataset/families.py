@@ -11,14 +11,14 @@ FAMILIES: Final[dict[str, tuple[str, ...]]] = {
         "gnss.capture", "gnss.drift", "gnss.jump", "gnss.meacon", "gnss.pull_off", "gnss.time",
     ),
     "gnss_denial": ("gnss.jam",),
-    "inertial_sensor": ("sensor.accelerometer", "sensor.barometer", "sensor.compass", "sensor.gyro"),
+    "inertial_sensor": ("sensor.accelerometer", "sensor.barometer", "sensor.bus", "sensor.compass", "sensor.gyro"),
     "command_injection": (
         "mavlink.command", "mavlink.guided", "mavlink.home", "mavlink.mode", "mavlink.rc_override",
-        "signing.stolen_key", "companion.takeover", "ground.insider",
+        "signing.setup_key", "signing.stolen_key", "companion.takeover", "ground.insider",
     ),
     "configuration_change": (
         "mavlink.fence", "mavlink.mission_alter", "mavlink.mission_clear", "mavlink.mission_replace",
-        "mavlink.parameter", "ground.plan_file",
+        "mavlink.parameter", "ground.geo_zones", "ground.plan_file",
     ),
     "malformed_input": ("mavlink.malformed",),
     "data_access": ("link.eavesdrop", "mavlink.exfiltrate"),

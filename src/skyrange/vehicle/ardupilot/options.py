@@ -32,6 +32,13 @@ class ProcessOptions(Params):
         "interfaces. The port of each further ArduPilot is 10 higher; 0 opens no port.",
     )
 
+    first_channel: Literal["link", "private"] = Field(
+        default="link",
+        description="Port that is ArduPilot's first MAVLink channel, which it exempts from signing. link: that of the "
+        "link autopilot, or with the operator's signing the private one; private: always the private one, so that a "
+        "key which is set in flight counts on the link.",
+    )
+
     def opened(self, count: int) -> list[int]:
         """The TCP ports on which `count` processes accept ground stations; none unless `open_port` is set."""
         return [self.open_port + PORT_STEP * place for place in range(count)] if self.open_port else []

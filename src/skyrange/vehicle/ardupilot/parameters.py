@@ -153,7 +153,7 @@ def _values(
 
 
 def swap_serial_ports(values: Mapping[str, float], listed: Mapping[str, float]) -> dict[str, float]:
-    """The parameters with serial ports 0 and 1 swapped, with their stream rates, as signed MAVLink requires.
+    """The parameters with serial ports 0 and 1 swapped, with their stream rates, as MAVLink with keys requires.
 
     ArduPilot accepts unsigned frames on its first channel (GCS_Signing.cpp `accept_unsigned_callback`), as if it were
     USB. So the private port is the first channel then, and the link `autopilot` the second.

@@ -2,7 +2,7 @@
 
 `lockstep_fleet` and `native_fleet` differ in whose physics moves the aircraft, and so in how time passes. In both,
 serial port 0 of each process is the link `autopilot`; port 1 is private: GNSS fixes go in, and reports about its state
-come out. If MAVLink is signed the ports are swapped (`parameters.swap_serial_ports`).
+come out. If MAVLink is signed or may become so, the ports are swapped (`parameters.swap_serial_ports`).
 """
 
 from __future__ import annotations
@@ -179,7 +179,8 @@ class ProcessFleet(EngineBase, ABC):
         opened = self._options.opened(len(self._specs))
         for row, spec in enumerate(self._specs):
             values = self._values(spec, int(tick - sensors.gnss_time_ns[row]) // NS_PER_MS)
-            if spec.signing_key is not None:
+            crossed = spec.signing_key is not None or self._options.first_channel == "private"
+            if crossed:
                 values = parameters.swap_serial_ports(values, self._listed)
             if self._options.keep_logs:
                 values["LOG_BACKEND_TYPE"] = 1.0
@@ -193,7 +194,7 @@ class ProcessFleet(EngineBase, ABC):
                 "system_id": spec.system_id,
                 "start_unix_s": (self._epoch.unix_ns + tick - (WARM_UP_NS - self.preroll_ns)) // NS_PER_S,
                 "parameters": parameters.defaults_text(values),
-                "crossed": spec.signing_key is not None,
+                "crossed": crossed,
                 "options": (f"--serial{OPEN}", f"tcp:{opened[row]}") if opened else (),
             }
             packer = Packer(spec.system_id, dialect.MAV_COMP_ID_GPS)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from skyrange.codec.mavlink import decode, dialect
 from skyrange.codec.mavlink.sequence_numbers import FleetPacker
 from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
+from skyrange.codec.mavlink.signing import SigningKey, signing_timestamp
 from skyrange.contracts.components import EngineBase, Finished, Floats, Sensors, World
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.plugins.registry import NoParams
@@ -39,7 +40,7 @@ from skyrange.vehicle.builtin.fence import fence
 from skyrange.vehicle.builtin.fleet import COMPONENT_ID, Causes, Fleet, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import guided, rtl
 from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, FlightEvent, Records, new_records
-from skyrange.vehicle.builtin.messages import files_and_logs, parameter_protocol, rc_override
+from skyrange.vehicle.builtin.messages import files_and_logs, parameter_protocol, rc_override, setup_signing
 from skyrange.vehicle.builtin.messages.heartbeats import consume_heartbeats
 from skyrange.vehicle.builtin.mission import do_commands, execution, pause
 from skyrange.vehicle.builtin.mission.items import decode_item
@@ -60,7 +61,8 @@ PHASE_STREAM = "vehicle.boot_phase"
 LINK_ID = 1
 """Link id in signatures: the number of its telemetry port.
 
-Channel 0 is USB, which ArduPilot lets anybody command unsigned (GCS_Signing.cpp), and no link of the range is that.
+Channel 0 is USB, which ArduPilot lets anybody command unsigned (GCS_Signing.cpp). No link of the range is that, unless
+the scenario makes the link of an operator's aircraft exempt.
 """
 
 
@@ -88,6 +90,7 @@ _HANDLERS: dict[int, Handler] = {
     _ID.MAVLINK_MSG_ID_TIMESYNC: timesync.on_timesync,
     _ID.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: files_and_logs.on_file_transfer,
     _ID.MAVLINK_MSG_ID_LOG_REQUEST_LIST: files_and_logs.on_log_request_list,
+    _ID.MAVLINK_MSG_ID_SETUP_SIGNING: setup_signing.on_setup_signing,
     _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_ARM_STATUS: open_drone_id.on_arm_status,
     _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_BASIC_ID: open_drone_id.on_basic_id,
     _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_SYSTEM: open_drone_id.on_system,
@@ -133,8 +136,9 @@ class BuiltinFleet(EngineBase):
         flight["landed"] = 1
         self.ports: Sequence[Port] = [vehicle.port for vehicle in vehicles]
         self._rows_by_port = {vehicle.port: vehicle.row for vehicle in vehicles}
+        self._exempt = frozenset(spec.vehicle for spec in specs if spec.signing_exempt)
         signed = [
-            SignedConnection(vehicle.id, spec.signing_key, vehicle.port, vehicle.port)
+            SignedConnection(vehicle.id, spec.signing_key, vehicle.port, vehicle.port, spec.signing_exempt)
             for vehicle, spec in zip(vehicles, specs, strict=True)
             if spec.signing_key is not None
         ]
@@ -191,11 +195,32 @@ class BuiltinFleet(EngineBase):
         fleet = self._fleet
         if fleet.aux_pending:
             aux_functions.run_pending(fleet)
+        if fleet.new_keys:
+            self._set_keys(tick)
         if self._signed is not None:
             for vehicle in fleet.rebooted:
                 self._signed.start(tick, vehicle)
             self._signed.sign_outbox(tick, fleet.outbox)
         fleet.rebooted.clear()
+
+    def _set_keys(self, tick: Time) -> None:
+        """Give aircraft the keys that SETUP_SIGNING brought, or take theirs."""
+        fleet = self._fleet
+        if self._signed is None:
+            self._signed = SignedConnections(self.ports, [], LINK_ID, "event.signature_refused")
+        for row, key in fleet.new_keys:
+            vehicle = fleet.vehicles[row]
+            if key is None:
+                self._signed.remove_key(vehicle.id)
+                continue
+            secret, timestamp = key
+            own = SigningKey(secret, signing_timestamp(fleet.clocks.epoch.unix_ns))
+            connection = SignedConnection(vehicle.id, own, vehicle.port, vehicle.port, vehicle.id in self._exempt)
+            self._signed.set_key(tick, connection, timestamp)
+            utc_us = fleet.clocks.utc_us(np.array([row]), tick).item()
+            if utc_us:  # the next fix, 0.2 s later at most, sets the clock, and the clock the timestamp
+                self._signed.set_clock(tick, vehicle.id, utc_us * NS_PER_US)
+        fleet.new_keys.clear()
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Return motor commands (n, 4) and the messages of this tick. Never waits."""
@@ -425,6 +450,7 @@ BUILTIN = AutopilotPlugin(
     _make,
     "Models ArduCopter in skyrange's own code.",
     signs=True,
+    exempts=True,
     mission_result=_mission_result,
 )
 """The autopilot `builtin`. Raises `InputError` as `BuiltinFleet` does."""

@@ -267,6 +267,9 @@ class Fleet:
         """Whether any aircraft has `aux_functions` to run."""
         self.rebooted: list[str] = []
         """Aircraft that rebooted in this tick."""
+        self.new_keys: list[tuple[int, tuple[bytes, int] | None]] = []
+        """Rows of aircraft that were given a signing key in this tick, with its bytes and its timestamp; `None` for no
+        key."""
 
     def send(self, vehicle: Vehicle, message: Any, causes: Causes = ()) -> None:
         """Pack and send one message from an aircraft."""

@@ -41,6 +41,7 @@ _SYMBOLS = {
     "event.estimator": ("alarm", "estimator"),
     "event.glitch": ("alarm", "GNSS glitch"),
     "event.ekf_failsafe": ("alarm", "estimator failsafe"),
+    "event.signing_key": ("alarm", "signing key changed"),
     "event.signature_refused": ("alarm", "signature refused"),
     "event.outcome": ("outcome", "mission reported complete"),
 }
