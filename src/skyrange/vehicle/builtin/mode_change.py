@@ -14,6 +14,7 @@ from skyrange.vehicle.builtin import loop
 from skyrange.vehicle.builtin.arming.arming import auto_disarm_time
 from skyrange.vehicle.builtin.estimation import validity
 from skyrange.vehicle.builtin.fence import fence
+from skyrange.vehicle.builtin.files.log_events import log_mode
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, SubMode, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import auto_rtl, guided, rtl
 from skyrange.vehicle.builtin.guidance import auto_yaw
@@ -137,6 +138,7 @@ def set_mode(fleet: Fleet, vehicle: Vehicle, number: int, reason: str, causes: C
     fleet.set_timer(vehicle, Timer.HOLD)
     fleet.set_timer(vehicle, Timer.GUIDED_TIMEOUT)
     fleet.note("event.mode", vehicle, {"mode": mode.name, "number": int(mode), "reason": str(reason)}, causes)
+    log_mode(fleet, vehicle)
     fleet.send(
         vehicle, build_message(fleet, vehicle, dialect.MAVLINK_MSG_ID_HEARTBEAT), causes
     )  # at once (Copter::set_mode)

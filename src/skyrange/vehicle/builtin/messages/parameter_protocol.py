@@ -65,19 +65,27 @@ def on_request_read(fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[in
 def on_set(fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes) -> None:
     """PARAM_SET: store a finite value of a known parameter and report what is stored."""
     name = clean_name(message.param_id).upper()
+    if math.isfinite(message.param_value) and set_parameter(fleet, vehicle, name, message.param_value, causes):
+        _send_value(fleet, vehicle, INDEX[canonical_name(name)], _NO_INDEX, name, causes)
+
+
+def set_parameter(fleet: Fleet, vehicle: Vehicle, name: str, value: float, causes: Causes) -> bool:
+    """Store a finite value, without a message; `False` for an unknown name. The unit is that of the name's version."""
+    name = name.upper()
     known = canonical_name(name)
-    if known not in INDEX or not math.isfinite(message.param_value):
-        return
-    index = INDEX[known]
+    if known not in INDEX:
+        return False
+    index, row = INDEX[known], vehicle.row
     parameter = PARAMETERS[index]
-    value = stored_value(parameter, to_canonical(name, message.param_value))
-    row = vehicle.row
-    fleet.stored_params[row, index] = value
+    stored = stored_value(parameter, to_canonical(name, value))
+    fleet.stored_params[row, index] = stored
     vehicle.unsaved_params.pop(index, None)
     if known in SETTINGS_NAMES:
-        fleet.settings[known][row] = value_in_range(parameter, value)
-    fleet.note("event.parameter", vehicle, {"name": known, "value": value}, causes)
-    _send_value(fleet, vehicle, index, _NO_INDEX, name, causes)
+        fleet.settings[known][row] = value_in_range(parameter, stored)
+    if vehicle.card.log is not None:
+        vehicle.card.log.add(fleet.now, "PARM", index, stored)
+    fleet.note("event.parameter", vehicle, {"name": known, "value": stored}, causes)
+    return True
 
 
 def clean_name(raw: object) -> str:
