@@ -16,7 +16,7 @@ from skyrange.core.time import NEVER, Time
 MAX_FACTS: Final = 10_000
 """Facts that the attacker keeps of one link; what is new beyond them is not kept, so a flood takes no memory."""
 
-_NAMED_FILES: Final = {
+_NAMED_FILES: Final[Mapping[int, str]] = {
     Opcode.OPEN_FILE_RO: "read",
     Opcode.OPEN_FILE_WO: "write",
     Opcode.CREATE_FILE: "write",
