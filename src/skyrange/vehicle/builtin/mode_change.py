@@ -14,11 +14,11 @@ from skyrange.vehicle.builtin import loop
 from skyrange.vehicle.builtin.arming.arming import auto_disarm_time
 from skyrange.vehicle.builtin.estimation import validity
 from skyrange.vehicle.builtin.fence import fence
-from skyrange.vehicle.builtin.files.log_events import log_mode
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, SubMode, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import auto_rtl, guided, rtl
 from skyrange.vehicle.builtin.guidance import auto_yaw
 from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode
+from skyrange.vehicle.builtin.log_events import log_mode
 from skyrange.vehicle.builtin.mission import execution, landing_sequence
 from skyrange.vehicle.builtin.modes import MANUAL_THROTTLE, PILOT_CONTROLS, REQUIRES_POSITION, Mode, mode_of
 from skyrange.vehicle.builtin.pilot import rc_channels

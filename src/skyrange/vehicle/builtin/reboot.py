@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from skyrange.vehicle.builtin.arming.arming import disarm
 from skyrange.vehicle.builtin.failsafes import checks
-from skyrange.vehicle.builtin.files.log_events import end_log
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionState, Timer, Upload, Vehicle
+from skyrange.vehicle.builtin.log_events import end_log
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters.table import PARAMETERS, apply_stored, stored_value
 from skyrange.vehicle.builtin.pilot import rc_channels

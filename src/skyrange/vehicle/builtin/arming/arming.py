@@ -13,10 +13,10 @@ from skyrange.core.time import NEVER, Time, from_seconds
 from skyrange.vehicle.builtin import loop
 from skyrange.vehicle.builtin.arming import prearm
 from skyrange.vehicle.builtin.fence import fence
-from skyrange.vehicle.builtin.files.log_events import log_arming, log_disarming
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, SubMode, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import auto_rtl
 from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode
+from skyrange.vehicle.builtin.log_events import log_arming, log_disarming
 from skyrange.vehicle.builtin.modes import PILOT_CONTROLS, Mode, allows_arming
 from skyrange.vehicle.builtin.pilot import rc_channels
 

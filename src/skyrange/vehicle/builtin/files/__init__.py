@@ -1,1 +1,1 @@
-"""Files of an aircraft: its memory card, its logs, and the files that stand for parameters and missions."""
+"""Memory card of an aircraft: files, directories and flight logs."""

@@ -5,8 +5,8 @@ After the end of ModeAuto::run (ArduCopter/mode_auto.cpp), which checks it in ev
 
 from __future__ import annotations
 
-from skyrange.vehicle.builtin.files.log_events import log_mode
 from skyrange.vehicle.builtin.fleet import Fleet, MissionState, Vehicle
+from skyrange.vehicle.builtin.log_events import log_mode
 from skyrange.vehicle.builtin.modes import Mode
 
 

@@ -1,7 +1,7 @@
 """Requests of the list of logs, which an aircraft answers while it is disarmed.
 
 After libraries/AP_Logger/AP_Logger_MAVLinkLogTransfer.cpp: while it is armed it tells once that it is to be disarmed.
-The content of logs is read as files (`file_transfer`), which no arming prevents; LOG_REQUEST_DATA has no answer.
+The content of logs is read as files (`file_transfer.server`), which no arming prevents; LOG_REQUEST_DATA has no answer.
 """
 
 from __future__ import annotations

@@ -10,16 +10,15 @@ name and in its unit; the list has the 4.6 names only.
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Any
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_MS
+from skyrange.vehicle.builtin.firmware import BANNER
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Timer, Vehicle
 from skyrange.vehicle.builtin.parameters.renames import canonical_name, from_canonical, to_canonical
 from skyrange.vehicle.builtin.parameters.table import INDEX, PARAMETERS, SETTINGS_NAMES, stored_value, value_in_range
 
-BANNER: Final = ("ArduCopter V4.6.0-dev (skyrange)", "Frame: QUAD/X")
-"""The texts that precede a list, as in ArduCopter (`send_banner`)."""
 _VALUES_PER_BATCH = 5
 _PAUSE_NS = 10 * NS_PER_MS
 """A list is sent at five values every 10 ms, the pace of a serial line (`queued_param_send`)."""

@@ -23,7 +23,7 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import file_transfer as ftp
 from skyrange.codec.mavlink.file_transfer import DATA_BYTES, Error, Opcode, Transfer
 from skyrange.core.time import NS_PER_MS, NS_PER_S
-from skyrange.vehicle.builtin.files import mission_file, param_file
+from skyrange.vehicle.builtin.file_transfer import mission_file, param_file
 from skyrange.vehicle.builtin.files.store import Entry, fail
 from skyrange.vehicle.builtin.fleet import Burst, Causes, FileServer, Fleet, OpenFile, Timer, Vehicle
 from skyrange.vehicle.builtin.messages.parameter_protocol import send_banner

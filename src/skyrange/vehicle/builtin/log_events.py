@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from skyrange.vehicle.builtin.files.flight_log import EV_ARMED, EV_DISARMED, REASONS, FlightLog
+from skyrange.vehicle.builtin.firmware import BANNER
 from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
-from skyrange.vehicle.builtin.messages.parameter_protocol import BANNER
 
 _US_PER_S = 1_000_000
 
