@@ -11,6 +11,8 @@ from skyrange.attack.contract import AttackPlugin
 from skyrange.testing import check_attack
 
 COMMAND = AttackPlugin.find("mavlink.command")
+FILE_READ = AttackPlugin.find("mavlink.file_read")
+FILE_WRITE = AttackPlugin.find("mavlink.file_write")
 EXFILTRATE = AttackPlugin.find("mavlink.exfiltrate")
 FENCE = AttackPlugin.find("mavlink.fence")
 GUIDED = AttackPlugin.find("mavlink.guided")
@@ -48,6 +50,8 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], set[str], Mapping[str, float]
     (FENCE, B1, INJECT, {}),
     (FENCE, {**B1, "form": "move", "at": [200, 0, 0], "radius_m": 50}, INJECT, {}),
     (PARAMETER, {**B1, "values": {"WPNAV_SPEED": 1500}, "shown": {"WPNAV_SPEED": 1000}}, INJECT | REPLACE, {}),
+    (FILE_READ, B1, INJECT, {}),
+    (FILE_WRITE, {**B1, "values": {"WPNAV_SPEED": 1500}, "track": [[60, 0, 10]]}, INJECT, {}),
     (EXFILTRATE, {**B1, "what": ["parameters", "mission", "fence", "rally", "logs"]}, INJECT, {}),
     (MALFORMED, {**B1, "rate_hz": 40}, INJECT, {}),
     (MALFORMED, {**B1, "rate_hz": 40, "towards": "station", "on": "log"}, INJECT, {}),

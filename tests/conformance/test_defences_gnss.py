@@ -27,6 +27,8 @@ KINDS: list[tuple[str, Mapping[str, Any], Mapping[str, Any], Collection[str]]] =
     ("gnss.innovation", REJECT, JUMP, ("sensor",)),
     ("gnss.barometer", {}, CLIMB, ()),
     ("gnss.barometer", REJECT, CLIMB, ("sensor",)),
+    ("gnss.integrity", {"detection": 1}, JUMP, ()),
+    ("gnss.integrity", {**REJECT, "detection": 1}, TIME, ("sensor",)),
     ("gnss.receiver", {}, TIME, ()),
     ("gnss.receiver", REJECT, TIME, ("sensor",)),
 ]

@@ -21,6 +21,7 @@ PARAMETER: dict[str, Any] = {
     "start_s": 5.0,
     "params": {**VICTIMS, "values": {"FS_GCS_ENABLE": 5}},
 }
+AS_A_FILE = {**PARAMETER, "kind": "mavlink.file_write"}
 BEHIND_THE_LOCK = {**PARAMETER, "params": {**PARAMETER["params"], "on": "autopilot"}}
 MODE = {"kind": "mavlink.mode", "start_s": 5.0, "params": {**VICTIMS, "mode": "LAND"}}
 KINDS: list[tuple[str, Mapping[str, Any], Mapping[str, Any], Collection[str]]] = [
@@ -30,6 +31,7 @@ KINDS: list[tuple[str, Mapping[str, Any], Mapping[str, Any], Collection[str]]] =
     ("parameter.watch", {}, PARAMETER, ("drop",)),
     ("parameter.watch", {"at": "companion"}, PARAMETER, ("drop",)),
     ("parameter.watch", {}, BEHIND_THE_LOCK, ()),
+    ("parameter.watch", {}, AS_A_FILE, ("drop",)),
     ("mavlink.sequence", {}, MODE, ()),
     ("mavlink.sequence", {"drop": True}, MODE, ("drop",)),
     ("mavlink.signing", {}, MODE, ("drop",)),

@@ -19,6 +19,8 @@ COMMAND = AttackPlugin.find("mavlink.command")
 EXFILTRATE = AttackPlugin.find("mavlink.exfiltrate")
 FENCE = AttackPlugin.find("mavlink.fence")
 GUIDED = AttackPlugin.find("mavlink.guided")
+FILE_READ = AttackPlugin.find("mavlink.file_read")
+FILE_WRITE = AttackPlugin.find("mavlink.file_write")
 HOME = AttackPlugin.find("mavlink.home")
 MISSION_ALTER = AttackPlugin.find("mavlink.mission_alter")
 MISSION_CLEAR = AttackPlugin.find("mavlink.mission_clear")
@@ -60,6 +62,9 @@ NOTED: list[tuple[AttackPlugin, dict[str, Any], str, tuple[str, ...]]] = [
     (HOME, {"at": [60, 0, 0], "point": "rally"}, "event.rally", ("'items': 1",)),
     (FENCE, {"form": "move", "at": [300, 0, 0]}, "event.mode", ("LAND", "fence_breached")),
     (PARAMETER, {"values": {"RTL_ALT": 9000}}, "event.parameter", ("RTL_ALT", "9000")),
+    (FILE_WRITE, {"values": {"RTL_ALT": 9000}}, "event.parameter", ("RTL_ALT", "9000")),
+    (FILE_WRITE, {"track": [[60, 0, 10], [60, 9, 10]]}, "event.mission", ("items",)),
+    (FILE_WRITE, {"path": "/APM/scripts/a.lua", "text": "x" * 500}, "event.file", ("a.lua", "'bytes': 500")),
 ]
 
 
@@ -113,6 +118,7 @@ def test_a_running_mission_is_not_cleared_but_an_empty_one_is_uploaded() -> None
     [
         (GUIDED, {"track": [[60, 0, 10]]}),
         (MISSION_REPLACE, {"track": [[60, 0, 10]], "end": "hold"}),
+        (FILE_WRITE, {"track": [[60, 0, 10]]}),
         (HOME, {"at": [60, 0, 0], "then_rtl": True}),
         (RC_OVERRIDE, {"right": 0.3, "forward": 0.0}),
     ],
@@ -130,6 +136,21 @@ def test_the_altered_mission_is_flown_and_the_operator_sees_its_own() -> None:
     assert noted(flight, "decision.verified")
     assert not noted(flight, "decision.failed")
     assert track(flight)[:, 0].max() > 35.0
+
+
+def test_files_are_stolen_in_flight_and_altered_without_a_word_to_the_operator() -> None:
+    """The log that is being written is among them; LOG_REQUEST_LIST is refused in flight."""
+    live, muted = (flown(FILE_READ, {"sender": "own"}, 14.0, START_S, muted=each) for each in (False, True))
+    learnt = [row[4] for row in live.notes() if row[2] == "event.learned"]
+    files = [text for text in learnt if "'what': 'file'" in text]
+    assert [name for name in ("param.pck", "mission.dat", "00000001.BIN", "LASTLOG.TXT") if name in str(files)] == [
+        "param.pck", "mission.dat", "00000001.BIN", "LASTLOG.TXT"
+    ]  # fmt: skip
+    assert sum("'what': 'parameters'" in text for text in learnt) == len(PARAMETERS)
+    assert not [row for row in muted.notes() if row[2] == "event.learned"]
+    altered = flown(FILE_WRITE, {"values": {"RTL_ALT": 9000}}, 14.0, START_S)
+    names = [message_name(f.payload) for f in altered.seen.frames if f.link == "gcs:blue/b1" and f.direction == "rev"]
+    assert names.count("PARAM_VALUE") == 0
 
 
 def test_the_aircraft_answers_whoever_requests() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
@@ -16,8 +17,11 @@ from skyrange.attack.bases.mavlink.hostile_frames import (
 from skyrange.attack.bases.mavlink.injection import Injection
 from skyrange.attack.bases.mavlink.orders import stick_message
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
-from skyrange.codec.mavlink import Packer, decode
+from skyrange.attack.link.overheard import Overheard
+from skyrange.codec.ardupilot_files import parameters
+from skyrange.codec.mavlink import Packer, decode, file_transfer
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink.file_transfer import Error, Opcode
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule
@@ -31,6 +35,8 @@ from skyrange.gcs.protocols.mission_transfer import Download, Upload
 
 COMMAND = AttackPlugin.find("mavlink.command")
 EXFILTRATE = AttackPlugin.find("mavlink.exfiltrate")
+FILE_READ = AttackPlugin.find("mavlink.file_read")
+FILE_WRITE = AttackPlugin.find("mavlink.file_write")
 FENCE = AttackPlugin.find("mavlink.fence")
 GUIDED = AttackPlugin.find("mavlink.guided")
 MALFORMED = AttackPlugin.find("mavlink.malformed")
@@ -304,6 +310,92 @@ def test_what_is_read_is_learnt() -> None:
     assert one.learnt["parameters"] == {"RTL_ALT": (1500.0,)}
     assert one.learnt["mission"]["1"] == pytest.approx((22, 40.0, -74.0, 10))
     assert one.next_wakeup() == 60 * NS_PER_S, "the next round"
+
+
+def reply_to(request: Any, opcode: int, data: bytes = b"", **more: Any) -> Any:
+    """A reply of the aircraft to a request of MAVLink FTP that was injected."""
+    asked = file_transfer.unpack(bytes(request.payload))
+    more = {"request": asked.opcode, "session": asked.session, "sequence": asked.sequence + 1, **more}
+    return mav.MAVLink_file_transfer_protocol_message(0, 255, 190, file_transfer.pack(opcode=opcode, data=data, **more))
+
+
+def requested(messages: Sequence[Any]) -> list[tuple[int, int, bytes]]:
+    """Sequence number, opcode and data of requests."""
+    found = [file_transfer.unpack(bytes(message.payload)) for message in messages]
+    return [(one.sequence, one.opcode, one.data.rstrip(b"\0")) for one in found]
+
+
+def test_a_file_is_read_piece_by_piece_and_a_request_without_a_reply_is_repeated() -> None:
+    """The same request comes again under its number; one that is refused for another's session has a new one."""
+    one: Any = tap(FILE_READ, files=["/APM/a.txt", "/none"])
+    (first,) = injected(one, 0)
+    assert requested([first]) == [(0, Opcode.OPEN_FILE_RO, b"/APM/a.txt")]
+    (again,) = injected(one, NS_PER_S // 2)
+    assert again.payload == first.payload
+    told(one, NS_PER_S // 2, reply_to(first, Opcode.NAK, bytes([Error.INVALID_SESSION])))
+    (anew,) = injected(one, NS_PER_S)
+    assert requested([anew]) == [(1, Opcode.OPEN_FILE_RO, b"/APM/a.txt")]
+    stale = [reply_to(anew, Opcode.ACK, sequence=9), reply_to(anew, Opcode.ACK, session=9)]
+    for message in (*stale, reply_to(anew, Opcode.ACK, (300).to_bytes(4, "little"))):
+        told(one, NS_PER_S, message)
+    pieces = [b"x" * 239, b"y" * 61]
+    now, asked = NS_PER_S, []
+    for piece in pieces:
+        now += 2_000_000
+        (read,) = injected(one, now)
+        asked.append(file_transfer.unpack(bytes(read.payload)).offset)
+        told(one, now, reply_to(read, Opcode.ACK, piece))
+    (last,) = injected(one, now + 2_000_000)
+    verdicts = one.on_frame(now, frame("rev", AIRCRAFT.pack(reply_to(last, Opcode.NAK, bytes([Error.END_OF_FILE])))))
+    assert [note.data for note in verdicts] == [{"what": "file", "name": "/APM/a.txt", "bytes": 300}]
+    assert (asked, one.stolen) == ([0, 239], {"/APM/a.txt": b"".join(pieces)})
+    (end,) = injected(one, now + 4_000_000)
+    assert requested([end])[0][1] == Opcode.TERMINATE_SESSION
+    told(one, now, reply_to(end, Opcode.ACK))
+    (other,) = injected(one, now + 6_000_000)
+    told(one, now, reply_to(other, Opcode.NAK, bytes([Error.FILE_NOT_FOUND])))
+    assert (requested([other])[0][2], one.next_wakeup()) == (b"/none", None)
+
+
+def test_a_listing_without_end_and_a_silent_aircraft_are_survived() -> None:
+    one: Any = tap(FILE_READ, files=["/"])
+    for now in range(0, 4_000 * 2_000_000, 2_000_000):
+        for request in injected(one, now):
+            told(one, now, reply_to(request, Opcode.ACK, b"Fa\t1\0Db\0\xff\0" * 10))
+    assert len(one.queue) + len(one.stolen) <= 1000
+    silent: Any = tap(FILE_READ, files=["/a", "/b"])
+    paths = [data for _, _, data in requested(injected(silent, 60 * NS_PER_S))]
+    assert paths == [b"/a"] * 10 + [b"/b"] * 10
+    assert silent.next_wakeup() is None
+
+
+def test_parameters_and_other_files_are_written_and_closed() -> None:
+    one: Any = tap(FILE_WRITE, values={"FS_GCS_ENABLE": 0}, path="/APM/scripts/a.lua", text="z" * 240)
+    seen = []
+    for now in range(0, 40_000_000, 2_000_000):
+        for request in injected(one, now):
+            seen.append(file_transfer.unpack(bytes(request.payload)))
+            told(one, now, reply_to(request, Opcode.ACK))
+    names = [Opcode(request.opcode).name for request in seen]
+    first = ["CREATE_FILE", "WRITE_FILE", "TERMINATE_SESSION"]
+    assert names == [*first, "CREATE_FILE", "WRITE_FILE", "WRITE_FILE", "TERMINATE_SESSION"]
+    packed = seen[1].data[: seen[1].size]
+    assert list(parameters.read_upload(packed)) == [("FS_GCS_ENABLE", 0.0)]
+    assert [(r.offset, r.data[: r.size]) for r in seen[4:6]] == [(0, b"z" * 239), (239, b"z")]
+    with pytest.raises(InputError, match=r"values.*something to write"):
+        tap(FILE_WRITE)
+
+
+def test_who_listens_learns_which_files_are_read_and_written() -> None:
+    known = Overheard(NS_PER_S)
+    for opcode, data in ((4, b"@PARAM/param.pck"), (5, b""), (6, b"/APM/a.lua"), (7, b"x"), (4, b"@PARAM/param.pck")):
+        message = mav.MAVLink_file_transfer_protocol_message(0, SYSTEM, 1, file_transfer.pack(1, 1, opcode, data))
+        known.learn(0, OPERATOR.pack(message))
+    files = [says for fact, says in known.facts.items() if fact.startswith("file|")]
+    assert files == [
+        {"operation": "read", "path": "@PARAM/param.pck", "target_system": SYSTEM},
+        {"operation": "write", "path": "/APM/a.lua", "target_system": SYSTEM},
+    ]
 
 
 def is_valid(payload: bytes) -> bool:

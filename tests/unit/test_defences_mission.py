@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from skyrange.attack.contract import Aircraft, AttackContext
-from skyrange.codec.mavlink import Message, Packer, decode
+from skyrange.codec.mavlink import Message, Packer, decode, file_transfer
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink.file_transfer import Opcode
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.frame import Frame
@@ -280,6 +281,28 @@ def test_parameters_are_locked_while_armed_and_set_back() -> None:
     restored = decode(injected(verdicts)[0])
     assert alarms(verdicts) == ["parameter.changed"]
     assert (restored.param_id, restored.param_value) == ("FS_GCS_ENABLE", 1.0)
+
+
+def test_files_that_set_parameters_or_the_fence_are_locked_while_armed_too() -> None:
+    """A file is opened to be written before it is written; reading one, and other files, are left."""
+
+    def opens(opcode: int, path: bytes) -> Frame:
+        payload = file_transfer.pack(1, 1, opcode, path)
+        return sent(mav.MAVLink_file_transfer_protocol_message(0, SYSTEM, 1, payload))
+
+    locked = [
+        opens(Opcode.CREATE_FILE, b"@PARAM/param.pck"), opens(Opcode.OPEN_FILE_WO, b"@PARAM/param.pck?start=0"),
+        opens(Opcode.CREATE_FILE, b"@MISSION/fence.dat"),
+    ]  # fmt: skip
+    free = [opens(Opcode.OPEN_FILE_RO, b"@PARAM/param.pck"), opens(Opcode.CREATE_FILE, b"/APM/scripts/a.lua")]
+    (tap,) = taps(WATCH)
+    tap.on_frame(0, told(value_of("FS_GCS_ENABLE", 1.0)))
+    assert [tap.on_frame(0, frame) for frame in (*locked, *free)] == [()] * 5
+    tap.on_frame(0, told(heartbeat(True)))
+    assert tap.on_frame(0, told(value_of("FS_GCS_ENABLE", 5.0))) == ()  # learnt anew: a file was written before
+    found = [alarms(tap.on_frame(second * NS_PER_S, frame)) for second, frame in enumerate(locked)]
+    assert found == [["parameter.lock"]] * 3
+    assert [tap.on_frame(0, frame) for frame in free] == [(), ()]
 
 
 def test_the_watch_asks_oftener_for_what_it_does_not_know_and_still_for_the_rest() -> None:

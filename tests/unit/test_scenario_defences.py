@@ -126,7 +126,7 @@ def test_a_defence_where_it_cannot_stand_is_named(more: str, where: str, hint: s
     assert hint in str(caught.value)
 
 
-@pytest.mark.parametrize("kind", ["gnss.barometer", "gnss.innovation", "gnss.receiver"])
+@pytest.mark.parametrize("kind", ["gnss.barometer", "gnss.innovation", "gnss.integrity", "gnss.receiver"])
 def test_a_check_of_sensors_outside_the_range_is_named(kind: str) -> None:
     options = '[autopilots.options.external]\nconnect = { "blue/b1" = "tcp:127.0.0.1:5760" }\n'
     text = BASE.replace('id = "b1"', 'id = "b1"\n  autopilot = "external"') + options
@@ -137,7 +137,7 @@ def test_a_check_of_sensors_outside_the_range_is_named(kind: str) -> None:
         build(load_text(text + declare(kind)))
 
 
-@pytest.mark.parametrize("kind", ["gnss.barometer", "gnss.innovation", "gnss.receiver"])
+@pytest.mark.parametrize("kind", ["gnss.barometer", "gnss.innovation", "gnss.integrity", "gnss.receiver"])
 def test_a_check_of_the_sensors_of_native_physics_is_named(kind: str) -> None:
     with pytest.raises(
         InputError, match=r"defences\.a\.params\.vehicles: blue/b1 — expected an aircraft that flies by"

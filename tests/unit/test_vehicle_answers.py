@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
 from typing import Any
 
 import pytest
@@ -269,22 +268,3 @@ def test_the_clock_is_told_and_an_answer_is_not_answered() -> None:
     assert answer.ts1 == 987_654_321
     assert answer.tc1 % 1000 == 1  # ArduPilot adds its system id to the nanoseconds
     assert answer.tc1 == pytest.approx(1e9, abs=2e7)
-
-
-def test_files_and_logs_are_refused_and_not_left_unanswered() -> None:
-    """https://mavlink.io/en/services/ftp.html: 129 is NAK, 128 ACK; errors 10 file not found, 7 unknown command."""
-
-    def request(sequence: int, opcode: int, data: bytes = b"") -> list[int]:
-        return list(struct.pack("<HBBBBBBI", sequence, 3, opcode, len(data), 0, 0, 0, 0) + data.ljust(239, b"\0"))
-
-    r = Range([VehicleSpec(V, 1)])
-    r.run(0.1)
-    for sequence, opcode, data in ((0xFFFF, 4, b"@PARAM/param.pck"), (1, 2, b""), (2, 15, b""), (3, 129, b"")):
-        r.send(V, A.MAVLink_file_transfer_protocol_message(0, 1, 1, request(sequence, opcode, data)))
-    r.send(V, A.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
-    r.run(0.02)
-    answers = [struct.unpack("<HBBBBBBIB", bytes(answer.payload)[:13]) for answer in r.heard("FILE_TRANSFER_PROTOCOL")]
-    assert answers == [
-        (0, 3, 129, 1, 4, 0, 0, 0, 10), (2, 3, 128, 0, 2, 0, 0, 0, 0), (3, 3, 129, 1, 15, 0, 0, 0, 7),
-    ]  # fmt: skip
-    assert [(entry.num_logs, entry.last_log_num) for entry in r.heard("LOG_ENTRY")] == [(0, 0)]

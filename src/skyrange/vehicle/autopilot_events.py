@@ -17,6 +17,7 @@ AUTOPILOT_EVENTS: Final[Mapping[str, str]] = MappingProxyType(
         "event.fence": "",
         "event.fence_breach": "",
         "event.fence_cleared": "",
+        "event.file": "ArduPilot sends no message about its files but the replies to a client, which name no path",
         "event.glitch": "",
         "event.home": "",
         "event.item_reached": "",

@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, TypeAlias
 
-from skyrange.codec.mavlink import Message, decode, dialect, message_id, sender_system
+from skyrange.codec.mavlink import Message, decode, dialect, file_transfer, message_id, sender_system
+from skyrange.codec.mavlink.file_transfer import Opcode
 from skyrange.codec.mavlink.signing import is_signed
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
@@ -15,6 +16,13 @@ from skyrange.core.time import NEVER, Time
 MAX_FACTS: Final = 10_000
 """Facts that the attacker keeps of one link; what is new beyond them is not kept, so a flood takes no memory."""
 
+_NAMED_FILES: Final[Mapping[int, str]] = {
+    Opcode.OPEN_FILE_RO: "read",
+    Opcode.OPEN_FILE_WO: "write",
+    Opcode.CREATE_FILE: "write",
+    Opcode.REMOVE_FILE: "remove",
+}
+"""Requests of MAVLink FTP that name a file."""
 Fact: TypeAlias = tuple[str, dict[str, Scalar]]
 """Which fact it is (such as parameter and name), and what it says."""
 
@@ -63,7 +71,16 @@ def _target(message: Message, system: int) -> Fact:
     return "target", {**where, "alt_m": message.alt}
 
 
-_READERS: Final[Mapping[int, Callable[[Any, int], Fact]]] = {
+def _file(message: Message, system: int) -> Fact | None:
+    request = file_transfer.unpack(bytes(message.payload))
+    operation = _NAMED_FILES.get(request.opcode)
+    if operation is None:
+        return None
+    path = file_transfer.text_of(request)
+    return f"file|{operation} {path}", {"operation": operation, "path": path, "target_system": message.target_system}
+
+
+_READERS: Final[Mapping[int, Callable[[Any, int], Fact | None]]] = {
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _position,
     dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     dialect.MAVLINK_MSG_ID_HOME_POSITION: _home,
@@ -74,6 +91,7 @@ _READERS: Final[Mapping[int, Callable[[Any, int], Fact]]] = {
     dialect.MAVLINK_MSG_ID_COMMAND_LONG: _command,
     dialect.MAVLINK_MSG_ID_COMMAND_INT: _command,
     dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: _target,
+    dialect.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: _file,
 }
 """By message id: what a message tells."""
 _POSITION: Final = int(dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
@@ -110,13 +128,14 @@ class Overheard:
         reader = _READERS.get(number)
         return [*news, *self._read(payload, reader)] if reader is not None else news
 
-    def _read(self, payload: bytes, reader: Callable[[Any, int], Fact]) -> list[dict[str, Scalar]]:
+    def _read(self, payload: bytes, reader: Callable[[Any, int], Fact | None]) -> list[dict[str, Scalar]]:
         try:
             message = decode(payload)
         except DecodeError:
             return []
         system: int = message.get_srcSystem()
-        return self._keep(*reader(message, system), system)
+        fact = reader(message, system)
+        return [] if fact is None else self._keep(*fact, system)
 
     def _keep(self, fact: str, says: dict[str, Scalar], system: int | None) -> list[dict[str, Scalar]]:
         if self.facts.get(fact) == says or (fact not in self.facts and len(self.facts) >= MAX_FACTS):

@@ -1,8 +1,8 @@
 """Parameter watch: parameters of an armed aircraft are locked, and read at intervals; one that changed is set back.
 
-The lock drops what sets parameters or the fence. The watch asks for its parameters one after the other: what the
-autopilot says while it is disarmed is right, and what it says otherwise while armed was changed by a way that the lock
-does not cover, such as a link nearer to the autopilot.
+The lock drops what sets parameters or the fence, as messages or as files of MAVLink FTP. The watch asks for its
+parameters one after the other: what the autopilot says while it is disarmed is right, and what it says otherwise while
+armed was changed by a way that the lock does not cover, such as a link nearer to the autopilot.
 """
 
 from __future__ import annotations
@@ -15,7 +15,10 @@ from pydantic import AfterValidator, BeforeValidator
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.orders import read
+from skyrange.codec.ardupilot_files import missions, parameters
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink import file_transfer
+from skyrange.codec.mavlink.file_transfer import Opcode
 from skyrange.defence.bases.link_ends import AUTOPILOT, role_of
 
 _NAME_CHARS: Final = 16
@@ -26,6 +29,7 @@ _READ: Final = frozenset((
     mav.MAVLINK_MSG_ID_PARAM_SET, mav.MAVLINK_MSG_ID_COMMAND_LONG, mav.MAVLINK_MSG_ID_COMMAND_INT,
     mav.MAVLINK_MSG_ID_MISSION_COUNT, mav.MAVLINK_MSG_ID_MISSION_CLEAR_ALL,
     mav.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST, mav.MAVLINK_MSG_ID_FENCE_POINT,
+    mav.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,
 ))  # fmt: skip
 
 _ASKS: Final = frozenset((mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ, mav.MAVLINK_MSG_ID_PARAM_SET))
@@ -52,7 +56,7 @@ _Names = Annotated[
     place="the proxy's end of the autopilot link, or the companion's end of the gcs link; knows the frames that pass",
     effect="drops what sets parameters or the fence while armed, and sets back what changed nevertheless",
     alerts=("parameter.lock", "parameter.changed"),
-    against=("mavlink.parameter", "mavlink.fence"),
+    against=("mavlink.parameter", "mavlink.fence", "mavlink.file_write"),
     evasion="sets parameters before the aircraft is armed, or beyond the lock those that are not watched, or shows the "
     "watch the old values",
     cost="a request on board every `every_s`, and its answer, which goes on to the station",
@@ -163,6 +167,8 @@ class ParameterWatch(sky.SpeakingTap):
                 self.known.pop(name, None)  # the operator may set it: what is true is asked for anew
                 return ""
             return "" if name in self.allowed else f"PARAM_SET {name}"
+        if number == mav.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL:
+            return self._find_locked_file(message)
         if not self.armed or not self.fence:
             return ""
         if number in (mav.MAVLINK_MSG_ID_COMMAND_LONG, mav.MAVLINK_MSG_ID_COMMAND_INT):
@@ -170,6 +176,18 @@ class ParameterWatch(sky.SpeakingTap):
         if number == mav.MAVLINK_MSG_ID_FENCE_POINT:
             return "FENCE_POINT"
         return "fence upload" if message.mission_type == mav.MAV_MISSION_TYPE_FENCE else ""
+
+    def _find_locked_file(self, message: sky.MavlinkMessage) -> str:
+        """The file of parameters or of the fence that a request opens to write it; what it writes is not read."""
+        request = file_transfer.unpack(bytes(message.payload))
+        if request.opcode not in (Opcode.CREATE_FILE, Opcode.OPEN_FILE_WO):
+            return ""
+        path = file_transfer.text_of(request)
+        if path.partition("?")[0] == parameters.PATH:
+            if not self.armed:
+                self.known.clear()
+            return path if self.armed else ""
+        return path if self.armed and self.fence and path == f"{missions.DIRECTORY}fence.dat" else ""
 
     def _compare(self, now: sky.Time, payload: bytes) -> Sequence[sky.Verdict]:
         """Learn a value while disarmed; set it back where it differs while armed."""

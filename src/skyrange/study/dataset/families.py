@@ -18,10 +18,10 @@ FAMILIES: Final[dict[str, tuple[str, ...]]] = {
     ),
     "configuration_change": (
         "mavlink.fence", "mavlink.mission_alter", "mavlink.mission_clear", "mavlink.mission_replace",
-        "mavlink.parameter", "ground.geo_zones", "ground.plan_file",
+        "mavlink.parameter", "mavlink.file_write", "ground.geo_zones", "ground.plan_file",
     ),
     "malformed_input": ("mavlink.malformed",),
-    "data_access": ("link.eavesdrop", "mavlink.exfiltrate"),
+    "data_access": ("link.eavesdrop", "mavlink.exfiltrate", "mavlink.file_read"),
     "false_telemetry": (
         "telemetry.attitude", "telemetry.battery", "telemetry.false_alarm", "telemetry.hide_failures", "telemetry.home",
         "telemetry.mode", "telemetry.position", "time.system_time",

@@ -37,10 +37,11 @@ from skyrange.vehicle.builtin.estimation import resets
 from skyrange.vehicle.builtin.estimation.estimator import Estimator
 from skyrange.vehicle.builtin.failsafes import checks, crash, ground_station
 from skyrange.vehicle.builtin.fence import fence
+from skyrange.vehicle.builtin.file_transfer import server as file_server
 from skyrange.vehicle.builtin.fleet import COMPONENT_ID, Causes, Fleet, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import guided, rtl
 from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, FlightEvent, Records, new_records
-from skyrange.vehicle.builtin.messages import files_and_logs, parameter_protocol, rc_override, setup_signing
+from skyrange.vehicle.builtin.messages import log_requests, parameter_protocol, rc_override, setup_signing
 from skyrange.vehicle.builtin.messages.heartbeats import consume_heartbeats
 from skyrange.vehicle.builtin.mission import do_commands, execution, pause
 from skyrange.vehicle.builtin.mission.items import decode_item
@@ -88,8 +89,8 @@ _HANDLERS: dict[int, Handler] = {
     _ID.MAVLINK_MSG_ID_PARAM_REQUEST_READ: parameter_protocol.on_request_read,
     _ID.MAVLINK_MSG_ID_PARAM_SET: parameter_protocol.on_set,
     _ID.MAVLINK_MSG_ID_TIMESYNC: timesync.on_timesync,
-    _ID.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: files_and_logs.on_file_transfer,
-    _ID.MAVLINK_MSG_ID_LOG_REQUEST_LIST: files_and_logs.on_log_request_list,
+    _ID.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: file_server.on_file_transfer,
+    _ID.MAVLINK_MSG_ID_LOG_REQUEST_LIST: log_requests.on_log_request_list,
     _ID.MAVLINK_MSG_ID_SETUP_SIGNING: setup_signing.on_setup_signing,
     _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_ARM_STATUS: open_drone_id.on_arm_status,
     _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_BASIC_ID: open_drone_id.on_basic_id,
@@ -414,6 +415,7 @@ _TIMERS: dict[Timer, Callable[[Fleet, Vehicle], None]] = {
     Timer.PARAM_LIST: parameter_protocol.on_timer,
     Timer.RC_OVERRIDE: rc_override.on_timer,
     Timer.CONDITION: do_commands.on_timer,
+    Timer.FILE_BURST: file_server.on_burst_timer,
 }
 
 

@@ -22,6 +22,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time
 from skyrange.vehicle.builtin.check_layout import BATTERY_STATE, CHECK_STATE, FENCE_STATE, ZONES
+from skyrange.vehicle.builtin.files.store import FileStore
 from skyrange.vehicle.builtin.layout import LEGS, ControlMode, Records, new_records
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters.table import INDEX, MAX_VALUES, MIN_VALUES, PARAMETERS
@@ -55,6 +56,8 @@ class Timer(IntEnum):
     """An RC override times out (RC_OVERRIDE_TIME)."""
     CONDITION = 7
     """The next check of the condition that DO commands wait for."""
+    FILE_BURST = 8
+    """The next pieces of a file that is read in a burst."""
 
 
 @dataclass(slots=True)
@@ -114,6 +117,51 @@ class SubMode(IntEnum):
     LAND = 5
     TRANSIT = 6
     """Flying to a landing place or the edge of a circle, or waiting there."""
+
+
+@dataclass(slots=True)
+class OpenFile:
+    """The file that a client of MAVLink FTP has opened."""
+
+    path: str
+    virtual: str
+    """@PARAM or @MISSION for a file that stands for these, "" for one of the card."""
+    writes: bool
+    content: bytearray | bytes | None = None
+    """What is read or written; `None` for parameters that were not read yet."""
+    size: int = 0
+    """Of @PARAM: in which pieces it is read, 0 before the first."""
+    causes: Causes = ()
+    """The frames that opened and wrote it."""
+
+
+@dataclass(slots=True)
+class Burst:
+    """A burst of pieces of a file that is being sent."""
+
+    peer: tuple[int, int]
+    session: int
+    sequence: int
+    """Of the next piece."""
+    offset: int
+    size: int
+    left: int
+    """Pieces that it may still have."""
+
+
+@dataclass(slots=True)
+class FileServer:
+    """State of MAVLink FTP of one aircraft: one session, as in ArduPilot 4.6."""
+
+    file: OpenFile | None = None
+    session: int = -1
+    sent_ns: Time = 0
+    """When it last answered."""
+    last_reply: tuple[tuple[int, int], int, int, tuple[int, ...]] | None = None
+    """Peer, session, sequence number and payload of the last reply: a request that comes again has it again."""
+    burst: Burst | None = None
+    waiting: list[tuple[tuple[int, int], bytes, Causes]] = field(default_factory=list)
+    """Requests that wait for the end of a burst: peer, payload, causes."""
 
 
 @dataclass(slots=True)
@@ -201,6 +249,14 @@ class Vehicle:
     """Its parameters were erased, which takes effect at the next boot."""
     unsaved_params: dict[int, float] = field(default_factory=dict)
     """Parameters (by index) changed only until the next boot, with the values they return to."""
+    card: FileStore = field(default_factory=FileStore)
+    """Its memory card."""
+    logged: bool = False
+    """It was armed since its boot, so its log has begun."""
+    log_refused: bool = False
+    """It has told that logs are listed only while it is disarmed."""
+    file_server: FileServer | None = None
+    """The server of MAVLink FTP, from the first request on."""
 
     @property
     def flight_causes(self) -> Causes:

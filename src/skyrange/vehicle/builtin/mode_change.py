@@ -18,6 +18,7 @@ from skyrange.vehicle.builtin.fleet import Causes, Fleet, SubMode, Timer, Vehicl
 from skyrange.vehicle.builtin.flight_modes import auto_rtl, guided, rtl
 from skyrange.vehicle.builtin.guidance import auto_yaw
 from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode
+from skyrange.vehicle.builtin.log_events import log_mode
 from skyrange.vehicle.builtin.mission import execution, landing_sequence
 from skyrange.vehicle.builtin.modes import MANUAL_THROTTLE, PILOT_CONTROLS, REQUIRES_POSITION, Mode, mode_of
 from skyrange.vehicle.builtin.pilot import rc_channels
@@ -137,6 +138,7 @@ def set_mode(fleet: Fleet, vehicle: Vehicle, number: int, reason: str, causes: C
     fleet.set_timer(vehicle, Timer.HOLD)
     fleet.set_timer(vehicle, Timer.GUIDED_TIMEOUT)
     fleet.note("event.mode", vehicle, {"mode": mode.name, "number": int(mode), "reason": str(reason)}, causes)
+    log_mode(fleet, vehicle)
     fleet.send(
         vehicle, build_message(fleet, vehicle, dialect.MAVLINK_MSG_ID_HEARTBEAT), causes
     )  # at once (Copter::set_mode)

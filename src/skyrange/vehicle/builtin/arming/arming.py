@@ -16,6 +16,7 @@ from skyrange.vehicle.builtin.fence import fence
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, SubMode, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import auto_rtl
 from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode
+from skyrange.vehicle.builtin.log_events import log_arming, log_disarming
 from skyrange.vehicle.builtin.modes import PILOT_CONTROLS, Mode, allows_arming
 from skyrange.vehicle.builtin.pilot import rc_channels
 
@@ -56,6 +57,7 @@ def arm(fleet: Fleet, vehicle: Vehicle, checked: bool, causes: Causes) -> bool:
     fleet.set_timer(vehicle, Timer.DISARM_DELAY, auto_disarm_time(fleet, vehicle))
     fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, "Arming motors", causes)
     fleet.note("event.armed", vehicle, {"forced": not checked}, causes)
+    log_arming(fleet, vehicle)
     fence.auto_enable_on_arming(fleet, vehicle)
     return True
 
@@ -98,6 +100,7 @@ def disarm(fleet: Fleet, vehicle: Vehicle, reason: str, causes: Causes) -> None:
         fleet.set_timer(vehicle, timer)
     fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, "Disarming motors", causes)
     fleet.note("event.disarmed", vehicle, {"reason": reason}, causes)
+    log_disarming(fleet, vehicle)
     auto_rtl.update(fleet, vehicle)
     fence.auto_disable_on_disarming(fleet, vehicle)
 

@@ -6,6 +6,7 @@ After the end of ModeAuto::run (ArduCopter/mode_auto.cpp), which checks it in ev
 from __future__ import annotations
 
 from skyrange.vehicle.builtin.fleet import Fleet, MissionState, Vehicle
+from skyrange.vehicle.builtin.log_events import log_mode
 from skyrange.vehicle.builtin.modes import Mode
 
 
@@ -26,6 +27,7 @@ def update(fleet: Fleet, vehicle: Vehicle) -> None:
 
 def _note_mode(fleet: Fleet, vehicle: Vehicle) -> None:
     mode = Mode(vehicle.reported_mode)
+    log_mode(fleet, vehicle)
     fleet.note(
         "event.mode",
         vehicle,

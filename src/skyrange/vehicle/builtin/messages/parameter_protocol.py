@@ -10,16 +10,15 @@ name and in its unit; the list has the 4.6 names only.
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Any
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_MS
+from skyrange.vehicle.builtin.firmware import BANNER
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Timer, Vehicle
 from skyrange.vehicle.builtin.parameters.renames import canonical_name, from_canonical, to_canonical
 from skyrange.vehicle.builtin.parameters.table import INDEX, PARAMETERS, SETTINGS_NAMES, stored_value, value_in_range
 
-BANNER: Final = ("ArduCopter V4.6.0-dev (skyrange)", "Frame: QUAD/X")
-"""The texts that precede a list, as in ArduCopter (`send_banner`)."""
 _VALUES_PER_BATCH = 5
 _PAUSE_NS = 10 * NS_PER_MS
 """A list is sent at five values every 10 ms, the pace of a serial line (`queued_param_send`)."""
@@ -65,19 +64,27 @@ def on_request_read(fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[in
 def on_set(fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes) -> None:
     """PARAM_SET: store a finite value of a known parameter and report what is stored."""
     name = clean_name(message.param_id).upper()
+    if math.isfinite(message.param_value) and set_parameter(fleet, vehicle, name, message.param_value, causes):
+        _send_value(fleet, vehicle, INDEX[canonical_name(name)], _NO_INDEX, name, causes)
+
+
+def set_parameter(fleet: Fleet, vehicle: Vehicle, name: str, value: float, causes: Causes) -> bool:
+    """Store a finite value, without a message; `False` for an unknown name. The unit is that of the name's version."""
+    name = name.upper()
     known = canonical_name(name)
-    if known not in INDEX or not math.isfinite(message.param_value):
-        return
-    index = INDEX[known]
+    if known not in INDEX:
+        return False
+    index, row = INDEX[known], vehicle.row
     parameter = PARAMETERS[index]
-    value = stored_value(parameter, to_canonical(name, message.param_value))
-    row = vehicle.row
-    fleet.stored_params[row, index] = value
+    stored = stored_value(parameter, to_canonical(name, value))
+    fleet.stored_params[row, index] = stored
     vehicle.unsaved_params.pop(index, None)
     if known in SETTINGS_NAMES:
-        fleet.settings[known][row] = value_in_range(parameter, value)
-    fleet.note("event.parameter", vehicle, {"name": known, "value": value}, causes)
-    _send_value(fleet, vehicle, index, _NO_INDEX, name, causes)
+        fleet.settings[known][row] = value_in_range(parameter, stored)
+    if vehicle.card.log is not None:
+        vehicle.card.log.add(fleet.now, "PARM", index, stored)
+    fleet.note("event.parameter", vehicle, {"name": known, "value": stored}, causes)
+    return True
 
 
 def clean_name(raw: object) -> str:

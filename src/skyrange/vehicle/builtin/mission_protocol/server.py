@@ -54,14 +54,18 @@ def _store_item(vehicle: Vehicle, upload: Upload, message: Any, causes: Causes) 
 
 
 def _complete_mission(fleet: Fleet, vehicle: Vehicle, upload: Upload, causes: Causes) -> int:
-    """Report that the mission is complete, and inform AUTO."""
     fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, "Flight plan received")
-    fleet.note("event.mission", vehicle, {"items": len(vehicle.mission)}, all_causes(vehicle.mission, causes))
-    execution.on_mission_changed(fleet, vehicle)
+    report_mission(fleet, vehicle, causes)
     return int(ACCEPTED)
 
 
-def _clear_mission(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
+def report_mission(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> None:
+    """Record that a mission is complete, and inform AUTO."""
+    fleet.note("event.mission", vehicle, {"items": len(vehicle.mission)}, all_causes(vehicle.mission, causes))
+    execution.on_mission_changed(fleet, vehicle)
+
+
+def clear_mission(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
     """Remove the mission. While armed, a running mission is kept (AP_Mission::clear)."""
     if fleet.armed(vehicle) and vehicle.mission_state == MissionState.ACTIVE:
         return False
@@ -88,7 +92,7 @@ _MISSION = ItemType(
     complete_upload=_complete_mission,
     abandon_upload=execution.on_mission_changed,
     encode_item=_mission_message,
-    clear_items=_clear_mission,
+    clear_items=clear_mission,
 )
 ITEM_TYPES = {kind.mission_type: kind for kind in (_MISSION, FENCE, RALLY)}
 """Item types by MAV_MISSION_TYPE."""

@@ -1,0 +1,1 @@
+"""MAVLink FTP: the server, and the files that stand for parameters and missions."""

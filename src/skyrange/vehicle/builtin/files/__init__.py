@@ -1,0 +1,1 @@
+"""Memory card of an aircraft: files, directories and flight logs."""
