@@ -12,6 +12,7 @@ import shapely
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
 from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_NONE, Emitter
 from skyrange.attack.gnss.receiver_noise import code_jitter_m, effective_db_hz
+from skyrange.attack.gnss.takeover import reach_of_loss_m
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.contracts.components import SensorAct, SensorHook, Sensors
@@ -130,18 +131,17 @@ def states(
     return rows
 
 
-def test_all_captured_report_one_place_and_only_the_aligned_keeps_its_fix() -> None:
+def test_only_the_aligned_go_over_at_once_and_others_lose_their_fix_by_the_power_of_all_signals_together() -> None:
     spoof = fault(
-        CAPTURE, transmitter_m=[0, -300, 0], at=[10, 0, 30], velocity_mps=[1, 0, 0], reacquire_s=3
+        CAPTURE, transmitter_m=[0, -300, 30], at=[10, 0, 30], velocity_mps=[1, 0, 0], reacquire_s=3, power_dbm=0
     )  # 10 m from b1, 400 m from b2
     rows = states(spoof, [[0, 0, 30], [400, 0, 30]], 6.0)
     assert rows[0][0] == [3, FIX_NONE]
-    assert rows[0][1][0] == pytest.approx([10, 0, 30])
     assert rows[0][2] == ["blue/b1", "blue/b2"]
-    assert rows[14][0] == [3, FIX_NONE]
-    assert rows[15][0] == [3, 3]
+    assert [rows[14][0], rows[15][0]] == [[3, FIX_NONE], [3, 3]]
     assert rows[15][2] == ["blue/b2"]
-    assert rows[20][1] == [pytest.approx([14, 0, 30])] * 2
+    for place in rows[20][1]:
+        assert np.abs(np.subtract(place, [14, 0, 30])).max() < 8.0
 
 
 @pytest.mark.parametrize(
@@ -156,23 +156,104 @@ def test_all_captured_report_one_place_and_only_the_aligned_keeps_its_fix() -> N
     ],
 )
 def test_a_capture_is_seamless_within_its_alignment(params: Any, velocity: tuple[float, ...], seamless: bool) -> None:
-    spoof = fault(CAPTURE, transmitter_m=[0, -300, 0], **params)
+    spoof = fault(CAPTURE, transmitter_m=[0, -300, 30], power_dbm=10, **params)
     assert (states(spoof, [[0, 0, 30], [9_000, 0, 30]], 0.2, velocity)[0][0][0] == 3) is seamless
 
 
-def test_without_the_advantage_nobody_is_captured() -> None:
-    # −30 dBm arrive with 2 dB more than −128.5 dBm at 10^((-30 + 126.5 - 36.4) / 20) = 1012 m
-    spoof = fault(CAPTURE, transmitter_m=[0, 0, 0], at=[5, 5, 5])
+def test_signals_that_are_not_aligned_are_noise_however_much_stronger_they_are_by_some_decibels() -> None:
+    """-35 dBm arrive at 500 m with 3 dB more than the authentic signals; for a loss of the fix it takes 27 dB."""
+    place = [400.0, 300.0, 30.0]
+    spoof = fault(CAPTURE, transmitter_m=[0, 0, 30], at=[5_000, 0, 30], power_dbm=-35, reacquire_s=0)
+    rows = states(spoof, [place, [9_000, 0, 30]], 5.0)
+    assert {tuple(row[0]) for row in rows} == {(3, 3)}
+    assert all(row[1][0] == place for row in rows), "and it costs too little to be noticed"
+    assert reach_of_loss_m(-30.0) == pytest.approx(59.0, abs=1.0)
+    near = fault(CAPTURE, transmitter_m=[0, 0, 30], at=[5_000, 0, 30], power_dbm=-30, reacquire_s=1)
+    assert [row[0] for row in states(near, [[20, 0, 30], [9_000, 0, 30]], 1.4)] == [[FIX_NONE, 3]] * 5 + [[3, 3]] * 2
+
+
+def test_the_fix_is_lost_where_a_jammer_of_their_total_power_takes_it() -> None:
+    """Ten signals of P are one jammer of P + 10 dB."""
+    fixes = []
+    for kind, params in (
+        (CAPTURE, {"at": [90_000, 0, 30], "power_dbm": 0, "reacquire_s": 120}),
+        (GNSS_JAM, {"power_dbm": 10, "reacquire_s": 120}),
+    ):
+        acting = fault(kind, transmitter_m=[0, 0, 30], **params)
+        rows = []
+        for step, away_m in enumerate(range(4_000, 200, -50)):
+            sensors = readings(2 * S + step * STEP, [away_m, 0, 30], [90_000, 0, 30])
+            acting.on_sensors(2 * S + step * STEP, sensors)
+            rows.append((int(sensors.gnss_fix[0]), int(sensors.gnss_satellites[0])))
+        fixes.append([fix for fix, _ in rows])
+        assert len({satellites for fix, satellites in rows if fix == 3}) > 3, "satellites are lost one after the other"
+    assert fixes[0] == fixes[1]
+    assert set(fixes[0]) == {FIX_NONE, 3}
+
+
+def test_aligned_signals_need_their_advantage() -> None:
+    # -30 dBm arrive with 2 dB more than -128.5 dBm at 10^((-30 + 126.5 - 36.4) / 20) = 1012 m
+    spoof = fault(CAPTURE, transmitter_m=[0, 0, 0], at=[1_010, 0, 0], power_dbm=-30)
     rows = states(spoof, [[1_005, 0, 0], [1_020, 0, 0]], 0.2)
     assert rows[0][2] == ["blue/b1"]
     assert rows[0][1][1] == [1_020, 0, 0]
 
 
+def test_a_receiver_without_a_fix_for_another_cause_is_taken_over_without_alignment_once_that_ends() -> None:
+    """For as long as the noise lasts, it covers the simulated signals too."""
+    for power_dbm, taken in ((-35.0, True), (-60.0, False)):
+        spoof = fault(
+            CAPTURE, transmitter_m=[0, 0, 30], at=[5_000, 0, 30], power_dbm=power_dbm, reacquire_s=1, advantage_db=2
+        )
+        fixes, places, acts = [], [], []
+        for step in range(20):
+            now = 2 * S + step * STEP
+            sensors = readings(now, [400, 300, 30], [9_000, 0, 30])
+            if 3 <= step < 10:
+                sensors.gnss_fix[0], sensors.gnss_satellites[0] = FIX_NONE, 0  # as gnss.jam leaves them
+            acts.append(len(spoof.on_sensors(now, sensors)))
+            fixes.append(int(sensors.gnss_fix[0]))
+            places.append(float(sensors.gnss_enu_m[0, 0]))
+        assert fixes[:10] == [3] * 3 + [FIX_NONE] * 7
+        assert fixes[10:] == ([FIX_NONE] * 5 + [3] * 5 if taken else [3] * 10)
+        assert (places[-1] > 4_900.0) == taken
+        assert sum(acts) == (2 if taken else 0)
+
+
+def test_captured_fixes_have_the_noise_of_a_receiver_and_ideal_sensors_none() -> None:
+    spoof = fault(CAPTURE, transmitter_m=[0, -300, 30], at=[0, 0, 30], power_dbm=-20)
+    rows = states(spoof, [[0, 0, 30], [20, 0, 30]], 60.0)
+    places = np.array([row[1] for row in rows])
+    assert len({tuple(place) for place in places[:, 0].tolist()}) == len(rows), "each fix has an error of its own"
+    assert not np.allclose(places[:, 0], places[:, 1]), "and each receiver"
+    errors = places[:, 0] - [0, 0, 30]
+    steps = np.diff(errors, axis=0)
+    assert 0.03 < steps[:, :2].std() < 0.25, "from fix to fix centimetres"
+    assert 0.3 < np.abs(errors).max() < 10.0, "over a minute metres"
+    ideal = fault(CAPTURE, transmitter_m=[0, -300, 30], at=[7, 0, 30], power_dbm=-20)
+    sensors = readings(2 * S, [0, 0, 30], [20, 0, 30])
+    sensors.gnss_accuracy[:] = 0.01
+    ideal.on_sensors(2 * S, sensors)
+    assert sensors.gnss_enu_m.tolist() == [[7, 0, 30]] * 2
+
+
 def test_a_repeater_yields_its_own_antenna_to_all_after_a_loss_of_lock() -> None:
-    repeater = fault(MEACON, at=[40, 30, 20], reacquire_s=1)
+    repeater = fault(MEACON, at=[40, 30, 20], reacquire_s=1, isolation_db=140, power_dbm=5)
     rows = states(repeater, [[41, 230, 20], [300, 0, 50]], 2.0, (3, 0, 0))
     assert rows[0][0] == [FIX_NONE, FIX_NONE]
-    assert rows[5][1] == rows[9][1] == [pytest.approx([40, 30, 20])] * 2
+    for place in (*rows[5][1], *rows[9][1]):
+        assert np.abs(np.subtract(place, [40, 30, 20])).max() < 8.0
+
+
+@pytest.mark.parametrize(
+    ("params", "isolation"),
+    [({}, "30.4 dB"), ({"transmitter_m": [140, 30, 20]}, "76.4 dB"), ({"isolation_db": 118}, "118.0 dB")],
+)
+def test_a_repeater_whose_gain_reaches_its_isolation_is_refused(params: Any, isolation: str) -> None:
+    with pytest.raises(InputError, match=rf"oscillates.*118.5 dB.*{isolation}.*state isolation_db"):
+        fault(MEACON, at=[40, 30, 20], **params)
+    fault(MEACON, at=[40, 30, 20], **{**params, "power_dbm": -99})
+    fault(MEACON, at=[40, 30, 20], **{**params, "isolation_db": 119})
 
 
 @pytest.mark.parametrize(
@@ -180,7 +261,7 @@ def test_a_repeater_yields_its_own_antenna_to_all_after_a_loss_of_lock() -> None
     [
         (GNSS_JAM, {"transmitter_m": [0, 0, 0]}),
         (CAPTURE, {"transmitter_m": [0, 0, 0], "at": [90, 0, 9]}),
-        (MEACON, {"at": [0, 0, 0]}),
+        (MEACON, {"at": [0, 0, 0], "isolation_db": 130}),
     ],
     ids=["jam", "capture", "meacon"],
 )

@@ -15,11 +15,10 @@ from skyrange.attack.gnss.takeover import AFTER_CAPTURE, WHO_IS_CAPTURED, Simula
     placement="the same simulated place from an antenna out of reach, or another place from the same antenna",
     realism={
         **WHO_IS_CAPTURED,
-        "seamless capture or loss of lock": "cited: alignment in code and Doppler (Tippenhauer et al., CCS 2011; Kerns "
-        "et al., 2014); the limits are parameters",
-        "position and velocity": "simulated: those of the simulated place, without receiver noise",
+        "alignment": "cited: in code and Doppler (Tippenhauer et al., CCS 2011; Kerns et al., 2014); the limits are "
+        "parameters",
+        "position and velocity": "simulated: those of the simulated place",
         "time": "assumed: nothing in the range uses the receiver's clock at the scale of its error, below 1 ms",
-        "satellites, claimed accuracy": "assumed: unaltered once captured, as of a sky that is simulated whole",
         **AFTER_CAPTURE,
     },
 )

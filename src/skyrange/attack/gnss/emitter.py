@@ -42,18 +42,27 @@ class Emitter:
     city: City | None
 
     def received_dbm(self, places: Floats) -> Floats:
-        """Power at antennas of 0 dBi at `places` (n, 3), dBm: free-space loss (ITU-R P.525-4, eq. 3), and walls."""
+        """Power at antennas of 0 dBi at `places` (n, 3), dBm."""
+        return np.asarray(self.power_dbm - self.loss_db(places), dtype=np.float64)
+
+    def loss_db(self, places: Floats) -> Floats:
+        """Loss on the way to `places` (n, 3), dB: that of free space (ITU-R P.525-4, eq. 3), and walls."""
         away_m = np.maximum(np.linalg.norm(places - np.array(self.place_enu_m), axis=1), _LEAST_M)
-        power = self.power_dbm - _FREE_SPACE_1M_DB - 20.0 * np.log10(away_m)
+        loss = _FREE_SPACE_1M_DB + 20.0 * np.log10(away_m)
         if self.city is not None:
             hidden = [not self.city.is_clear(_in_parts(self.place_enu_m, row)) for row in places.tolist()]
-            power = power - self.wall_loss_db * np.array(hidden, dtype=np.float64)
-        return np.asarray(power, dtype=np.float64)
+            loss = loss + self.wall_loss_db * np.array(hidden, dtype=np.float64)
+        return np.asarray(loss, dtype=np.float64)
 
     @property
     def reach_m(self) -> float:
         """Distance in free space at which its signals are as strong as the authentic ones, in metres."""
-        return float(10.0 ** ((self.power_dbm - _FREE_SPACE_1M_DB - AUTHENTIC_DBM) / 20.0))
+        return reach_m(self.power_dbm, AUTHENTIC_DBM)
+
+
+def reach_m(power_dbm: float, least_dbm: float) -> float:
+    """Distance in free space at which a power has fallen to `least_dbm` at an antenna of 0 dBi, in metres."""
+    return float(10.0 ** ((power_dbm - _FREE_SPACE_1M_DB - least_dbm) / 20.0))
 
 
 def _in_parts(start: Place, end: Sequence[float]) -> list[Place]:
