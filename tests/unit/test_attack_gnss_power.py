@@ -10,6 +10,7 @@ import pytest
 import shapely
 
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
+from skyrange.attack.gnss.antenna import HORIZON_DBIC, LEAST_DBIC, gain_dbic
 from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_NONE, Emitter
 from skyrange.attack.gnss.receiver_noise import code_jitter_m, effective_db_hz
 from skyrange.attack.gnss.takeover import reach_of_loss_m
@@ -59,7 +60,35 @@ def readings(now: Time, first: list[float], second: list[float], velocity: tuple
 def test_power_falls_as_in_free_space() -> None:
     emitter = Emitter((0.0, 0.0, 0.0), 10.0, 30.0, None)
     # 20·log10(4π·1000 m / 0.1903 m) = 96.4 dB
-    assert emitter.received_dbm(np.array([[1000.0, 0, 0], [0, 0, 2000.0]])) == pytest.approx([-86.4, -92.4], abs=0.05)
+    assert emitter.loss_db(np.array([[1000.0, 0, 0], [0, 0, 2000.0]])) == pytest.approx([96.4, 102.4], abs=0.05)
+
+
+def test_an_antenna_that_faces_the_sky_receives_what_comes_from_below_weakly() -> None:
+    """-8.89 dB at the horizon and -14.44 dB 30 degrees below it against the zenith (gps-sdr-sim, `ant_pat_db`)."""
+    assert gain_dbic(np.array([90.0, 0.0, -30.0])) == pytest.approx([5.0, 5.0 - 8.89, 5.0 - 14.44])
+    gains = gain_dbic(np.linspace(90.0, -90.0, 181))
+    assert (np.diff(gains) <= 0.0).all()
+    assert gains[-1] == LEAST_DBIC
+    emitter = Emitter((0.0, 0.0, 100.0), 10.0, 30.0, None)
+    above, level, below = emitter.received_dbm(np.array([[0.0, 0, 0], [100.0, 0, 100], [0, 0, 200.0]]))
+    assert (above - level, level - below) == pytest.approx((8.89, -3.89 + 10.0))
+
+
+@pytest.mark.parametrize(
+    ("kind", "params"),
+    [
+        (GNSS_JAM, {"power_dbm": -5}),
+        (CAPTURE, {"at": [0, 900, 60], "power_dbm": -15}),
+        (MEACON, {"at": [0, 900, 60], "power_dbm": -15, "isolation_db": 130}),
+    ],
+    ids=["jam", "capture", "meacon"],
+)
+def test_all_that_radiate_reach_less_far_from_the_ground(kind: AttackPlugin, params: dict[str, Any]) -> None:
+    """At the same distance, the first from its own height and the second from 60 degrees below."""
+    acting = fault(kind, transmitter_m=[0, 0, 60], **params)
+    sensors = readings(2 * S, [150, 0, 60], [75, 0, 190])
+    acting.on_sensors(2 * S, sensors)
+    assert sensors.gnss_fix.tolist() == [FIX_NONE, 3]
 
 
 def test_a_building_in_the_way_costs_its_loss() -> None:
@@ -78,7 +107,7 @@ def test_a_receiver_tolerates_a_jammer_thirty_five_decibels_stronger() -> None:
 
 
 def test_near_the_jammer_there_is_no_fix_at_its_edge_a_worse_one_and_far_away_the_usual() -> None:
-    jam = fault(GNSS_JAM, transmitter_m=[0, 0, 0], power_dbm=-10)
+    jam = fault(GNSS_JAM, transmitter_m=[0, 0, 0], power_dbm=-10 - HORIZON_DBIC)
     clean = readings(3 * S, [120, 0, 0], [3_000, 0, 0])
     sensors = readings(3 * S, [120, 0, 0], [3_000, 0, 0])
     assert jam.on_sensors(3 * S, sensors) == [SensorAct("blue/b1", "gnss")]
@@ -94,7 +123,7 @@ def test_near_the_jammer_there_is_no_fix_at_its_edge_a_worse_one_and_far_away_th
 
 
 def test_a_receiver_that_recovers_is_no_act() -> None:
-    jam = fault(GNSS_JAM, transmitter_m=[0, 0, 0], power_dbm=-10)
+    jam = fault(GNSS_JAM, transmitter_m=[0, 0, 0], power_dbm=-10 - HORIZON_DBIC)
     acts = []
     for step, away_m in enumerate((9_000, 300, 300, 9_000, 300, 120, 9_000)):
         now = 3 * S + step * S
@@ -103,7 +132,7 @@ def test_a_receiver_that_recovers_is_no_act() -> None:
 
 
 def test_a_lost_fix_returns_when_the_noise_is_weak_for_long_enough() -> None:
-    jam = fault(GNSS_JAM, transmitter_m=[0, 0, 0], power_dbm=-10, reacquire_s=2)
+    jam = fault(GNSS_JAM, transmitter_m=[0, 0, 0], power_dbm=-10 - HORIZON_DBIC, reacquire_s=2)
     fixes = {}
     for step in range(40):
         now = 2 * S + step * STEP
@@ -161,14 +190,14 @@ def test_a_capture_is_seamless_within_its_alignment(params: Any, velocity: tuple
 
 
 def test_signals_that_are_not_aligned_are_noise_however_much_stronger_they_are_by_some_decibels() -> None:
-    """-35 dBm arrive at 500 m with 3 dB more than the authentic signals; for a loss of the fix it takes 27 dB."""
+    """-35 dBm arrive at an antenna of 0 dBi and 500 m with 3 dB more than the authentic signals; for a loss of the fix it takes 27 dB."""
     place = [400.0, 300.0, 30.0]
-    spoof = fault(CAPTURE, transmitter_m=[0, 0, 30], at=[5_000, 0, 30], power_dbm=-35, reacquire_s=0)
+    spoof = fault(CAPTURE, transmitter_m=[0, 0, 30], at=[5_000, 0, 30], power_dbm=-35 - HORIZON_DBIC, reacquire_s=0)
     rows = states(spoof, [place, [9_000, 0, 30]], 5.0)
     assert {tuple(row[0]) for row in rows} == {(3, 3)}
     assert all(row[1][0] == place for row in rows), "and it costs too little to be noticed"
-    assert reach_of_loss_m(-30.0) == pytest.approx(59.0, abs=1.0)
-    near = fault(CAPTURE, transmitter_m=[0, 0, 30], at=[5_000, 0, 30], power_dbm=-30, reacquire_s=1)
+    assert reach_of_loss_m(-30.0 - HORIZON_DBIC) == pytest.approx(59.0, abs=1.0)
+    near = fault(CAPTURE, transmitter_m=[0, 0, 30], at=[5_000, 0, 30], power_dbm=-30 - HORIZON_DBIC, reacquire_s=1)
     assert [row[0] for row in states(near, [[20, 0, 30], [9_000, 0, 30]], 1.4)] == [[FIX_NONE, 3]] * 5 + [[3, 3]] * 2
 
 
@@ -193,7 +222,7 @@ def test_the_fix_is_lost_where_a_jammer_of_their_total_power_takes_it() -> None:
 
 def test_aligned_signals_need_their_advantage() -> None:
     # -30 dBm arrive with 2 dB more than -128.5 dBm at 10^((-30 + 126.5 - 36.4) / 20) = 1012 m
-    spoof = fault(CAPTURE, transmitter_m=[0, 0, 0], at=[1_010, 0, 0], power_dbm=-30)
+    spoof = fault(CAPTURE, transmitter_m=[0, 0, 0], at=[1_010, 0, 0], power_dbm=-30 - HORIZON_DBIC)
     rows = states(spoof, [[1_005, 0, 0], [1_020, 0, 0]], 0.2)
     assert rows[0][2] == ["blue/b1"]
     assert rows[0][1][1] == [1_020, 0, 0]
@@ -203,7 +232,7 @@ def test_a_receiver_without_a_fix_for_another_cause_is_taken_over_without_alignm
     """For as long as the noise lasts, it covers the simulated signals too."""
     for power_dbm, taken in ((-35.0, True), (-60.0, False)):
         spoof = fault(
-            CAPTURE, transmitter_m=[0, 0, 30], at=[5_000, 0, 30], power_dbm=power_dbm, reacquire_s=1, advantage_db=2
+            CAPTURE, transmitter_m=[0, 0, 30], at=[5_000, 0, 30], power_dbm=power_dbm - HORIZON_DBIC, reacquire_s=1, advantage_db=2
         )
         fixes, places, acts = [], [], []
         for step in range(20):

@@ -8,9 +8,16 @@ import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.fixes import FIX_2D
-from skyrange.attack.gnss.radiation import Radiation
-from skyrange.attack.gnss.receiver_noise import LEAST_SATELLITES, effective_db_hz
+from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, reach_m
+from skyrange.attack.gnss.radiation import ANTENNA, Radiation
+from skyrange.attack.gnss.receiver_noise import LEAST_SATELLITES, effective_db_hz, loss_db
 from skyrange.contracts.components import Ints
+from skyrange.world.sensing import sensor_errors
+
+
+def reach_of_jammer_m(power_dbm: float) -> float:
+    """Distance in free space, at the height of the antenna, within which receivers lose their fix."""
+    return reach_m(power_dbm, AUTHENTIC_DBM + loss_db(sensor_errors.GNSS_SATELLITES))
 
 
 @sky.attack(
@@ -18,13 +25,16 @@ from skyrange.contracts.components import Ints
     technique="EX-0016.03",
     effect="the receiver has no fix, the estimator stops aiding, and the autopilot fails safe",
     knowledge="nothing",
-    position="in line of sight of the antennas: about 1.5 km at 10 dBm, 5 km at 20 dBm in free space",
+    position="in line of sight of the antennas: for a loss of the fix "
+    f"{reach_of_jammer_m(10.0):.0f} m at 10 dBm, {reach_of_jammer_m(20.0):.0f} m at 20 dBm in free space, from the height "
+    "of the aircraft, and half of that from 30 degrees below",
     equipment="a noise or sweep generator for 1575.42 MHz, sold as a privacy device",
     budget="milliwatts, for as long as it acts",
     load="none, because the noise is the attack and takes no airtime of the range's links; the sham radiates none",
     content="none, because noise has no content",
     placement="the same jammer farther away or behind a building",
     realism={
+        **ANTENNA,
         "C/N0": "simulated: noise power in free space and behind walls against −128.5 dBm (IS-GPS-200)",
         "satellites and loss of the fix": "cited: tracking to 28 dB-Hz (Ward in Kaplan, Understanding GPS, 1996), "
         "which is a J/S of about 35 dB; reacquisition 7 dB above it (u-blox SAM-M10Q)",

@@ -14,6 +14,7 @@ import numpy as np
 
 from skyrange.attack.bases.fixes import UNALTERED, OnReceivers
 from skyrange.attack.contract import Attack, AttackContext, Place
+from skyrange.attack.gnss.antenna import HORIZON_DBIC, LEAST_DBIC, ZENITH_DBIC
 from skyrange.attack.gnss.emitter import FIX_NONE, Emitter, emitter_at
 from skyrange.attack.gnss.receiver_noise import JammedReceiver, error_growth
 from skyrange.contracts.components import Floats, Sensors
@@ -27,6 +28,12 @@ NOTICEABLE: Final = 1.05
 """A fix with all satellites and less than this times its usual error is left as it is."""
 DEGRADED, LOST = range(2)
 """Phases of a receiver."""
+ANTENNA: Final = {
+    "antenna of the receiver": "cited: attenuation of a patch by elevation (gps-sdr-sim, `ant_pat_db`), "
+    f"{HORIZON_DBIC:.1f} dBic at the horizon; assumed: {ZENITH_DBIC:g} dBic at the zenith, never less than "
+    f"{LEAST_DBIC:g} dBic, level aircraft",
+}
+"""Realism of the power that reaches a receiver."""
 
 
 class Radiation(OnReceivers):

@@ -24,7 +24,7 @@ from skyrange.attack.contract import Attack, AttackContext, Place
 from skyrange.attack.declaration import Facts
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_3D, FIX_NONE, SPEED_OF_LIGHT_MPS, reach_m
-from skyrange.attack.gnss.radiation import LOST, Radiation
+from skyrange.attack.gnss.radiation import ANTENNA, LOST, Radiation
 from skyrange.attack.gnss.receiver_noise import (
     LEAST_SATELLITES,
     effective_db_hz,
@@ -47,6 +47,7 @@ SIGNALS: Final = sensor_errors.GNSS_SATELLITES
 ALONE_DB: Final = loss_db(SIGNALS) - 10.0 * log10(SIGNALS)
 """Power of each signal over the authentic ones at which receivers that are not aligned lose their fix, dB."""
 WHO_IS_CAPTURED: Final = {
+    **ANTENNA,
     "who is captured without a loss of lock": "cited: 2 dB over the authentic signals and aligned with them "
     "(Tippenhauer et al., CCS 2011), in free space and behind walls",
     "loss of lock": "simulated: signals that are not aligned are noise, with the rule of gnss.jam (Ward in Kaplan, "
@@ -65,7 +66,7 @@ AFTER_CAPTURE: Final = {
 
 
 def reach_of_loss_m(power_dbm: float, signals: int = SIGNALS) -> float:
-    """Distance in free space within which receivers that are not aligned lose their fix, in metres."""
+    """Distance in free space, at the height of the antenna, within which receivers lose their fix, aligned or not."""
     return reach_m(total_dbm(power_dbm, signals), AUTHENTIC_DBM + loss_db(SIGNALS))
 
 
@@ -115,8 +116,9 @@ class Takeover(Radiation):
     attack_facts: ClassVar[Facts] = {
         "technique": "EX-0014.04",
         "position": "in line of sight of the victims' antennas: for those that are not aligned "
-        f"{reach_of_loss_m(DEFAULT_DBM):.0f} m at {DEFAULT_DBM:g} dBm per signal in free space, "
-        f"{reach_of_loss_m(DEFAULT_DBM + 20.0):.0f} m at {DEFAULT_DBM + 20.0:g} dBm",
+        f"{reach_of_loss_m(DEFAULT_DBM):.0f} m at {DEFAULT_DBM:g} dBm per signal in free space, from the height of the "
+        f"aircraft, and half of that from 30 degrees below; {reach_of_loss_m(DEFAULT_DBM + 20.0):.0f} m at "
+        f"{DEFAULT_DBM + 20.0:g} dBm",
         "budget": "a tenth of a milliwatt per signal, for as long as it acts; microwatts for aligned signals",
         "content": "the sham: the same receivers are captured at the same times, with unaltered fixes",
     }
@@ -125,7 +127,7 @@ class Takeover(Radiation):
 
     power_dbm: Number = param(
         f"Power of each signal (EIRP) in dBm; at {DEFAULT_DBM:g} receivers up to {reach_of_loss_m(DEFAULT_DBM):.0f} m "
-        "away in free space lose their fix, aligned or not.",
+        "away at the same height lose their fix in free space, aligned or not.",
         default=DEFAULT_DBM, ge=-100, le=60,
     )  # fmt: skip
     advantage_db: Number = param(
