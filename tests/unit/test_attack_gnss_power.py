@@ -13,7 +13,7 @@ from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
 from skyrange.attack.gnss.antenna import HORIZON_DBIC, LEAST_DBIC, gain_dbic
 from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_NONE, Emitter
 from skyrange.attack.gnss.receiver_noise import code_jitter_m, effective_db_hz
-from skyrange.attack.gnss.takeover import reach_of_loss_m
+from skyrange.attack.gnss.takeover import ALONE_DB, reach_of_loss_m
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.contracts.components import SensorAct, SensorHook, Sensors
@@ -190,23 +190,23 @@ def test_a_capture_is_seamless_within_its_alignment(params: Any, velocity: tuple
 
 
 def test_signals_that_are_not_aligned_are_noise_however_much_stronger_they_are_by_some_decibels() -> None:
-    """-35 dBm arrive at an antenna of 0 dBi and 500 m with 3 dB more than the authentic signals; for a loss of the fix it takes 27 dB."""
+    """-35 dBm arrive at an antenna of 0 dBi and 500 m with 3 dB more than the authentic signals; for a loss of the fix it takes 29 dB."""
     place = [400.0, 300.0, 30.0]
     spoof = fault(CAPTURE, transmitter_m=[0, 0, 30], at=[5_000, 0, 30], power_dbm=-35 - HORIZON_DBIC, reacquire_s=0)
     rows = states(spoof, [place, [9_000, 0, 30]], 5.0)
     assert {tuple(row[0]) for row in rows} == {(3, 3)}
     assert all(row[1][0] == place for row in rows), "and it costs too little to be noticed"
-    assert reach_of_loss_m(-30.0 - HORIZON_DBIC) == pytest.approx(59.0, abs=1.0)
+    assert reach_of_loss_m(-30.0 - HORIZON_DBIC) == pytest.approx(1012.0 / 10 ** ((ALONE_DB - 2.0) / 20), rel=1e-3)
     near = fault(CAPTURE, transmitter_m=[0, 0, 30], at=[5_000, 0, 30], power_dbm=-30 - HORIZON_DBIC, reacquire_s=1)
     assert [row[0] for row in states(near, [[20, 0, 30], [9_000, 0, 30]], 1.4)] == [[FIX_NONE, 3]] * 5 + [[3, 3]] * 2
 
 
 def test_the_fix_is_lost_where_a_jammer_of_their_total_power_takes_it() -> None:
-    """Ten signals of P are one jammer of P + 10 dB."""
+    """Eight signals of P at GPS L1 are one jammer of P + 9 dB to seven satellites; two are of GLONASS."""
     fixes = []
     for kind, params in (
         (CAPTURE, {"at": [90_000, 0, 30], "power_dbm": 0, "reacquire_s": 120}),
-        (GNSS_JAM, {"power_dbm": 10, "reacquire_s": 120}),
+        (GNSS_JAM, {"power_dbm": 10 * np.log10(8), "reacquire_s": 120}),
     ):
         acting = fault(kind, transmitter_m=[0, 0, 30], **params)
         rows = []
@@ -216,8 +216,51 @@ def test_the_fix_is_lost_where_a_jammer_of_their_total_power_takes_it() -> None:
             rows.append((int(sensors.gnss_fix[0]), int(sensors.gnss_satellites[0])))
         fixes.append([fix for fix, _ in rows])
         assert len({satellites for fix, satellites in rows if fix == 3}) > 3, "satellites are lost one after the other"
-    assert fixes[0] == fixes[1]
-    assert set(fixes[0]) == {FIX_NONE, 3}
+    # ten signals at one frequency: 10 log10(10) = 10 dB; eight: 9 dB, and the two of GLONASS are lost later
+    assert 26.0 < ALONE_DB < 30.0
+    lost = [each.index(FIX_NONE) for each in fixes]
+    assert 0 <= lost[0] - lost[1] <= 8, "a little nearer, by the satellites of GLONASS"
+    assert all(set(each) == {FIX_NONE, 3} for each in fixes)
+
+
+@pytest.mark.parametrize(
+    ("constellations", "taken", "satellites"),
+    [
+        (["gps"], False, 7),
+        (["glonass", "beidou"], False, 6),
+        (["gps", "galileo"], True, 6),
+        (["gps", "galileo", "glonass", "beidou"], True, 10),
+    ],
+)
+def test_a_receiver_believes_the_greater_number_of_satellites(
+    constellations: list[str], taken: bool, satellites: int
+) -> None:
+    """Of ten there are 3 of GPS, 3 of Galileo, 2 of GLONASS and 2 of BeiDou; aligned signals, 3 dB stronger."""
+    power_dbm = -35 - HORIZON_DBIC
+    spoof = fault(CAPTURE, transmitter_m=[0, -500, 30], at=[100, 0, 30], power_dbm=power_dbm,
+                  constellations=constellations)  # fmt: skip
+    clean, sensors = (readings(2 * S, [0, 0, 30], [9_000, 0, 30]) for _ in range(2))
+    spoof.on_sensors(2 * S, sensors)
+    assert (sensors.gnss_enu_m[0, 0] > 50.0) == taken
+    assert sensors.gnss_fix.tolist() == [3, 3]
+    assert sensors.gnss_satellites.tolist() == [satellites, 10]
+    growth = np.sqrt(10 / satellites)
+    assert sensors.gnss_accuracy[0] / clean.gnss_accuracy[0] == pytest.approx(growth, rel=0.02)
+
+
+def test_who_simulates_gps_alone_captures_receivers_whose_other_satellites_are_jammed() -> None:
+    """Its own power, near it, jams Galileo and BeiDou, which share a frequency with GPS."""
+    spoof = fault(CAPTURE, transmitter_m=[0, -100, 30], at=[5_000, 0, 30], power_dbm=0, constellations=["gps"],
+                  reacquire_s=1)  # fmt: skip
+    rows = states(spoof, [[0, 0, 30], [9_000, 0, 30]], 2.0)
+    assert [row[0][0] for row in rows] == [FIX_NONE] * 5 + [3] * 5
+    assert rows[-1][1][0][0] > 4_900.0
+
+
+@pytest.mark.parametrize("constellations", [[], ["gps", "gps"], ["navic"], "gps"])
+def test_constellations_are_some_of_the_four_each_once(constellations: Any) -> None:
+    with pytest.raises(ValueError, match="constellations"):
+        fault(CAPTURE, transmitter_m=[0, 0, 0], at=[0, 0, 0], constellations=constellations)
 
 
 def test_aligned_signals_need_their_advantage() -> None:

@@ -32,14 +32,14 @@ LEAST_SATELLITES: Final = 4
 
 
 def effective_db_hz(jam_dbm: Floats, satellites: int, signal_dbm: float = AUTHENTIC_DBM) -> Floats:
-    """C/N0 of each satellite under noise (n, satellites), dB-Hz, for noise powers (n,) in dBm.
+    """C/N0 of each satellite under noise (n, satellites), dB-Hz, for noise powers (n,) or (n, satellites) in dBm.
 
     `signal_dbm` is the power of a signal in the middle of the spread.
     1/(C/N0) = 1/(C/N0 without noise) + (J/S) / (Q · chip rate) (Ward in Kaplan, 1996, chapter 6).
     """
     signal = signal_dbm + np.linspace(-SPREAD_DB, SPREAD_DB, satellites)
     thermal = 10.0 ** ((NOISE_DBM_HZ - signal) / 10.0)
-    jammed = 10.0 ** ((jam_dbm[:, None] - signal) / 10.0) / (QUALITY * CHIPS_PER_S)
+    jammed = 10.0 ** ((jam_dbm.reshape(len(jam_dbm), -1) - signal) / 10.0) / (QUALITY * CHIPS_PER_S)
     return np.asarray(-10.0 * np.log10(thermal + jammed), dtype=np.float64)
 
 

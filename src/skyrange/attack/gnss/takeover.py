@@ -7,14 +7,17 @@ A receiver that tracks the authentic signals goes over without a gap if the othe
 with the authentic ones at its own antenna, in code and Doppler (Tippenhauer et al., On the requirements for successful
 GPS spoofing attacks, CCS 2011; Kerns et al., Unmanned aircraft capture and control via GPS spoofing, Journal of Field
 Robotics 2014). Signals that are not aligned are noise to it, as a jammer's: all of them together lower the C/N0 of the
-authentic ones, and some 27 dB over these it loses its fix (`receiver_noise.loss_db`). A receiver without a fix searches,
+authentic ones, and some 29 dB over these it loses its fix (`ALONE_DB`). A receiver without a fix searches,
 and follows the strongest signals that it finds, aligned or not.
+
+A receiver uses several constellations. One of which only some are simulated believes the greater number of satellites.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import dist, exp, log10, sqrt
+from math import dist, exp, sqrt
 from typing import ClassVar, Final
 
 import numpy as np
@@ -23,14 +26,22 @@ from skyrange.attack.bases.fixes import FIX_2D, UNALTERED, fixes_of
 from skyrange.attack.contract import Attack, AttackContext, Place
 from skyrange.attack.declaration import Facts
 from skyrange.attack.exclusive import Exclusive
+from skyrange.attack.gnss.constellations import (
+    ALL_CONSTELLATIONS,
+    PARTLY_SIMULATED,
+    Constellation,
+    Marks,
+    find_loss_db,
+    mark_simulated,
+    noise_dbm,
+)
 from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_3D, FIX_NONE, SPEED_OF_LIGHT_MPS, reach_m
 from skyrange.attack.gnss.radiation import ANTENNA, LOST, Radiation
 from skyrange.attack.gnss.receiver_noise import (
     LEAST_SATELLITES,
+    TRACKING_DB_HZ,
     effective_db_hz,
     error_growth,
-    loss_db,
-    total_dbm,
 )
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.params import Number
@@ -42,20 +53,20 @@ LEAST_ACCURACY_M: Final = 0.1
 """A receiver that claims less has no errors: the sensors of the scenario are ideal."""
 CAPTURED: Final = LOST + 1
 """The phase of a receiver that follows the simulated signals, after those of `Radiation`."""
-SIGNALS: Final = sensor_errors.GNSS_SATELLITES
-"""Simulated signals: one for each satellite that the receivers use."""
-ALONE_DB: Final = loss_db(SIGNALS) - 10.0 * log10(SIGNALS)
+SATELLITES: Final = sensor_errors.GNSS_SATELLITES
+ALONE_DB: Final = find_loss_db(ALL_CONSTELLATIONS, SATELLITES)
 """Power of each signal over the authentic ones at which receivers that are not aligned lose their fix, dB."""
 WHO_IS_CAPTURED: Final = {
     **ANTENNA,
     "who is captured without a loss of lock": "cited: 2 dB over the authentic signals and aligned with them "
     "(Tippenhauer et al., CCS 2011), in free space and behind walls",
     "loss of lock": "simulated: signals that are not aligned are noise, with the rule of gnss.jam (Ward in Kaplan, "
-    f"Understanding GPS, 1996): {ALONE_DB:.0f} dB over the authentic ones for each of {SIGNALS} signals",
+    f"Understanding GPS, 1996): {ALONE_DB:.0f} dB over the authentic ones for each of {SATELLITES} signals",
     "who is captured after a loss of lock": "assumed: whoever searches follows the strongest signals that it finds; "
     "after a loss of another cause only once that ends, as noise covers simulated signals too",
 }
 AFTER_CAPTURE: Final = {
+    **PARTLY_SIMULATED,
     "noise of captured fixes": "assumed: that of the range's receiver under an open sky, although the errors of the "
     "authentic signals by the atmosphere are not in simulated ones",
     "satellites, claimed accuracy": "simulated: those of the simulated signals, by their C/N0",
@@ -65,9 +76,9 @@ AFTER_CAPTURE: Final = {
 """Realism of a takeover: how it begins and ends."""
 
 
-def reach_of_loss_m(power_dbm: float, signals: int = SIGNALS) -> float:
+def reach_of_loss_m(power_dbm: float) -> float:
     """Distance in free space, at the height of the antenna, within which receivers lose their fix, aligned or not."""
-    return reach_m(total_dbm(power_dbm, signals), AUTHENTIC_DBM + loss_db(SIGNALS))
+    return reach_m(power_dbm, AUTHENTIC_DBM + ALONE_DB)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,12 +151,16 @@ class Takeover(Radiation):
         "start.",
         default=5.0, ge=0, le=120,
     )  # fmt: skip
+    constellations: Sequence[Constellation] = ALL_CONSTELLATIONS
+    """Those that it sends."""
     code_alignment_m: float = 150.0
     doppler_alignment_mps: float = 5.0
     """Largest misalignments of a capture without loss of lock: half a C/A chip, and the pull-in range of a loop."""
     signals: SimulatedSignals
     until: Ints
     """(n,) Until when each that searches does so, ns; `NEVER` for one that has lost its fix for another cause."""
+    rejected: Marks
+    """(n,) Whether each rejects the satellites of `constellations`."""
     wander: Floats
     """(n, 3) Slow part of the errors of captured positions, m."""
     drawn: Ints
@@ -154,7 +169,7 @@ class Takeover(Radiation):
     def allocate(self, count: int) -> None:
         """See `AltersSensors`."""
         super().allocate(count)
-        self.until = np.zeros(count, dtype=np.int64)
+        self.until, self.rejected = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.bool_)
         self.wander, self.drawn = np.zeros((count, 3)), np.full(count, -1, dtype=np.int64)
 
     def transmit(self, signals: SimulatedSignals, place: Place, context: AttackContext) -> None:
@@ -206,17 +221,25 @@ class Takeover(Radiation):
         if self.until[row] == NEVER:
             receiver.has_fix = advantage < 0.0
             self.until[row] = time + from_seconds(self.reacquire_s)
-        if receiver.has_fix and advantage >= self.advantage_db and self._is_aligned(row, sensors):
+        simulated = mark_simulated(self.constellations, satellites)
+        db_hz = effective_db_hz(noise_dbm(signal_dbm, simulated)[None, :], satellites)[0]
+        outvoted = int((db_hz[~simulated] >= TRACKING_DB_HZ).sum()) >= int(simulated.sum())
+        aligned = receiver.has_fix and advantage >= self.advantage_db and self._is_aligned(row, sensors)
+        follows = aligned or (not receiver.has_fix and advantage >= 0.0)
+        if aligned and not outvoted:
             receiver.lose_lock()
             self.until[row] = time
-        if not receiver.has_fix and advantage >= 0.0:
+        if follows and not outvoted:
+            self.rejected[row] = False
             if time >= self.until[row]:
-                return self._capture(row, signal_dbm, sensors)
+                return self._capture(row, signal_dbm, simulated, sensors)
             self.restore(row)
             self.fix[row], self.satellites[row] = FIX_NONE, 0
             return LOST
-        noise_dbm = np.array([total_dbm(signal_dbm, satellites)])
-        phase = self.degrade(row, effective_db_hz(noise_dbm, satellites)[0], sensors.gnss_accuracy[row])
+        self.rejected[row] = outvoted and advantage >= 0.0 and (self.rejected[row] or follows)
+        if self.rejected[row]:
+            db_hz[simulated] = -np.inf
+        phase = self.degrade(row, db_hz, sensors.gnss_accuracy[row])
         if phase == LOST:
             self.until[row] = time + from_seconds(self.reacquire_s)
         return phase
@@ -229,14 +252,14 @@ class Takeover(Radiation):
         )  # fmt: skip
         return code_m <= self.code_alignment_m and doppler_mps <= self.doppler_alignment_mps
 
-    def _capture(self, row: int, signal_dbm: float, sensors: Sensors) -> int:
+    def _capture(self, row: int, signal_dbm: float, simulated: Marks, sensors: Sensors) -> int:
         """Decide on the errors, the satellites and the claimed accuracy of a fix by simulated signals."""
         self.restore(row)
-        satellites, accuracy = int(sensors.gnss_satellites[row]), sensors.gnss_accuracy[row]
-        noise_dbm = np.array([total_dbm(signal_dbm, satellites - 1)])
-        db_hz = effective_db_hz(noise_dbm, satellites, signal_dbm)[0]
-        growth = error_growth(db_hz, db_hz, float(accuracy[0]))
-        self.scale[row], self.satellites[row] = growth, satellites
+        accuracy = sensors.gnss_accuracy[row]
+        noise = noise_dbm(signal_dbm, simulated, heard=1)
+        db_hz = effective_db_hz(noise[None, :], len(simulated), signal_dbm)[0]
+        growth = error_growth(db_hz[simulated], db_hz, float(accuracy[0]))
+        self.scale[row], self.satellites[row] = growth, max(int(simulated.sum()), LEAST_SATELLITES)
         if accuracy[0] >= LEAST_ACCURACY_M:
             self.offset[row], self.error_mps[row] = self._receiver_errors(row, growth)
         return CAPTURED
