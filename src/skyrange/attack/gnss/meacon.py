@@ -15,7 +15,6 @@ from skyrange.attack.gnss.takeover import AFTER_CAPTURE, DEFAULT_DBM, WHO_IS_CAP
     knowledge="nothing: it needs neither codes nor ephemerides, so encrypted signals are repeated too",
     equipment="a GNSS antenna, an amplifier and a second antenna, isolated from the first by more than its gain, which is "
     f"{DEFAULT_DBM - AUTHENTIC_DBM:.0f} dB at {DEFAULT_DBM:g} dBm",
-    load="none, because a repeated signal takes no airtime of the range's links",
     placement="the same repeater with its receiving antenna elsewhere",
     realism={
         **WHO_IS_CAPTURED,

@@ -131,7 +131,10 @@ class Takeover(Radiation):
         f"aircraft, and half of that from 30 degrees below; {reach_of_loss_m(DEFAULT_DBM + 20.0):.0f} m at "
         f"{DEFAULT_DBM + 20.0:g} dBm",
         "budget": "a tenth of a milliwatt per signal, for as long as it acts; microwatts for aligned signals",
-        "content": "the sham: the same receivers are captured at the same times, with unaltered fixes",
+        "counterfactual": "sham",
+        "load": "the sham: the same receivers have no fix, or a worse one, at the same times; what it differs by from a "
+        "run without the attack is the denial",
+        "content": "the sham: receivers that are captured report true fixes; what the attack differs by from it is the lie",
     }
 
     stream: ClassVar[str] = "attack.gnss_takeover"
@@ -208,6 +211,10 @@ class Takeover(Radiation):
             sensors.gnss_vel_enu_mps[row] = np.add(self.signals.velocity_mps, errors_mps)
             sensors.gnss_fix[row] = FIX_3D
 
+    def alter_as_sham(self, sensors: Sensors) -> None:
+        """Take the fixes of those that have lost lock, and add the errors of noise; the captured report the truth."""
+        super().alter(sensors)
+
     def _seconds(self, time: Time) -> float:
         """Time since the start of the attack."""
         return (time - self.schedule.start_ns) / NS_PER_S
@@ -255,6 +262,8 @@ class Takeover(Radiation):
     def _capture(self, row: int, signal_dbm: float, simulated: Marks, sensors: Sensors) -> int:
         """Decide on the errors, the satellites and the claimed accuracy of a fix by simulated signals."""
         self.restore(row)
+        if self.sham:
+            return CAPTURED
         accuracy = sensors.gnss_accuracy[row]
         noise = noise_dbm(signal_dbm, simulated, heard=1)
         db_hz = effective_db_hz(noise[None, :], len(simulated), signal_dbm)[0]
