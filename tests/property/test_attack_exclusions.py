@@ -113,7 +113,8 @@ def attack(kind: str, **params: Any) -> dict[str, Any]:
 
 EXCLUDED = [
     (attack("gnss.jump", **JUMP), attack("gnss.drift", **DRIFT), "GNSS fixes of blue/b1"),
-    (attack("gnss.meacon", at=[0, 0, 2], **REPEATER), attack("gnss.meacon", at=[50, 0, 2], **REPEATER), "GNSS fixes of blue/b1"),
+    (attack("gnss.meacon", at=[0, 0, 2], **REPEATER), attack("gnss.meacon", at=[50, 0, 2], **REPEATER),
+     "GNSS fixes of blue/b1"),
     (attack("gnss.meacon", at=[0, 0, 2], **REPEATER), attack("gnss.jump", **JUMP), "GNSS fixes of blue/b1"),
     (attack("telemetry.hide_failures", links=GCS), attack("telemetry.false_alarm", links=GCS), "HEARTBEAT"),
     (attack("telemetry.hide_failures", links=GCS), attack("ground.insider", operator="blue", at=[0, 0, 9]),

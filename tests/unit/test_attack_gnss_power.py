@@ -190,7 +190,7 @@ def test_a_capture_is_seamless_within_its_alignment(params: Any, velocity: tuple
 
 
 def test_signals_that_are_not_aligned_are_noise_however_much_stronger_they_are_by_some_decibels() -> None:
-    """-35 dBm arrive at an antenna of 0 dBi and 500 m with 3 dB more than the authentic signals; for a loss of the fix it takes 29 dB."""
+    """-35 dBm arrive at an antenna of 0 dBi and 500 m with 3 dB more than the authentic signals; a loss takes 29 dB."""
     place = [400.0, 300.0, 30.0]
     spoof = fault(CAPTURE, transmitter_m=[0, 0, 30], at=[5_000, 0, 30], power_dbm=-35 - HORIZON_DBIC, reacquire_s=0)
     rows = states(spoof, [place, [9_000, 0, 30]], 5.0)
@@ -275,7 +275,7 @@ def test_a_receiver_without_a_fix_for_another_cause_is_taken_over_without_alignm
     """For as long as the noise lasts, it covers the simulated signals too."""
     for power_dbm, taken in ((-35.0, True), (-60.0, False)):
         spoof = fault(
-            CAPTURE, transmitter_m=[0, 0, 30], at=[5_000, 0, 30], power_dbm=power_dbm - HORIZON_DBIC, reacquire_s=1, advantage_db=2
+            CAPTURE, transmitter_m=[0, 0, 30], at=[5_000, 0, 30], power_dbm=power_dbm - HORIZON_DBIC, reacquire_s=1
         )
         fixes, places, acts = [], [], []
         for step in range(20):

@@ -12,7 +12,7 @@ from skyrange.attack.gnss.takeover import AFTER_CAPTURE, WHO_IS_CAPTURED, Simula
     "gnss.capture",
     effect="several aircraft report one simulated place at once, some after a loss of lock, and leave their paths",
     knowledge="GPS time and the broadcast ephemerides; the place of a victim that it captures without loss of lock",
-    equipment="a software radio with one antenna and a signal simulator for each constellation; gps-sdr-sim has GPS alone",
+    equipment="a software radio with one antenna and a simulator for each constellation; gps-sdr-sim has GPS alone",
     placement="the same simulated place from an antenna out of reach, or another place from the same antenna",
     realism={
         **WHO_IS_CAPTURED,

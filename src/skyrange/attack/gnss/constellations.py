@@ -1,7 +1,7 @@
 """Constellations that a receiver uses, and which of its satellites an attacker simulates.
 
-A u-blox SAM-M10Q receives four at once (data sheet, UBX-22013293): GPS L1 C/A, Galileo E1 and BeiDou B1C at 1575.42 MHz,
-and GLONASS L1OF around 1602 MHz, where signals at the former are no noise.
+A u-blox SAM-M10Q receives four at once (data sheet, UBX-22013293): GPS L1 C/A, Galileo E1 and BeiDou B1C at 1575.42
+MHz, and GLONASS L1OF around 1602 MHz, where signals at the former are no noise.
 """
 
 from __future__ import annotations

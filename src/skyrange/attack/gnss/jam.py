@@ -26,8 +26,8 @@ def reach_of_jammer_m(power_dbm: float) -> float:
     effect="the receiver has no fix, the estimator stops aiding, and the autopilot fails safe",
     knowledge="nothing",
     position="in line of sight of the antennas: for a loss of the fix "
-    f"{reach_of_jammer_m(10.0):.0f} m at 10 dBm, {reach_of_jammer_m(20.0):.0f} m at 20 dBm in free space, from the height "
-    "of the aircraft, and half of that from 30 degrees below",
+    f"{reach_of_jammer_m(10.0):.0f} m at 10 dBm, {reach_of_jammer_m(20.0):.0f} m at 20 dBm in free space, from the "
+    "height of the aircraft, and half of that from 30 degrees below",
     equipment="a noise or sweep generator for 1575.42 MHz, sold as a privacy device",
     budget="milliwatts, for as long as it acts",
     load="none, because the noise is the attack and takes no airtime of the range's links; the sham radiates none",

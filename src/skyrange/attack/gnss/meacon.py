@@ -13,8 +13,8 @@ from skyrange.attack.gnss.takeover import AFTER_CAPTURE, DEFAULT_DBM, WHO_IS_CAP
     "gnss.meacon",
     effect="receivers lose lock, then report the place of the repeater's antenna at rest, with a delayed clock",
     knowledge="nothing: it needs neither codes nor ephemerides, so encrypted signals are repeated too",
-    equipment="a GNSS antenna, an amplifier and a second antenna, isolated from the first by more than its gain, which is "
-    f"{DEFAULT_DBM - AUTHENTIC_DBM:.0f} dB at {DEFAULT_DBM:g} dBm",
+    equipment="a GNSS antenna, an amplifier and a second antenna, isolated from the first by more than its gain, which "
+    f"is {DEFAULT_DBM - AUTHENTIC_DBM:.0f} dB at {DEFAULT_DBM:g} dBm",
     placement="the same repeater with its receiving antenna elsewhere",
     realism={
         **WHO_IS_CAPTURED,
@@ -37,8 +37,8 @@ class Meacon(Takeover):
     )
     delay_ns: sky.Number = sky.param("Delay in cables and amplifiers; 100 ns is 30 m.", default=100.0, ge=0, le=1e9)
     isolation_db: sky.Number | None = sky.param(
-        "Isolation of the receiving antenna from the transmitting one in dB, by directivity and shields; by default the "
-        "loss on the way between them, at least 0.5 m.",
+        "Isolation of the receiving antenna from the transmitting one in dB, by directivity and shields; by default "
+        "the loss on the way between them, at least 0.5 m.",
         default=None, ge=0, le=200,
     )  # fmt: skip
 

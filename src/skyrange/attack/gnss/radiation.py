@@ -100,7 +100,7 @@ class Radiation(OnReceivers):
         return errors[:3], errors[3:]
 
     def deviates(self, row: int, block: int = 0) -> Floats:
-        """Six deviates of mean 0 and variance 1 of the latest fix, each the sum of three uniforms; others by `block`."""
+        """Six deviates of mean 0 and variance 1 of the latest fix, each a sum of three uniforms; others by `block`."""
         who, time = hash64(self.vehicles[row]), int(self.seen[row])
         places = range(6 * block, 6 * block + 6)
         return np.array([2.0 * (sum(self.chance.uniform4(self.stream, who, time, k)[:3]) - 1.5) for k in places])

@@ -7,7 +7,7 @@ A receiver that tracks the authentic signals goes over without a gap if the othe
 with the authentic ones at its own antenna, in code and Doppler (Tippenhauer et al., On the requirements for successful
 GPS spoofing attacks, CCS 2011; Kerns et al., Unmanned aircraft capture and control via GPS spoofing, Journal of Field
 Robotics 2014). Signals that are not aligned are noise to it, as a jammer's: all of them together lower the C/N0 of the
-authentic ones, and some 29 dB over these it loses its fix (`ALONE_DB`). A receiver without a fix searches,
+authentic ones, and `ALONE_DB` over these it loses its fix. A receiver without a fix searches,
 and follows the strongest signals that it finds, aligned or not.
 
 A receiver uses several constellations. One of which only some are simulated believes the greater number of satellites.
@@ -130,11 +130,11 @@ class Takeover(Radiation):
         f"{reach_of_loss_m(DEFAULT_DBM):.0f} m at {DEFAULT_DBM:g} dBm per signal in free space, from the height of the "
         f"aircraft, and half of that from 30 degrees below; {reach_of_loss_m(DEFAULT_DBM + 20.0):.0f} m at "
         f"{DEFAULT_DBM + 20.0:g} dBm",
-        "budget": "a tenth of a milliwatt per signal, for as long as it acts; microwatts for aligned signals",
+        "budget": f"{10.0 ** (DEFAULT_DBM / 10.0):g} mW per signal, for as long as it acts; less if the signals are aligned",
         "counterfactual": "sham",
-        "load": "the sham: the same receivers have no fix, or a worse one, at the same times; what it differs by from a "
-        "run without the attack is the denial",
-        "content": "the sham: receivers that are captured report true fixes; what the attack differs by from it is the lie",
+        "load": "the sham: the same receivers have no fix, or a worse one, at the same times; its difference from a run "
+        "without the attack is the denial",
+        "content": "the sham: captured receivers report true fixes; the difference of the attack from it is the lie",
     }
 
     stream: ClassVar[str] = "attack.gnss_takeover"
