@@ -130,10 +130,10 @@ class Takeover(Radiation):
         f"{reach_of_loss_m(DEFAULT_DBM):.0f} m at {DEFAULT_DBM:g} dBm per signal in free space, from the height of the "
         f"aircraft, and half of that from 30 degrees below; {reach_of_loss_m(DEFAULT_DBM + 20.0):.0f} m at "
         f"{DEFAULT_DBM + 20.0:g} dBm",
-        "budget": f"{10.0 ** (DEFAULT_DBM / 10.0):g} mW per signal, for as long as it acts; less if the signals are aligned",
+        "budget": f"{10.0 ** (DEFAULT_DBM / 10.0):g} mW per signal, for as long as it acts; less if they are aligned",
         "counterfactual": "sham",
-        "load": "the sham: the same receivers have no fix, or a worse one, at the same times; its difference from a run "
-        "without the attack is the denial",
+        "load": "the sham: the same receivers have no fix, or a worse one, at the same times; its difference from a "
+        "run without the attack is the denial",
         "content": "the sham: captured receivers report true fixes; the difference of the attack from it is the lie",
     }
 
