@@ -36,7 +36,8 @@ FAULT_PAGE: Final = ROOT / "docs" / "reference" / "fault-effects.md"
 PUBLISHED_PAGE: Final = ROOT / "docs" / "reference" / "published-attacks.md"
 SCENARIO_PAGES: Final = ROOT / "docs" / "reference" / "scenarios"
 NAMED: Final = (
-    "falsified-log", "gcs-flood", "gnss-pull-off", "hijack", "insider", "jammed-corridor", "mitm-mission",
+    "falsified-log", "gcs-flood", "gnss-pull-off", "hijack", "insider", "jam-then-spoof", "jammed-corridor",
+    "mitm-mission",
 )  # fmt: skip
 """Shipped scenarios whose pages have a measured table."""
 PUBLISHED: Final[Mapping[str, tuple[str, Sequence[str]]]] = {

@@ -24,7 +24,7 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Any]] = [
     (GNSS_JAM, {"transmitter_m": [90_000.0, 0.0, 2.0]}, False),
     (CAPTURE, {"transmitter_m": PLACE, "at": [20.0, 10.0, 5.0]}, SENSOR),
     (CAPTURE, {"transmitter_m": PLACE, "at": [900.0, 0.0, 5.0], "velocity_mps": [5, 0, 0], "reacquire_s": 1}, SENSOR),
-    (MEACON, {"at": PLACE, "reacquire_s": 2}, SENSOR),
+    (MEACON, {"at": PLACE, "reacquire_s": 2, "isolation_db": 130}, SENSOR),
     (PULL_OFF, {"vehicles": ["blue/b1"], "bearing_deg": 30, "aligned_s": 1}, SENSOR),
     (PULL_OFF, {"vehicles": ["blue/b1"], "bearing_deg": 30, "aligned_s": 0, "distance_m": 5}, SENSOR),
     (GNSS_TIME, {"vehicles": ["blue/b1"], "offset_s": 20}, SENSOR),

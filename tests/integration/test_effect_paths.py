@@ -16,6 +16,7 @@ NO_PATH: dict[str, set[str]] = {
     "gnss-pull-off": set(),
     "hijack": set(),
     "insider": set(),
+    "jam-then-spoof": set(),
     "jammed-corridor": set(),
     "mitm-mission": set(),
     "rid-spoofing": set(),

@@ -97,6 +97,7 @@ id = "blue"
   plan.square = { side_m = 20, alt_m = 10 }
 """
 B1, GCS = ["blue/b1"], ["gcs:blue/b1"]
+REPEATER = {"power_dbm": -30, "isolation_db": 100}
 DRIFT = {"vehicles": B1, "rate_mps": [1, 0, 0]}
 
 
@@ -112,8 +113,9 @@ def attack(kind: str, **params: Any) -> dict[str, Any]:
 
 EXCLUDED = [
     (attack("gnss.jump", **JUMP), attack("gnss.drift", **DRIFT), "GNSS fixes of blue/b1"),
-    (attack("gnss.meacon", at=[0, 0, 2]), attack("gnss.meacon", at=[50, 0, 2]), "GNSS fixes of blue/b1"),
-    (attack("gnss.meacon", at=[0, 0, 2]), attack("gnss.jump", **JUMP), "GNSS fixes of blue/b1"),
+    (attack("gnss.meacon", at=[0, 0, 2], **REPEATER), attack("gnss.meacon", at=[50, 0, 2], **REPEATER),
+     "GNSS fixes of blue/b1"),
+    (attack("gnss.meacon", at=[0, 0, 2], **REPEATER), attack("gnss.jump", **JUMP), "GNSS fixes of blue/b1"),
     (attack("telemetry.hide_failures", links=GCS), attack("telemetry.false_alarm", links=GCS), "HEARTBEAT"),
     (attack("telemetry.hide_failures", links=GCS), attack("ground.insider", operator="blue", at=[0, 0, 9]),
      "HEARTBEAT"),
@@ -129,7 +131,7 @@ EXCLUDED = [
 TOGETHER = [
     (attack("gnss.jump", **JUMP), attack("gnss.jump", **{**JUMP, "vehicles": ["blue/b2"]})),
     (attack("gnss.jump", **JUMP), attack("gnss.jam", transmitter_m=[0, 50, 2])),
-    (attack("gnss.meacon", at=[0, 0, 2]), attack("gnss.meacon", at=[5000, 0, 2])),
+    (attack("gnss.meacon", at=[0, 0, 2], **REPEATER), attack("gnss.meacon", at=[5000, 0, 2], **REPEATER)),
     (attack("telemetry.hide_failures", links=GCS), attack("telemetry.position", links=GCS, offset_m=[9, 0, 0])),
     (attack("telemetry.hide_failures", links=GCS), attack("telemetry.hide_failures", links=["gcs:blue/b2"])),
     (attack("link.drop", links=GCS), attack("link.drop", links=GCS)),

@@ -17,6 +17,8 @@ from skyrange.attack.declaration import attack
 from skyrange.contracts.components import SensorAct, SensorHook, Sensors
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.scenario.shipped import load
+from skyrange.world.sensing.sensor_errors import GYRO_FLOOR_RADPS, GYRO_MOTORS_RADPS
 from tests.registered_kinds import registered
 from tests.unit.test_attack_gnss import context, readings
 
@@ -143,3 +145,11 @@ def test_a_kind_that_does_not_say_which_sensor_it_alters_is_named() -> None:
         kind = attack("test.stuck")(Stuck).plugin
     with pytest.raises(InputError, match=r"class Stuck in .*surface: missing"):
         fault(kind)
+
+
+def test_the_example_of_the_gyroscopes_has_dozens_of_times_their_noise_as_its_source_measured() -> None:
+    """Son et al., Rocking drones (USENIX Security 2015): the standard deviation is dozens of times the usual one."""
+    (sound,) = load("sensor.gyro").attacks
+    deviation = radians(max(sound.params["amplitude_dps"])) / 2.0**0.5
+    at_half_throttle = GYRO_FLOOR_RADPS + 0.5 * GYRO_MOTORS_RADPS
+    assert 24.0 < deviation / at_half_throttle < 100.0

@@ -107,6 +107,18 @@ def test_faults_act_on_what_earlier_ones_have_left_in_order_of_attack_and_name()
         assert heights(engines)["blue/b1"][-1] == pytest.approx(2.0 * (heights(quiet)["blue/b1"][-1] + 5.0))
 
 
+def test_those_that_are_first_come_before_others_whatever_their_names() -> None:
+    class First(Lift):
+        first = True
+
+    twice, lift = Lift("a", ["blue/b1"], 0.0, 2.0), First("z", ["blue/b1"], 5.0)
+    kernel, engines, _ = rig(plan(twice, id_="a"), plan(lift, id_="z"))
+    clean, quiet, _ = rig()
+    kernel.advance(30 * MS)
+    clean.advance(30 * MS)
+    assert heights(engines)["blue/b1"][-1] == pytest.approx(2.0 * (heights(quiet)["blue/b1"][-1] + 5.0))
+
+
 def test_muted_it_works_on_a_copy_that_nobody_sees() -> None:
     fault = Lift("lift", ["blue/b1"])
     kernel, engines, log = rig(plan(fault, muted=True))

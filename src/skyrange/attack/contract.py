@@ -237,7 +237,7 @@ class AttackPlugin(Plugin[AttackContext, Attack]):
     counterfactual: Counterfactual = "sham"
     """What stands for "without it" in a comparison: the sham of an attack that lies, because muting it would remove its
     airtime too; `mute` for one that works by load, such as a jammer or a flood, and for one that alters readings of
-    sensors alone, because its sham leaves them as they are and sends nothing."""
+    sensors alone, because its sham leaves them as they are and sends nothing, unless it denies them before it lies."""
     honest: bool = False
     """Whether it can make the honest arm: its attacks name the tracks of the aircraft that they claim
     (`Attack.claims`)."""

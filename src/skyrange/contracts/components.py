@@ -161,6 +161,9 @@ class SensorHook(Protocol):
     a run are slow, they may be called once in `READINGS_NS`, and what they write lasts until then. One that alters such
     a reading is an error.
 
+    One may have an attribute `first = True`: it is called before those without, whatever its name. Noise at an antenna
+    comes before what a receiver makes of the signals there.
+
     None alters `delta_angle_rad` and `delta_velocity_mps`: sensor checks get those that follow from the `gyro_radps`
     and `accel_mps2` which attacks and faults have left.
 

@@ -170,9 +170,14 @@ class OnReceivers(OnFixes):
             self.seen[rows], before = times[rows], self.phases[rows]
             self.receive(rows, sensors)
             acts = self.tell(rows, before)
-        if not self.sham:
+        if self.sham:
+            self.alter_as_sham(sensors)
+        else:
             self.alter(sensors)
         return acts
+
+    def alter_as_sham(self, sensors: Sensors) -> None:
+        """Write what the sham does as well: nothing, unless a kind denies service besides its lie."""
 
     def alter(self, sensors: Sensors) -> None:
         """Write what was decided."""

@@ -89,9 +89,11 @@ class GatedHook:
     course: Course
     name: str = field(init=False)
     vehicles: Sequence[str] = field(init=False)
+    first: bool = field(init=False)
 
     def __post_init__(self) -> None:
         self.name, self.vehicles = self.inner.name, self.inner.vehicles
+        self.first = getattr(self.inner, "first", False)
 
     def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
         """Alter the readings or copies of them; the acts to be labelled."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.fixes import Rate
+from skyrange.attack.gnss.constellations import ALL_CONSTELLATIONS, Constellations
 from skyrange.attack.gnss.takeover import AFTER_CAPTURE, WHO_IS_CAPTURED, SimulatedSignals, Takeover
 
 
@@ -11,15 +12,14 @@ from skyrange.attack.gnss.takeover import AFTER_CAPTURE, WHO_IS_CAPTURED, Simula
     "gnss.capture",
     effect="several aircraft report one simulated place at once, some after a loss of lock, and leave their paths",
     knowledge="GPS time and the broadcast ephemerides; the place of a victim that it captures without loss of lock",
-    equipment="a software radio with a GPS signal simulator and one antenna",
+    equipment="a software radio with one antenna and a simulator for each constellation; gps-sdr-sim has GPS alone",
     placement="the same simulated place from an antenna out of reach, or another place from the same antenna",
     realism={
         **WHO_IS_CAPTURED,
-        "seamless capture or loss of lock": "cited: alignment in code and Doppler (Tippenhauer et al., CCS 2011; Kerns "
-        "et al., 2014); the limits are parameters",
-        "position and velocity": "simulated: those of the simulated place, without receiver noise",
+        "alignment": "cited: in code and Doppler (Tippenhauer et al., CCS 2011; Kerns et al., 2014); the limits are "
+        "parameters",
+        "position and velocity": "simulated: those of the simulated place",
         "time": "assumed: nothing in the range uses the receiver's clock at the scale of its error, below 1 ms",
-        "satellites, claimed accuracy": "assumed: unaltered once captured, as of a sky that is simulated whole",
         **AFTER_CAPTURE,
     },
 )
@@ -28,6 +28,11 @@ class Capture(Takeover):
 
     transmitter_m: sky.Enu = sky.place_param("Position of the transmitting antenna")
     at: sky.Enu = sky.place_param("Simulated place at the start of the attack")
+    constellations: Constellations = sky.param(
+        "Constellations that it simulates: gps, galileo, glonass, beidou. A receiver of all four believes the greater "
+        "number of satellites.",
+        default=ALL_CONSTELLATIONS,
+    )  # fmt: skip
     velocity_mps: Rate = sky.param(
         "Simulated velocity, [east, north, up] in m/s, each from -500 to 500.", default=(0.0, 0.0, 0.0)
     )

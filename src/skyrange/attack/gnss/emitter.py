@@ -1,6 +1,7 @@
 """Transmitter of an attacker on the GPS L1 frequency: the power that it has at the antennas of receivers.
 
-Power follows from free space and, where a building of the city is in the way, a constant loss. The medium of the range
+Power follows from free space, a constant loss where a building of the city is in the way, and the gain of the
+receiver's antenna towards the transmitter. The medium of the range
 has the 2.4 GHz band only, so this transmitter is no node of it.
 """
 
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from skyrange.attack.contract import AttackContext, Place
+from skyrange.attack.gnss.antenna import HORIZON_DBIC, ZENITH_DBIC, gain_dbic
 from skyrange.contracts.components import Floats
 from skyrange.core.errors import InputError
 
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 SPEED_OF_LIGHT_MPS: Final = 299_792_458.0
 L1_HZ: Final = 1_575_420_000.0
 AUTHENTIC_DBM: Final = -128.5
-"""Received power of GPS L1 C/A: the least that is specified, −158.5 dBW (IS-GPS-200, table 3-Va)."""
+"""Power of GPS L1 C/A out of an antenna of 0 dBi: the least that is specified, −158.5 dBW (IS-GPS-200, table 3-Va)."""
 FIX_NONE: Final = 1
 FIX_3D: Final = 3
 _FREE_SPACE_1M_DB: Final = 20.0 * log10(4.0 * pi * L1_HZ / SPEED_OF_LIGHT_MPS)
@@ -42,18 +44,32 @@ class Emitter:
     city: City | None
 
     def received_dbm(self, places: Floats) -> Floats:
-        """Power at antennas of 0 dBi at `places` (n, 3), dBm: free-space loss (ITU-R P.525-4, eq. 3), and walls."""
+        """Power out of the antennas of receivers at `places` (n, 3), dBm.
+
+        An antenna faces the zenith: aircraft are level, as far as this is concerned. Its polarisation fits.
+        """
+        level_m = np.hypot(places[:, 0] - self.place_enu_m[0], places[:, 1] - self.place_enu_m[1])
+        elevation = np.degrees(np.arctan2(self.place_enu_m[2] - places[:, 2], level_m))
+        return np.asarray(self.power_dbm - self.loss_db(places) + gain_dbic(elevation), dtype=np.float64)
+
+    def loss_db(self, places: Floats) -> Floats:
+        """Loss on the way to `places` (n, 3), dB: that of free space (ITU-R P.525-4, eq. 3), and walls."""
         away_m = np.maximum(np.linalg.norm(places - np.array(self.place_enu_m), axis=1), _LEAST_M)
-        power = self.power_dbm - _FREE_SPACE_1M_DB - 20.0 * np.log10(away_m)
+        loss = _FREE_SPACE_1M_DB + 20.0 * np.log10(away_m)
         if self.city is not None:
             hidden = [not self.city.is_clear(_in_parts(self.place_enu_m, row)) for row in places.tolist()]
-            power = power - self.wall_loss_db * np.array(hidden, dtype=np.float64)
-        return np.asarray(power, dtype=np.float64)
+            loss = loss + self.wall_loss_db * np.array(hidden, dtype=np.float64)
+        return np.asarray(loss, dtype=np.float64)
 
     @property
     def reach_m(self) -> float:
-        """Distance in free space at which its signals are as strong as the authentic ones, in metres."""
-        return float(10.0 ** ((self.power_dbm - _FREE_SPACE_1M_DB - AUTHENTIC_DBM) / 20.0))
+        """Distance in free space beyond which its signals are weaker than the authentic ones, in metres."""
+        return reach_m(self.power_dbm, AUTHENTIC_DBM, ZENITH_DBIC)
+
+
+def reach_m(power_dbm: float, least_dbm: float, gain: float = HORIZON_DBIC) -> float:
+    """Distance in free space at which a power has fallen to `least_dbm`, in metres; by default along the horizon."""
+    return float(10.0 ** ((power_dbm + gain - _FREE_SPACE_1M_DB - least_dbm) / 20.0))
 
 
 def _in_parts(start: Place, end: Sequence[float]) -> list[Place]:

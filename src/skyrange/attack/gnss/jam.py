@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from math import sqrt
-from typing import Final
+from typing import ClassVar
 
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.fixes import FIX_2D, UNALTERED
-from skyrange.attack.gnss.emitter import FIX_NONE
-from skyrange.attack.gnss.radiation import Radiation
-from skyrange.attack.gnss.receiver_noise import LEAST_SATELLITES, JammedReceiver, effective_db_hz, error_growth
+from skyrange.attack.bases.fixes import FIX_2D
+from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, reach_m
+from skyrange.attack.gnss.radiation import ANTENNA, Radiation
+from skyrange.attack.gnss.receiver_noise import LEAST_SATELLITES, effective_db_hz, loss_db
 from skyrange.contracts.components import Ints
+from skyrange.world.sensing import sensor_errors
 
-STREAM: Final = "attack.gnss_jam"
-NOTICEABLE: Final = 1.05
-"""A fix with all satellites and less than this times its usual error is left as it is."""
-DEGRADED, LOST = range(2)
-"""Phases of a receiver."""
+
+def reach_of_jammer_m(power_dbm: float) -> float:
+    """Distance in free space, at the height of the antenna, within which receivers lose their fix."""
+    return reach_m(power_dbm, AUTHENTIC_DBM + loss_db(sensor_errors.GNSS_SATELLITES))
 
 
 @sky.attack(
@@ -26,13 +25,16 @@ DEGRADED, LOST = range(2)
     technique="EX-0016.03",
     effect="the receiver has no fix, the estimator stops aiding, and the autopilot fails safe",
     knowledge="nothing",
-    position="in line of sight of the antennas: about 1.5 km at 10 dBm, 5 km at 20 dBm in free space",
+    position="in line of sight of the antennas: for a loss of the fix "
+    f"{reach_of_jammer_m(10.0):.0f} m at 10 dBm, {reach_of_jammer_m(20.0):.0f} m at 20 dBm in free space, from the "
+    "height of the aircraft, and half of that from 30 degrees below",
     equipment="a noise or sweep generator for 1575.42 MHz, sold as a privacy device",
     budget="milliwatts, for as long as it acts",
     load="none, because the noise is the attack and takes no airtime of the range's links; the sham radiates none",
     content="none, because noise has no content",
     placement="the same jammer farther away or behind a building",
     realism={
+        **ANTENNA,
         "C/N0": "simulated: noise power in free space and behind walls against −128.5 dBm (IS-GPS-200)",
         "satellites and loss of the fix": "cited: tracking to 28 dB-Hz (Ward in Kaplan, Understanding GPS, 1996), "
         "which is a J/S of about 35 dB; reacquisition 7 dB above it (u-blox SAM-M10Q)",
@@ -56,16 +58,12 @@ class GnssJam(Radiation):
         "Seconds to a new fix once the noise is weak enough; 1 is a hot start of a u-blox M10, 24 a cold start.",
         default=1.0, ge=0, le=120,
     )  # fmt: skip
-    chance: sky.Chance
-    receivers: list[JammedReceiver]
-    error_mps: sky.Floats
-    """(n, 3) Added to velocities."""
+    stream: ClassVar[str] = "attack.gnss_jam"
+    first: ClassVar[bool] = True
 
     def prepare(self, context: sky.AttackContext) -> None:
         self.radiate(self.transmitter_m, self.power_dbm, context)
-        self.shown, self.chance = {"GNSS jammer": self.transmitter_m}, context.chance
-        self.receivers = [JammedReceiver(sky.from_seconds(self.reacquire_s)) for _ in self.vehicles]
-        self.error_mps = np.zeros((len(self.vehicles), 3))
+        self.shown = {"GNSS jammer": self.transmitter_m}
 
     def receive(self, rows: Ints, sensors: sky.Sensors) -> None:
         power = self.emitter.received_dbm(sensors.gnss_enu_m[rows])
@@ -73,32 +71,4 @@ class GnssJam(Radiation):
             count = int(sensors.gnss_satellites[row])
             if sensors.gnss_fix[row] >= FIX_2D and count >= LEAST_SATELLITES:
                 db_hz = effective_db_hz(np.array([jam_dbm]), count)[0]
-                self.phases[row] = self._degrade(row, db_hz, sensors.gnss_accuracy[row])
-
-    def alter(self, sensors: sky.Sensors) -> None:
-        super().alter(sensors)
-        sensors.gnss_vel_enu_mps += self.error_mps
-
-    def _degrade(self, row: int, db_hz: sky.Floats, accuracy: sky.Floats) -> int:
-        """What one receiver makes of its satellites; returns its phase."""
-        self.restore(row)
-        self.error_mps[row] = 0.0
-        receiver = self.receivers[row]
-        used = receiver.track(int(self.seen[row]), db_hz)
-        self.satellites[row] = len(used)
-        if not receiver.has_fix:
-            self.fix[row] = FIX_NONE
-            return LOST
-        growth = error_growth(used, db_hz, float(accuracy[0]))
-        if len(used) == len(db_hz) and growth < NOTICEABLE:
-            return UNALTERED
-        self.scale[row] = growth
-        horizontal, vertical, speed = accuracy * sqrt(growth * growth - 1.0)
-        errors = self._deviates(row) * np.array([horizontal, horizontal, vertical, speed, speed, speed])
-        self.offset[row], self.error_mps[row] = errors[:3], errors[3:]
-        return DEGRADED
-
-    def _deviates(self, row: int) -> sky.Floats:
-        """Six deviates of mean 0 and variance 1, each the sum of three uniforms."""
-        who, time = sky.hash64(self.vehicles[row]), int(self.seen[row])
-        return np.array([2.0 * (sum(self.chance.uniform4(STREAM, who, time, k)[:3]) - 1.5) for k in range(6)])
+                self.phases[row] = self.degrade(row, db_hz, sensors.gnss_accuracy[row])

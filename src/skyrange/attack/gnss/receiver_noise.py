@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
+from math import inf, log10, sqrt
 from typing import Final
 
 import numpy as np
@@ -31,15 +31,31 @@ LEAST_SATELLITES: Final = 4
 """For a fix in three dimensions."""
 
 
-def effective_db_hz(jam_dbm: Floats, satellites: int) -> Floats:
-    """C/N0 of each satellite under noise (n, satellites), dB-Hz, for noise powers (n,) in dBm.
+def effective_db_hz(jam_dbm: Floats, satellites: int, signal_dbm: float = AUTHENTIC_DBM) -> Floats:
+    """C/N0 of each satellite under noise (n, satellites), dB-Hz, for noise powers (n,) or (n, satellites) in dBm.
 
+    `signal_dbm` is the power of a signal in the middle of the spread.
     1/(C/N0) = 1/(C/N0 without noise) + (J/S) / (Q · chip rate) (Ward in Kaplan, 1996, chapter 6).
     """
-    signal = AUTHENTIC_DBM + np.linspace(-SPREAD_DB, SPREAD_DB, satellites)
+    signal = signal_dbm + np.linspace(-SPREAD_DB, SPREAD_DB, satellites)
     thermal = 10.0 ** ((NOISE_DBM_HZ - signal) / 10.0)
-    jammed = 10.0 ** ((jam_dbm[:, None] - signal) / 10.0) / (QUALITY * CHIPS_PER_S)
+    jammed = 10.0 ** ((jam_dbm.reshape(len(jam_dbm), -1) - signal) / 10.0) / (QUALITY * CHIPS_PER_S)
     return np.asarray(-10.0 * np.log10(thermal + jammed), dtype=np.float64)
+
+
+def loss_db(satellites: int) -> float:
+    """Power of noise over that of an authentic signal at which a receiver of so many satellites loses its fix, dB.
+
+    It is where the weakest of the `LEAST_SATELLITES` strongest signals falls to `TRACKING_DB_HZ`.
+    """
+    signal = AUTHENTIC_DBM + float(np.linspace(-SPREAD_DB, SPREAD_DB, satellites)[-LEAST_SATELLITES])
+    most = 10.0 ** (-TRACKING_DB_HZ / 10.0) - 10.0 ** ((NOISE_DBM_HZ - signal) / 10.0)
+    return signal + 10.0 * log10(most * QUALITY * CHIPS_PER_S) - AUTHENTIC_DBM
+
+
+def total_dbm(signal_dbm: float, signals: int) -> float:
+    """Power of so many equal signals together, dBm."""
+    return signal_dbm + 10.0 * log10(signals) if signals > 0 else -inf
 
 
 def code_jitter_m(db_hz: float) -> float:
@@ -79,3 +95,7 @@ class JammedReceiver:
             self._clear_since = time
         self.has_fix = enough and (self.has_fix or time - self._clear_since >= self.reacquire_ns)
         return used
+
+    def lose_lock(self) -> None:
+        """Take the authentic signals away from it: it has to find them again."""
+        self.has_fix, self._clear_since = False, -1

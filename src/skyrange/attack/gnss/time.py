@@ -26,6 +26,9 @@ ROLLOVER_S = 1024 * 604_800
     realism={
         "time": "simulated: the truth with an offset; a receiver may refuse a jump that this one takes (cited: "
         "Nighswander et al., CCS 2012, where most receivers take it)",
+        "clock of the autopilot": "cited: AP_RTC::set_utc_usec takes a later time of GNSS while disarmed from "
+        "ArduPilot 4.5 on (pull request 24022 of June 2023, 4.5.0-dev); before, the first fix sets it for good, and "
+        "the attack has to be there before it",
         "position and velocity": "assumed: true, because all pseudoranges share the error",
         "fix type, satellites, claimed accuracy": "assumed: unaltered, a seamless capture",
         "time of the fix in the estimator": "assumed: unaltered; after a jump back ArduPilot takes fixes for up to 2 s "
@@ -38,6 +41,7 @@ class FalseTime(sky.OnFixes):
     A spoofer alters time of week and week number in the authentic signals (Nighswander et al., GPS Software Attacks,
     CCS 2012), or delays all of them alike, so that the clock drifts (Shepard et al., Evaluation of the vulnerability of
     phasor measurement units to GPS spoofing attacks, International Journal of Critical Infrastructure Protection 2012).
+    The clock of the victim is that of ArduPilot 4.5 or later.
     """
 
     slow = False

@@ -1,6 +1,7 @@
 """Sensor faults and checks: what attacks, faults and defences make of sensor readings, between world and engines.
 
-Each sensor fault alters a copy of its vehicles' rows, in order of attack and name; the checks of defences come last.
+Each sensor fault alters a copy of its vehicles' rows, in order of attack and name, those that are
+`first` before the others; the checks of defences come last.
 What an attack that acts has written is kept and passed on, to later sensor faults and to the engines. An engine none of
 whose vehicles is altered gets the world's own arrays. The arrays of the copies are the same at every tick, because
 readings are valid until the next one.
@@ -277,10 +278,12 @@ class _Slot(NamedTuple):
     """Whether the engine's vehicles are all that is altered, and nothing else is."""
 
 
-def _order_of(owned: tuple[ActState, SensorHook]) -> tuple[bool, str, str]:
-    """By attack and name; those of defences last, as they were given."""
+def _order_of(owned: tuple[ActState, SensorHook]) -> tuple[int, str, str]:
+    """Those that are `first`, then by attack and name; those of defences last, as they were given."""
     attack, fault = owned
-    return (True, "", "") if attack.plan.is_defence else (False, attack.id, fault.name)
+    if attack.plan.is_defence:
+        return (2, "", "")
+    return (0 if getattr(fault, "first", False) else 1, attack.id, fault.name)
 
 
 def _is_whole(places: NDArray[np.int64], count: int) -> bool:

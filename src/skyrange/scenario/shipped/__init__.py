@@ -27,6 +27,7 @@ SHIPPED: dict[str, str] = {
     "hijack": "An attacker reads a control link, then leads the aircraft across another one's track and away.",
     "jammed-corridor": "A jammer covers the Wi-Fi channel of Remote ID, and two aircraft do not avoid each other.",
     "gnss-pull-off": "A spoofer pulls an aircraft's fixes below its estimator's gates, into its neighbour's corridor.",
+    "jam-then-spoof": "A jammer takes an aircraft's GNSS fix, and the aircraft then follows a weak spoofer.",
     "insider": "A program in a ground station gathers its aircraft at another operator's site and shows their plans.",
     "city-fleet": "48 aircraft of four operators make deliveries over a dense downtown; 500 with --set.",
     "corridor-rush": "60 aircraft of six operators want two corridors at once, and an authority keeps them apart.",

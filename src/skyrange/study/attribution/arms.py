@@ -3,7 +3,8 @@
 An attack is in one of three states. *Active*: it acts as declared. *Sham*: it sends as much, at the same times, with
 benign content. *Muted*: everything it does is discarded. The *counterfactual* of an attack is the state that stands for
 "without it": the sham for an attack that lies, because muting it would remove its airtime as well; muted for one that
-works by load, such as a jammer, and for one that alters readings of sensors alone, because its sham is the nominal run.
+works by load, such as a jammer, and for one that alters readings of sensors alone, because its sham is the nominal run
+(unless that denies what the attack denies before it lies).
 A benign fault is an arm as an attack is; its counterfactual is muted.
 
 The *honest* arm is beside these: every attack that claims an aircraft which is not there is replaced by a real one that

@@ -1,8 +1,9 @@
 """UTC clocks of a fleet's autopilots, which their GNSS receivers set.
 
-After libraries/AP_RTC/AP_RTC.cpp (`set_utc_usec`) and AP_GPS.cpp (`update_instance`): each 3D fix sets the clock of a
-disarmed aircraft, and never backwards. RTC_TYPES keeps its default, so no other source sets it. The clock of an armed
-aircraft runs on, unless it was never set.
+After libraries/AP_RTC/AP_RTC.cpp (`set_utc_usec`) and AP_GPS.cpp (`update_instance`) of ArduPilot 4.5 or later (pull
+request 24022; before, only the first fix did it): each 3D fix sets the clock of a disarmed aircraft, and never
+backwards. RTC_TYPES keeps its default, so no other source sets it. The clock of an armed aircraft runs on, unless it
+was never set.
 """
 
 from __future__ import annotations
