@@ -11,7 +11,7 @@ from pydantic import Field
 
 from skyrange.attack.bases.shams import benign_payload
 from skyrange.attack.bases.waiting_frames import WaitingFrames
-from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.contract import Attack, AttackContext, Place
 from skyrange.attack.declaration import Acting, Facts
 from skyrange.attack.tapped_links import EVERY_LINK, MESSAGE_NUMBERS, Messages, Names, place_taps
 from skyrange.codec.mavlink import message_id
@@ -74,6 +74,10 @@ class LinkTap(Acting):
     chance: Chance
     place: NetworkPlace | Literal[""] | None = ""
     """Where its taps are on control links: a parameter of attacks that have a choice."""
+    radio_m: Place | None = None
+    """This and the next two are parameters of attacks that may have a radio (`InAir`)."""
+    power_dbm: float = 0.0
+    has_key: bool = False
 
     def assemble(self, context: AttackContext) -> Any:
         """See `Acting`."""
