@@ -1,4 +1,4 @@
-"""Radios of attackers beside Wi-Fi links: range, walls of keys and associations, jammers, airtime, and what they hear."""
+"""Radios of attackers beside Wi-Fi links: range, keys, associations, jammers, airtime, and what they hear."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_a_forged_frame_arrives_as_one_transmission_of_a_station_with_that_place
     ).item()  # fmt: skip
     own.to_aircraft.signal_dbm = power_dbm + gain
     own.to_station.signal_dbm = -np.inf  # it gets no acknowledgement, as a radio that forges addresses does
-    missed = (1.0 - own.to_aircraft._success(0, airtime_ns(0, 57 + own.overhead_bytes), 0, 57 + own.overhead_bytes))
+    missed = 1.0 - own.to_aircraft._success(0, airtime_ns(0, 57 + own.overhead_bytes), 0, 57 + own.overhead_bytes)
     assume(abs(missed - uniform) > 1e-9)
     station = own.to_aircraft.carry(NS_PER_MS, 57, (uniform ** (1 + MAX_RETRIES), 0.0, 0.5, 0.5))[0]
     assert air.inject(draws=(uniform, 0.0, 0.5, 0.5)) is station
