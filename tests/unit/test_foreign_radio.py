@@ -158,6 +158,14 @@ def test_it_takes_airtime_from_the_ends_of_the_link() -> None:
     assert air.radio.transmitter.airtime_ns == 0
 
 
+@pytest.mark.parametrize(("power_dbm", "heard"), [(18.0, False), (36.0, True)])
+def test_who_is_heard_depends_on_the_power_of_the_sender(power_dbm: float, heard: bool) -> None:
+    air = Air((3000.0, 0.0, 2.0), power_dbm=power_dbm)
+    air.inject()
+    air.agent.step(STEP_NS, Inbox([], []))
+    assert (air.station.occupancy > 0.0) is heard
+
+
 def test_frames_of_one_radio_follow_each_other_and_its_queue_is_bounded() -> None:
     air = Air()
     arrivals = [air.radio.open(way).carry(0, 57, MIDDLE)[1] for way in ("fwd", "rev", "fwd")]

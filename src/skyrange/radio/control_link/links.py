@@ -232,19 +232,24 @@ class ControlLinks:
     def _update_occupancy(self, pos: Floats, sent: Sequence[Transmission]) -> None:
         """How much of the last 20 ms others in reach kept each transmitter's channel busy.
 
-        In reach is who is heard with -82 dBm in free space; walls are not counted.
+        In reach is who is heard with -82 dBm in free space; walls are not counted. Of frames of the medium the power is
+        not known: they count as sent with that of the radio that hears them.
         """
         if not self._transmitters:
             return
         uses = [
-            (t.row, channel, t.airtime_ns)
-            for t, channel in zip(self._transmitters, self._channels.tolist(), strict=True)
+            (t.row, channel, t.airtime_ns, reach_m)
+            for t, channel, reach_m in zip(
+                self._transmitters, self._channels.tolist(), self._reach_m.tolist(), strict=True
+            )
             if t.airtime_ns
         ]
-        uses += [(one.radio, one.channel, one.ended_ns - one.started_ns) for one in sent]
-        senders, channels, airtime = np.array(uses, dtype=np.int64).reshape(-1, 3).T
+        uses += [(one.radio, one.channel, one.ended_ns - one.started_ns, math.nan) for one in sent]
+        table = np.array(uses, dtype=np.float64).reshape(-1, 4)
+        senders, channels = table[:, :2].astype(np.int64).T
+        airtime, reach_m = table[:, 2], np.where(np.isnan(table[:, 3]), self._reach_m[:, None], table[:, 3])
         away = pos[self._rows][:, None, :] - pos[senders][None, :, :]
-        near = (away * away).sum(axis=2) <= self._reach_m[:, None] ** 2
+        near = (away * away).sum(axis=2) <= reach_m**2
         near &= self._rows[:, None] != senders[None, :]
         near &= np.abs(self._channels[:, None] - channels[None, :]) < _OVERLAP_CHANNELS
         busy = np.minimum(near @ (airtime / STEP_NS), 1.0)
