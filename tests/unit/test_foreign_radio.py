@@ -133,6 +133,17 @@ def test_a_jammer_near_the_aircraft_stops_it_and_one_far_away_does_not() -> None
     assert Air(jammer_at=(0.0, 5000.0, 2.0), noise_dbm=10.0).inject() is Fate.DELIVERED
 
 
+def test_noise_counts_where_a_frame_is_received() -> None:
+    """300 m away signals have -72 dBm; a jammer 5 m from a receiver has -69 dBm there, too little to defer to."""
+    at = (300.0, 0.0, 2.0)
+    near_aircraft, near_attacker = ((50.0, 5.0, 20.0), (300.0, 5.0, 2.0))
+    found = []
+    for jammer_at in (near_aircraft, near_attacker):
+        air = Air(at, jammer_at=jammer_at, noise_dbm=-15.0)
+        found.append((air.inject(), air.hears("fwd"), air.hears("rev")))
+    assert found == [(Fate.LOST, True, True), (Fate.DELIVERED, False, False)]
+
+
 def test_an_aircraft_on_another_channel_neither_gets_it_nor_is_heard() -> None:
     air = Air()
     air.link.aircraft.channel = 11
