@@ -33,7 +33,8 @@ TOPICS: dict[str, dict[str, str]] = {
     "skyrange.plugin": {
         "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu items refuse Floats Ints",
         "Kinds that act or listen": "attack defence detector fault param place_param state",
-        "Bases of attacks and faults": """OnPath OnMessages OnLinks LinkTap drop delay duplicate alter_field hold_field
+        "Bases of attacks and faults": """OnPath OnMessages OnLinks LinkTap InAir PathPlace on_path_place
+            drop delay duplicate alter_field hold_field
             Injection InjectionOnLinks Order mode_order CopterMode copter_mode geodetic AUTOPILOT STATION
             Script Step Upload MissionItem Clear AlteredTelemetry MavlinkFields put move_place
             OnSensors alter_reading hold_reading AddsSignal Signal OnFixes OnReceivers FalseFixes Offset offset_fixes
@@ -62,7 +63,8 @@ TOPICS: dict[str, dict[str, str]] = {
         "Autopilots": """AutopilotPlugin AutopilotContext VehicleSpec Engine EngineBase WallEngine Sensors Finished
             Poses BodyInputs Contacts SimulatorEngine InstanceStatus Source Airframe AIRFRAMES""",
         "Agents": "Agent Inbox Arrival Outbox Departure Note Port FrameId",
-        "Links and taps": """LinkSpec Channel VariableChannel OpenChannel Route Tap TapPlacement Frame Fate
+        "Links and taps": """LinkSpec Channel VariableChannel OpenChannel Route Tap TapPlacement
+            NetworkPlace RadioSite OwnRadio Frame Fate
             Verdict Verdicts Pass Drop Delay Replace Inject""",
         "Observers": "Observer FrameBlock Label World",
         "Time, chance, places and names": """Time Epoch NEVER NS_PER_S NS_PER_MS NS_PER_US from_seconds to_seconds

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from skyrange.attack.bases.fixes import FalseFixes, Offset, OnFixes, OnReceivers, offset_fixes
     from skyrange.attack.bases.forged_remote_id import claim_identity
     from skyrange.attack.bases.frame_acts import delay, drop, duplicate
+    from skyrange.attack.bases.in_air import InAir
     from skyrange.attack.bases.mavlink.injection import Injection, InjectionOnLinks
     from skyrange.attack.bases.mavlink.message_acts import alter_field, hold_field
     from skyrange.attack.bases.mavlink.message_fields import Fields as MavlinkFields
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from skyrange.attack.bases.mavlink.script import Clear, Script, Step, Upload
     from skyrange.attack.bases.mavlink.script import Item as MissionItem
     from skyrange.attack.bases.mavlink.telemetry import AlteredTelemetry
-    from skyrange.attack.bases.on_path import LinkNames, LinkTap, OnLinks, OnPath
+    from skyrange.attack.bases.on_path import LinkNames, LinkTap, OnLinks, OnPath, PathPlace, on_path_place
     from skyrange.attack.bases.sensor_acts import alter_reading, hold_reading
     from skyrange.attack.bases.sensors import AddsSignal, OnSensors, Signal
     from skyrange.attack.bases.transmission import Jamming, Noise, Periodic, Reception, Transmission
@@ -93,7 +94,10 @@ if TYPE_CHECKING:
         Act,
         Channel,
         LinkSpec,
+        NetworkPlace,
         OpenChannel,
+        OwnRadio,
+        RadioSite,
         Route,
         Schedule,
         TapPlacement,
@@ -271,6 +275,7 @@ __all__ = [
     "FrameId",
     "Heard",
     "Holds",
+    "InAir",
     "Inbox",
     "Inject",
     "Injection",
@@ -297,6 +302,7 @@ __all__ = [
     "MissionItem",
     "Monitor",
     "MonitorPlacement",
+    "NetworkPlace",
     "NoParams",
     "Noise",
     "Note",
@@ -321,10 +327,12 @@ __all__ = [
     "Origin",
     "Outbox",
     "Own",
+    "OwnRadio",
     "Params",
     "Pass",
     "Passes",
     "PathEnd",
+    "PathPlace",
     "PathRule",
     "Periodic",
     "Place",
@@ -335,6 +343,7 @@ __all__ = [
     "Problems",
     "ProgramStatus",
     "RadioEnvironment",
+    "RadioSite",
     "RadioSpec",
     "RadioTable",
     "Reception",
@@ -421,6 +430,7 @@ __all__ = [
     "name_mavlink",
     "nearest",
     "offset_fixes",
+    "on_path_place",
     "operator_of",
     "owner_of",
     "param",

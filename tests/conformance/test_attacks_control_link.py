@@ -16,12 +16,24 @@ from skyrange.testing.checks.attacks import two_squares
 DEAUTHENTICATE = AttackPlugin.find("control_link.deauthenticate")
 REACTIVE_JAM = AttackPlugin.find("control_link.reactive_jam")
 
+COMMAND = AttackPlugin.find("mavlink.command")
+EAVESDROP = AttackPlugin.find("link.eavesdrop")
+FLOOD = AttackPlugin.find("link.flood")
+REPLAY = AttackPlugin.find("link.replay")
+
 NEAR = {"transmitter_m": [5.0, 5.0, 2.0]}
+IN_AIR = {"place": "air", "radio_m": [5.0, 5.0, 2.0], "has_key": True}
+REQUEST = {"vehicles": ["blue/b1"], "command": "REQUEST_MESSAGE", "times": 0}
 KINDS: list[tuple[AttackPlugin, Mapping[str, Any], bool | Collection[str]]] = [
     (DEAUTHENTICATE, NEAR, {"send"}),
     (DEAUTHENTICATE, {**NEAR, "links": ["gcs:blue/b1"], "towards": "aircraft", "period_ms": 37}, {"send"}),
     (REACTIVE_JAM, NEAR, {"send"}),
     (REACTIVE_JAM, {**NEAR, "links": ["gcs:green/*"], "turnaround_us": 200}, {"send"}),
+    (COMMAND, {**REQUEST, **IN_AIR}, {"inject"}),
+    (COMMAND, {**REQUEST, "place": "onboard"}, {"inject"}),
+    (EAVESDROP, {"links": ["gcs:*"], **IN_AIR}, False),
+    (FLOOD, {"links": ["gcs:*"], "rate_hz": 400, **IN_AIR}, {"inject"}),
+    (REPLAY, {"links": ["gcs:blue/b1"], "record_s": 4, **IN_AIR}, {"inject"}),
 ]
 
 

@@ -269,3 +269,10 @@ def test_frames_of_acts_are_sent_just_after_the_beginning_of_a_step() -> None:
     )
     assert plan.id == "red"
     assert [(tap.match, tap.side, tap.attack) for tap in taps] == [("gcs:blue/b1", "companion", "red")]
+
+
+def test_the_adversary_is_in_the_network_of_a_link_over_the_air() -> None:
+    drift = Drift(vehicles=["any"], rate_mps=(1.0, 0, 0), largest_m=9)
+    over_air = {"gcs:blue/b2"}
+    _, taps = make_red_team({"blue/b1": 1, "blue/b2": 2}, RedChoice(), CLOCK, mode=9, drift=drift, over_air=over_air)
+    assert [tap.side for tap in taps] == ["companion", "gcs"]

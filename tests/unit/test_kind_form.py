@@ -89,6 +89,30 @@ def test_a_field_that_is_declared_anew_is_what_it_is_declared_as_last() -> None:
     assert (one.turns, one.size_m) == (7, 2.0)
 
 
+class Below(Changed):
+    """A kind below one whose fields were declared anew."""
+
+
+class Beside(First):
+    """A base that has a parameter where `First` has state."""
+
+    turns: int = param("Turns.", default=5)
+
+
+class Both(Beside, Second):
+    """A kind of two bases, of which the nearer one says what a field is."""
+
+
+Below.params_model, Both.params_model = make_params_model(Below), make_params_model(Both)
+
+
+def test_a_field_of_a_far_base_is_what_the_nearest_class_declares() -> None:
+    assert list(Below.params_model.model_fields) == ["form", "turns"]
+    assert Below(turns=7).turns == 7
+    assert sorted(Both.params_model.model_fields) == ["form", "size_m", "turns"]
+    assert Both(size_m=1, turns=7).turns == 7
+
+
 def test_each_instance_has_state_of_its_own() -> None:
     one, other = Second(size_m=1.5), Second(size_m=2)
     one.seen["a"] = 1

@@ -14,7 +14,13 @@ from skyrange.assembly.aircraft import build_aircraft, describe_engines
 from skyrange.assembly.approvals import build_approvals
 from skyrange.assembly.battery_warnings import list_battery_warnings
 from skyrange.assembly.city import build_city
-from skyrange.assembly.control_links import LinksOverAir, build_control_links, check_links_over_air, make_links_over_air
+from skyrange.assembly.control_links import (
+    LinksOverAir,
+    build_control_links,
+    check_links_over_air,
+    make_links_over_air,
+    place_foreign_radios,
+)
 from skyrange.assembly.detectors import build_detectors, describe_monitor
 from skyrange.assembly.network import build_network, list_processing_limits
 from skyrange.assembly.placement.clear_placing import apply_placing
@@ -124,7 +130,7 @@ def build(
         *check_radios(scenario, made.radios, city),
         *check_links_over_air(scenario, city),
     ]
-    problems += check_transmitters(made.radios, city)
+    problems += check_transmitters(made, city)
     if problems:
         raise InputError(f"scenario {scenario.name}", problems)
     links += [*made.links, *between]
@@ -169,6 +175,7 @@ def build(
                 replanning=_replanning_of(operator.replan),
             )
         )
+    placed = place_foreign_radios([*place_gateways(scenario), *defences.taps, *made.taps, *taps], over_air)
     control_links = build_control_links(scenario, city, chance, over_air) if whole else None
     if control_links is not None:
         agents.append(control_links)
@@ -179,7 +186,7 @@ def build(
         routes=[route for route in all_routes if route.endpoint in here],
         agents=[*agents, *air.agents],
         truth_subscribers=air.truth_subscribers,
-        taps=[*place_gateways(scenario), *defences.taps, *made.taps, *taps],
+        taps=placed,
         acts=[plan if whole else _elsewhere(plan) for plan in (*made.plans, *acts, *defences.plans)],
         monitors=[*detectors, *monitors],
         processing=processing,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from skyrange.assembly.radio_checks import check_place
@@ -11,12 +11,13 @@ from skyrange.attack.contract import AirLink
 from skyrange.city.city import City
 from skyrange.contracts.channel_orders import End
 from skyrange.contracts.channel_plans import ChannelPlan, ChannelPolicy
-from skyrange.contracts.links import LinkSpec, VariableChannel
+from skyrange.contracts.links import LinkSpec, TapPlacement, VariableChannel
 from skyrange.core.chance import Chance
-from skyrange.core.errors import Problem
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import link_name, vehicle_id
 from skyrange.radio.control_link.cellular_link import CellularLink
 from skyrange.radio.control_link.channel_changes import ChannelPolicies
+from skyrange.radio.control_link.foreign_radio import ForeignRadio
 from skyrange.radio.control_link.links import ControlLinks, cell_name
 from skyrange.radio.control_link.params import CellularParams, WifiParams
 from skyrange.radio.control_link.propagation import Propagation
@@ -47,6 +48,8 @@ class LinksOverAir:
     """Places of access points and cells by name."""
     dipoles: set[str] = field(default_factory=set)
     """Those with a dipole antenna."""
+    foreign: list[ForeignRadio] = field(default_factory=list)
+    """Radios of attackers on channels of Wi-Fi links; their places are in `fixed`."""
 
     @property
     def channels(self) -> Mapping[str, VariableChannel]:
@@ -97,8 +100,36 @@ def build_control_links(
         for channel in WIFI_CHANNELS:
             propagation.setdefault(centre_mhz(OFDM, channel), wifi_propagation)
     return ControlLinks(
-        made.wifi, made.cellular, made.spectrum, made.fixed, propagation, chance, scenario.radio.city_busy
+        made.wifi, made.cellular, made.spectrum, made.fixed, propagation, chance, scenario.radio.city_busy, made.foreign
     )
+
+
+def place_foreign_radios(taps: Sequence[TapPlacement], made: LinksOverAir) -> list[TapPlacement]:
+    """The taps, those beside a Wi-Fi link with their radio on its channel. Call it before `build_control_links`.
+
+    Raises `InputError` for one on a link that is not over Wi-Fi.
+    """
+    links = {link.name: link for link in made.wifi}
+    transmitters = {(one.transmitter.name, one.transmitter.channel): one.transmitter for one in made.foreign}
+    placed = []
+    for tap in taps:
+        site = tap.site
+        if site is None:
+            placed.append(tap)
+            continue
+        link = links.get(tap.match)
+        if link is None:
+            raise InputError.one(site.name, "match", tap.match, "a control link over Wi-Fi", nearest(tap.match, links))
+        channel = link.params.channel
+        transmitter = transmitters.get((site.name, channel))
+        if transmitter is None:
+            transmitter = transmitters[site.name, channel] = Transmitter(site.name, site.power_dbm, channel)
+            made.fixed[site.name] = site.at_enu_m
+        noise = float(noise_dbm(link.params.noise_figure_db, WIDTH_MHZ))
+        radio = ForeignRadio(link, site, transmitter, noise)
+        made.foreign.append(radio)
+        placed.append(replace(tap, radio=radio))
+    return placed
 
 
 def make_channel_agent(defence: str, plans: Sequence[ChannelPlan], made: LinksOverAir) -> ChannelPolicies:

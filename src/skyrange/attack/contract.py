@@ -241,7 +241,7 @@ class AttackPlugin(Plugin[AttackContext, Attack]):
     honest: bool = False
     """Whether it can make the honest arm: its attacks name the tracks of the aircraft that they claim
     (`Attack.claims`)."""
-    places: Sequence[str] = ("at", "transmitter_m")
+    places: Sequence[str] = ("at", "transmitter_m", "radio_m")
     """Names of parameters that are places, which `anchor` of an attack moves. The kind need not have all of them."""
     from_start: bool = False
     """Whether it has an effect only if it acts from 0 s on, such as one on what is loaded then."""

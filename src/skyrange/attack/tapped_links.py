@@ -1,8 +1,9 @@
 """Links that an attacker has a tap on: their names, the end where the tap is, and when it acts on its own.
 
-An on-path attacker sits on a link, such as a router between ground station and aircraft. Its tap is on the receiving
+An attacker has a place on a control link (`contracts.links.NetworkPlace`). `onboard` its tap is on the receiving
 computer's side (`companion` of a `gcs` link), so what it does comes after the channel for frames towards the aircraft,
-and before it for telemetry.
+and before it for telemetry. In the operator's `network` it is on the station's side, and the other way round. In the
+`air` it is on neither: it hears and sends by a radio of its own.
 """
 
 from __future__ import annotations
@@ -10,14 +11,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator
 
 from skyrange.attack.contract import AttackContext
 from skyrange.codec.mavlink import dialect
 from skyrange.contracts.components import Tap
-from skyrange.contracts.links import Schedule, TapPlacement
+from skyrange.contracts.links import AIR, NetworkPlace, RadioSite, Schedule, TapPlacement
 from skyrange.contracts.params import items, refuse
 from skyrange.contracts.verdicts import Direction
 from skyrange.core.errors import InputError, Problem, nearest
@@ -33,6 +34,9 @@ USS: Final = "uss"
 SIDES: Final = {"gcs": "companion", "log": "proxy", "autopilot": "proxy", "rid_data": "companion", "approval": "gcs",
                 "rid_up": "companion", "rid_down": "companion", "oracle": "gcs"}  # fmt: skip
 """By role of a link: the end at which an attacker's tap is."""
+_ON_BOARD: Final = ("companion", "proxy")
+STATION_SIDE: Final = "gcs"
+"""The end of a gcs link at which the tap of an attacker in the operator's network is."""
 CONTROL_LINKS: Final = ("gcs", "log", "autopilot")
 """The roles of the links that a control link consists of, from ground station to autopilot."""
 EVERY_LINK: Final = ("gcs", "log", "autopilot", "rid_data", "approval", USS, "rid_up", "rid_down", "oracle")
@@ -77,16 +81,57 @@ class TapMaker:
         return self.kind(link, *self.arguments)
 
 
-def place_taps(patterns: Sequence[str], context: AttackContext, make: Callable[[str], Tap]) -> list[TapPlacement]:
-    """A tap on each link that matches. Raises `InputError` for a pattern without a link."""
+def place_taps(
+    patterns: Sequence[str],
+    context: AttackContext,
+    make: Callable[[str], Tap],
+    place: NetworkPlace | Literal[""] | None = None,
+    site: RadioSite | None = None,
+) -> list[TapPlacement]:
+    """A tap on each link that matches, at a place; by default in the network of links over the air, else `side_of`.
+
+    `""` is `side_of` for all links, of what has no place; `site` is the radio of one in the air. Raises `InputError`
+    for a pattern without a link, and for a place that a link does not have.
+    """
     chosen = []
-    for place, pattern in enumerate(patterns):
+    for number, pattern in enumerate(patterns):
         found = [name for name in context.links if fnmatchcase(name, pattern)]
         if not found:
             hint = nearest(pattern, context.links)
-            raise InputError.one(context.id, f"links.{place}", pattern, "a link of the scenario", hint)
+            raise InputError.one(context.id, f"links.{number}", pattern, "a link of the scenario", hint)
         chosen += found
-    return [TapPlacement(name, side_of(name), make) for name in dict.fromkeys(chosen)]
+    return [_place_tap(name, context, make, place, site) for name in dict.fromkeys(chosen)]
+
+
+def _place_tap(
+    link: str,
+    context: AttackContext,
+    make: Callable[[str], Tap],
+    place: NetworkPlace | Literal[""] | None,
+    site: RadioSite | None,
+) -> TapPlacement:
+    over_air = context.over_air.get(link)
+    if place is None and over_air is not None:
+        place = "network"
+    if not place:
+        return TapPlacement(link, side_of(link), make)
+    if place == "onboard":
+        if side_of(link) not in _ON_BOARD:
+            expected = "a link with an end in an aircraft: gcs, log, autopilot, rid_data, rid_up or rid_down"
+            raise InputError.one(context.id, "place", f"onboard, for {link}", expected)
+        return TapPlacement(link, side_of(link), make, place=place)
+    if not link.startswith(f"{CONTROL_LINKS[0]}:"):
+        raise InputError.one(context.id, "place", f"{place}, for {link}", "onboard: only gcs links leave the aircraft")
+    if place == "network":
+        return TapPlacement(link, STATION_SIDE, make, place=place)
+    if over_air is None:
+        expected = "network or onboard: the link has a fixed channel, which has no radio that anyone could hear"
+        hint = 'Give [[links]] channel = "wifi" for that link.'
+        raise InputError.one(context.id, "place", f"air, for {link}", expected, hint)
+    if over_air.kind != "wifi":
+        expected = "network or onboard: data are encrypted between aircraft and base station (TS 33.401, 5.1.3)"
+        raise InputError.one(context.id, "place", f"air, for the {over_air.kind} link {link}", expected)
+    return TapPlacement(link, AIR, make, place=place, site=site)
 
 
 def ends_of(link: str, direction: Direction) -> tuple[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Final, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +85,38 @@ class VariableChannel(Protocol):
         ...
 
 
+class OwnRadio(Protocol):
+    """A radio near a link over the air that is none of its ends: what it sends on the link, and what it hears of it.
+
+    Its state is deep-copyable, with that of the channel.
+    """
+
+    def open(self, direction: str) -> OpenChannel:
+        """The way of what it sends in the name of the sender of a direction, to the receiver of that direction."""
+        ...
+
+    def hear(self, direction: str, draw: float) -> Time | None:
+        """When it has decoded the frame that the sender of a direction sent last; `None` if it has not.
+
+        It is called at once after `OpenChannel.carry` of that frame, with a uniform in [0, 1).
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class RadioSite:
+    """A radio of an attacker on the channel of a Wi-Fi link: where it is, and what it has."""
+
+    name: str
+    """Endpoint of the radio. Radios of one name and channel are one, which sends one frame at a time."""
+    at_enu_m: tuple[float, float, float]
+    """East, north and up in metres from the origin."""
+    power_dbm: float
+    """Equivalent isotropically radiated power."""
+    has_key: bool = False
+    """Whether it has the keys of the link, so that it can decrypt and encrypt as the link's ends do."""
+
+
 @dataclass(frozen=True, slots=True)
 class LinkEnds:
     """A link by its name and ends alone. `fwd` runs from `a` to `b`."""
@@ -154,6 +186,13 @@ class ProcessingLimit:
     """Frames that may wait, at least 1; the one that is being processed is not among them."""
 
 
+NetworkPlace = Literal["air", "network", "onboard"]
+"""Where an attacker is on a control link. `air`: beside it, with a radio of its own; `network`: in the operator's
+network, behind the access point or base station; `onboard`: in the aircraft."""
+AIR: Final = "air"
+"""Side of a tap that is at no end of its link: it has a radio of its own."""
+
+
 @dataclass(frozen=True, slots=True)
 class TapPlacement:
     """Taps on the `side` end (an endpoint's role such as "gcs" or "companion") of every link that matches.
@@ -161,6 +200,9 @@ class TapPlacement:
     `match` is a link name or a pattern with `*`; `make` is called with each link's name. Later placements on the same
     side are nearer to the channel. A tap with an `attack` is hostile: its acts are labelled, and have no effect while
     that attack is muted or does not act.
+
+    A tap on the side `AIR`, of one link by its name, is at neither end. It is shown the frames of both directions that
+    its radio decodes, and can neither hold nor alter them. What it injects goes over the air to the receiver.
     """
 
     match: str
@@ -172,6 +214,12 @@ class TapPlacement:
     cost_ns: Time = 0
     """Time that the endpoint's processor needs for such a frame before the tap decides on it, in ns. Of a defence
     alone; skyrange fills it in from the scenario."""
+    place: NetworkPlace | None = None
+    """Where the attacker is, as the record tells it; `None` where the kind of attack has no choice."""
+    site: RadioSite | None = None
+    """The radio of a tap on the side `AIR`."""
+    radio: OwnRadio | None = None
+    """The same as a part of the link's channel; skyrange fills it in."""
 
     def find_ends(self, spec: LinkSpec) -> list[str]:
         """The ends of a link at which it places a tap: one where it fits, both or none where `side` is wrong; none of a

@@ -13,7 +13,7 @@ from skyrange.attack.gnss.drift import Drift
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.components import World
 from skyrange.core.errors import InputError, Problem
-from skyrange.core.ids import operator_of, vehicle_id
+from skyrange.core.ids import link_name, operator_of, vehicle_id
 from skyrange.core.time import Time, from_seconds, to_seconds
 from skyrange.env.acts import RED, BlueAct, BlueChoices, Clock, RedAct, RedChoice, blue_agent
 from skyrange.env.blue_parts import make_blue_team
@@ -141,7 +141,9 @@ def _make_parts(scenario: Scenario, step_ns: Time, rewards: Rewards) -> tuple[Pa
     fleet = {vehicle_id(operator.id, vehicle.id): vehicle for operator, vehicle in scenario.fleet}
     origin, clock, systems = scenario.origin.datum, Clock(step_ns), {name: one.system_id for name, one in fleet.items()}
     red = RedChoice()
-    plan, taps = make_red_team(systems, red, clock, mode=COPTER_MODE_NUMBERS[RED_MODE], drift=DRIFT)
+    over_air = {link for link in (link_name("gcs", one) for one in fleet) if scenario.over_air(link) is not None}
+    mode = COPTER_MODE_NUMBERS[RED_MODE]
+    plan, taps = make_red_team(systems, red, clock, mode=mode, drift=DRIFT, over_air=over_air)
     plans, defences = [plan], []
     monitors = {RED: TelemetryFeatures(list(fleet), origin, step_ns, received=False)}
     blue = {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from skyrange.attack.bases.mavlink.orders import mode_order
 from skyrange.attack.gnss.drift import Drift
-from skyrange.attack.tapped_links import ends_of, side_of
+from skyrange.attack.tapped_links import STATION_SIDE, ends_of, side_of
 from skyrange.codec.mavlink import Packer
 from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.frames.frame import Frame
@@ -100,12 +100,22 @@ class ChosenDrift:
 
 
 def make_red_team(
-    systems: Mapping[str, int], choice: RedChoice, clock: Clock, *, mode: int, drift: Drift
+    systems: Mapping[str, int],
+    choice: RedChoice,
+    clock: Clock,
+    *,
+    mode: int,
+    drift: Drift,
+    over_air: Container[str] = (),
 ) -> tuple[Act, list[TapPlacement]]:
-    """The adversary's attack and its taps; `systems` are the MAVLink system ids of all aircraft."""
+    """The adversary's attack and its taps; `systems` are the MAVLink system ids of all aircraft.
+
+    On the links `over_air` it is in the operator's network, as attacks are by default.
+    """
     vehicles = sorted(systems)
     make = _AdversaryTaps(systems, mode, choice, clock).make
-    taps = [TapPlacement(link, side_of(link), make, RED) for link in (link_name("gcs", one) for one in vehicles)]
+    links = [link_name("gcs", one) for one in vehicles]
+    taps = [TapPlacement(one, STATION_SIDE if one in over_air else side_of(one), make, RED) for one in links]
     fault = ChosenDrift(f"{RED}.gnss", vehicles, drift, choice)
     plan = Act(RED, agents=[Announcer(RED, choice, clock)], sensor_hooks=[fault], one_process=True, noted=False)
     return plan, taps

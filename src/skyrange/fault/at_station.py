@@ -18,4 +18,4 @@ class AtStation(LinkTap):
 
     def place_at_station(self, links: Sequence[str], context: FaultContext) -> FaultParts:
         """The taps. Raises `InputError` for a link that the scenario does not have."""
-        return FaultParts(taps=[replace(tap, side=SIDE) for tap in self.place(links, context)])
+        return FaultParts(taps=[replace(tap, side=SIDE) for tap in self.make_taps(links, context)])

@@ -11,7 +11,7 @@ import numpy as np
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.links import LinkSpec, Route, Uniforms
+from skyrange.contracts.links import LinkSpec, OpenChannel, OwnRadio, Route, Uniforms
 from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.chance import Chance
 from skyrange.core.ids import FrameId, Port, hash64
@@ -24,7 +24,7 @@ from skyrange.kernel.processing_queue import ProcessingQueue
 class TapSlot:
     """A placed tap: the tap, its endpoint name, the attack that it belongs to, and the time that it takes."""
 
-    __slots__ = ("attack", "cost_ns", "due", "inspects", "links", "name", "tap")
+    __slots__ = ("attack", "cost_ns", "due", "inspects", "links", "name", "radio", "tap", "ways")
 
     def __init__(
         self,
@@ -33,6 +33,7 @@ class TapSlot:
         attack: ActState | None,
         cost_ns: Time = 0,
         inspects: Callable[[Frame], bool] | None = None,
+        radio: OwnRadio | None = None,
     ) -> None:
         self.tap = tap
         self.cost_ns = cost_ns
@@ -44,6 +45,10 @@ class TapSlot:
         self.due: Time | None = None
         self.links: dict[str, tuple[DirectedLink, int, bool]] = {}
         """By direction: the directed link, the position *after* this tap, and whether that is on the sending side."""
+        self.radio = radio
+        """That of a tap at no end of its link."""
+        self.ways: dict[str, OpenChannel] = {}
+        """By direction: how what such a tap injects goes to the receiver."""
 
     def find_cost_ns(self, now: Time, frame: Frame) -> Time:
         """Processor time that it takes for a frame now; 0 while it has no effect."""
@@ -76,6 +81,7 @@ class DirectedLink:
         "dst",
         "fused",
         "link_name",
+        "listeners",
         "local",
         "mailbox",
         "name",
@@ -102,6 +108,8 @@ class DirectedLink:
         self.channel = open_channel(spec.channel, direction)
         self.sender_taps: list[TapSlot] = []
         self.receiver_taps: list[TapSlot] = []
+        self.listeners: list[TapSlot] = []
+        """Taps with a radio that may hear its frames."""
         self.routes: list[RouteHop] = []
         """Where the receiving endpoint's routes lead."""
         self.fused: list[RouteHop] | None = None

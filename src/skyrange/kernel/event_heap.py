@@ -27,10 +27,13 @@ class Code(IntEnum):
     RESUME_BLOCKS = 7  # an endpoint's route sends on blocks that have arrived
     SERVE = 8  # a monitor is handed what it has seen
     PROCESS = 9  # an endpoint has spent its time on a frame
+    HEAR = 10  # a radio of an attacker has decoded a frame
 
 
 # Plain ints: enum look-ups cost more than the events they name.
-ARRIVE, RESUME, REPORT, FORWARD, TAP, STEP, DELIVER_BLOCKS, RESUME_BLOCKS, SERVE, PROCESS = (int(code) for code in Code)
+(
+    ARRIVE, RESUME, REPORT, FORWARD, TAP, STEP, DELIVER_BLOCKS, RESUME_BLOCKS, SERVE, PROCESS, HEAR
+) = (int(code) for code in Code)  # fmt: skip
 
 Event = tuple[int, str, str, int, int, Any]
 """(time << 3 | phase, directed link or group, sender or owner, that sender's serial, code, what the code needs)."""

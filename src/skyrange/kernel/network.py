@@ -20,7 +20,7 @@ import numpy as np
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.frames.frame import Fate, Frame, end_journey
 from skyrange.contracts.frames.payloads import Ints, Payloads
-from skyrange.contracts.links import MIN_LATENCY_NS
+from skyrange.contracts.links import MIN_LATENCY_NS, OpenChannel
 from skyrange.contracts.mailboxes import Arrival, Departure, Note, Outbox, Parents
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
 from skyrange.core.errors import ComponentError, attribute_error
@@ -34,6 +34,7 @@ from skyrange.kernel.event_heap import (
     DELIVER_BLOCKS,
     DELIVERY,
     FORWARD,
+    HEAR,
     PROCESS,
     REPORT,
     RESUME,
@@ -191,6 +192,8 @@ class Network:
         elif code == PROCESS:
             self._process(now, data, data.current)
             self._process_waiting(now, data)
+        elif code == HEAR:
+            self._show(now, *data)
         elif code == SERVE:
             if data.due == now and self._monitors is not None:
                 self._monitors.serve(now, data)
@@ -303,10 +306,51 @@ class Network:
         link, position, sending = slot.links[verdict.direction]
         frame = link.make_frame(slot.name, now, verdict.payload, verdict.src, verdict.dst, verdict.parent)
         self._observers.label_tap_act(now, slot, "inject", frame.id)
-        if sending:
+        way = slot.ways.get(verdict.direction)
+        if way is not None:
+            self._transmit_beside(now, link, frame, way)
+        elif sending:
             self._transmit(now, link, frame, position)
         else:  # past the channel already, but nothing arrives at its own time
             self._push(now + MIN_LATENCY_NS, link.name, frame, ARRIVE, (link, frame, position, None))
+
+    def _transmit_beside(self, now: Time, link: DirectedLink, frame: Frame, way: OpenChannel) -> None:
+        """Send a frame by a radio that is no end of the link, to the link's receiver."""
+        fate, arrival, _ = way.carry(now, len(frame.payload), link.draws(frame.sender, now))
+        if fate is Fate.DELIVERED:
+            self._schedule_arrival(arrival, link, frame, None)
+            return
+        end_journey(frame, fate)
+        self._observers.report_frames([frame])
+
+    def _let_hear(self, now: Time, link: DirectedLink, frame: Frame) -> None:
+        """Find out which radios beside a link hear the frame that its sender has sent."""
+        for slot in link.listeners:
+            assert slot.radio is not None
+            # an address of its own: draws of frames that the tap injects do not shift with what it hears
+            heard = slot.radio.hear(link.direction, link.draws(f"{slot.name} hears", now)[0])
+            if heard is not None:
+                who = f"{slot.name} hears {frame.sender}"
+                heappush(self.heap, ((heard << 3) | DELIVERY, link.name, who, frame.serial, HEAR, (slot, frame)))
+
+    def _show(self, now: Time, slot: TapSlot, frame: Frame) -> None:
+        """Show a tap the frame that its radio has heard; it cannot act on that frame."""
+        try:
+            verdicts = slot.tap.on_frame(now, frame)
+        except Exception as error:
+            raise attribute_error(f"tap {slot.name}", now, error) from error
+        if verdicts and not takes_effect(slot.attack, now):
+            note_withheld(slot.attack, now)
+            verdicts = ()
+        for verdict in verdicts:
+            if isinstance(verdict, Inject):
+                self._inject(now, slot, verdict)
+            elif isinstance(verdict, Note):
+                self._observers.report_note(now, slot.name, verdict)
+            elif not isinstance(verdict, Pass):
+                problem = f"answered a frame that its radio heard with {verdict!r}; Inject and Note fit there"
+                raise ComponentError(f"tap {slot.name}", problem)
+        self.schedule_tap(slot, now)
 
     def _wake_tap(self, now: Time, slot: TapSlot) -> None:
         slot.due = None
@@ -357,6 +401,8 @@ class Network:
             self._follow_fused(now, link, link.fused, frame, [])
             return
         fate, arrival, twin = link.carry(frame.sender, now, len(frame.payload))
+        if link.listeners:
+            self._let_hear(now, link, frame)
         if fate is not Fate.DELIVERED:
             end_journey(frame, fate)
             self._observers.report_frames([frame])

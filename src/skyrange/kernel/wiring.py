@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.components import ENGINE_MEMBERS, Agent, Engine, TruthSubscriber, World
-from skyrange.contracts.links import Act, LinkSpec, ProcessingLimit, Route, TapPlacement
+from skyrange.contracts.links import AIR, Act, LinkSpec, ProcessingLimit, Route, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem, nearest
@@ -127,6 +127,9 @@ def place_taps(wiring: Wiring, links: Mapping[str, DirectedLink], attacks: Mappi
                     "a declared attack",
                     nearest(placement.attack, attacks),
                 )
+        if placement.side == AIR:
+            slots += _place_radio(wiring, f"taps[{number}]", placement, matched, links, attack, slots)
+            continue
         for spec in matched:
             ends = placement.find_ends(spec)
             if len(ends) != 1:
@@ -156,6 +159,33 @@ def place_taps(wiring: Wiring, links: Mapping[str, DirectedLink], attacks: Mappi
                     slot.links[direction] = (link, position + 1, False)
     _share_processors(links, {end: name for (name, end), side in sides.items() if any(slot.cost_ns for slot in side)})
     return slots
+
+
+def _place_radio(
+    wiring: Wiring,
+    where: str,
+    placement: TapPlacement,
+    matched: Sequence[LinkSpec],
+    links: Mapping[str, DirectedLink],
+    attack: ActState | None,
+    placed: Sequence[TapSlot],
+) -> list[TapSlot]:
+    """The tap of a placement beside its link, if both ends live in this kernel, as those of a link over the air do."""
+    if placement.radio is None or len(matched) != 1:
+        expected = f"a link over the air by its name, and its radio, for the side {AIR!r}"
+        raise InputError.one("wiring", f"{where}.radio", placement.match, expected)
+    spec = matched[0]
+    if wiring.local is not None and spec.a not in wiring.local:
+        return []
+    name = f"{placement.attack or _NO_ATTACK}@{spec.name}.{AIR}"
+    ordinal = sum(1 for slot in placed if slot.name.startswith(name))
+    slot = TapSlot(placement.make(spec.name), name + (f".{ordinal}" if ordinal else ""), attack, radio=placement.radio)
+    for direction in ("fwd", "rev"):
+        link = links[f"{spec.name}:{direction}"]
+        link.listeners.append(slot)
+        slot.links[direction] = (link, 0, False)
+        slot.ways[direction] = placement.radio.open(direction)
+    return [slot]
 
 
 def _is_defence(slot: TapSlot) -> bool:
@@ -199,6 +229,8 @@ def attach_routes(
         return
     for link in links.values():
         if not link.routes or link.sender_taps or link.receiver_taps or not link.channel.in_order or not link.local:
+            continue
+        if link.listeners:  # what they hear is found out as a frame is sent, and they act on it
             continue
         if Port(link.dst, link.link_name) in owned or link.processing is not None:  # not forwarded as it arrives
             continue

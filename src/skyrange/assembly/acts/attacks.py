@@ -189,18 +189,26 @@ def _row(attack: ActTable, made: Attack) -> dict[str, Any]:
 def _adversary(attack: AttackTable, made: Attack) -> dict[str, Any]:
     """What the manifest says of an attack alone."""
     threat = made.threat or attack.plugin.threat
+    sites = dict.fromkeys(tap.site for tap in made.taps if tap.site is not None)
+    places = {tap.match: tap.place for tap in made.taps if tap.place is not None}
     return {
         "technique": choose_technique(
             attack.plugin.technique, vars(attack.plugin.params.model_validate(attack.params))
         ),
         "persists": attack.plugin.persists,
         "threat": asdict(threat) if threat is not None else {},
-        "radios": [{"endpoint": radio.endpoint, "at_enu_m": list(radio.at_enu_m or ())} for radio in made.radios],
+        "radios": [
+            *({"endpoint": radio.endpoint, "at_enu_m": list(radio.at_enu_m or ())} for radio in made.radios),
+            *({"endpoint": site.name, "at_enu_m": list(site.at_enu_m)} for site in sites),
+        ],
+        **({"places": places} if places else {}),
     }
 
 
-def check_transmitters(radios: Sequence[Transmitter], city: City | None) -> Iterator[Problem]:
+def check_transmitters(made: MadeAttacks, city: City | None) -> Iterator[Problem]:
     """Attackers' radios where none can be."""
-    for radio in radios:
+    for radio in made.radios:
         if radio.at_enu_m is not None:
             yield from check_place(f"attacks.{owner_of(radio.endpoint)}.params.transmitter_m", radio.at_enu_m, city)
+    for site in dict.fromkeys(tap.site for tap in made.taps if tap.site is not None):
+        yield from check_place(f"attacks.{owner_of(site.name)}.params.radio_m", site.at_enu_m, city)

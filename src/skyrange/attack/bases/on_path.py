@@ -11,14 +11,14 @@ from pydantic import Field
 
 from skyrange.attack.bases.shams import benign_payload
 from skyrange.attack.bases.waiting_frames import WaitingFrames
-from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.contract import Attack, AttackContext, Place
 from skyrange.attack.declaration import Acting, Facts
 from skyrange.attack.tapped_links import EVERY_LINK, MESSAGE_NUMBERS, Messages, Names, place_taps
 from skyrange.codec.mavlink import message_id
 from skyrange.contracts.components import Floats
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.links import NetworkPlace, RadioSite, TapPlacement
 from skyrange.contracts.plugins.fields import param, state
 from skyrange.contracts.verdicts import Direction, Inject, Verdict
 from skyrange.core.chance import Chance
@@ -30,6 +30,20 @@ _BLOCK_BITS: Final = 16
 _STREAM: Final = "attack.link"
 LinkNames = Annotated[Names, Field(min_length=1)]
 """Names or patterns of links, one or more, each once."""
+
+
+PathPlace = Literal["network", "onboard"]
+"""Where what holds or alters frames may be on a control link: no radio beside it can."""
+
+
+def on_path_place() -> Any:
+    """The parameter `place` of a kind that holds or alters frames on control links."""
+    return param(
+        "Where it is on gcs links. network: in the operator's network, before the channel for frames towards the "
+        "aircraft and after it for telemetry; onboard: in the companion, the other way round. Default: network for "
+        "links over the air, else onboard.",
+        default=None,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,15 +72,28 @@ class LinkTap(Acting):
     link: str
     """Of a tap: the name of its link."""
     chance: Chance
+    place: NetworkPlace | Literal[""] | None = ""
+    """Where its taps are on control links: a parameter of attacks that have a choice."""
+    radio_m: Place | None = None
+    """This and the next two are parameters of attacks that may have a radio (`InAir`)."""
+    power_dbm: float = 0.0
+    has_key: bool = False
 
     def assemble(self, context: AttackContext) -> Any:
         """See `Acting`."""
         self.chance = context.chance
         return super().assemble(context)
 
-    def place(self, patterns: Sequence[str], context: AttackContext) -> list[TapPlacement]:
-        """A tap on each link that matches. Raises `InputError` for a pattern without a link."""
-        return place_taps(patterns, context, CopyForLink(self))
+    def make_taps(self, patterns: Sequence[str], context: AttackContext) -> list[TapPlacement]:
+        """A tap on each link that matches, at its place.
+
+        Raises `InputError` for a pattern without a link, and for a place that a link does not have.
+        """
+        return place_taps(patterns, context, CopyForLink(self), self.place, self.find_site(context))
+
+    def find_site(self, context: AttackContext) -> RadioSite | None:
+        """Its radio: none, unless the kind may be in the air (`InAir`)."""
+        return None
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """Decide on a frame that passes, in either direction."""
@@ -129,7 +156,7 @@ class OnLinks(LinkTap):
 
     def build(self, context: AttackContext) -> Attack:
         """A tap on each link. Raises `InputError` for links that the scenario does not have."""
-        return Attack(taps=self.place(self.links, context))
+        return Attack(taps=self.make_taps(self.links, context))
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """Act on the frame if it is selected and the attack acts."""
@@ -165,6 +192,7 @@ class OnLinks(LinkTap):
 class OnPath(OnLinks):
     """Acts on selected messages on the path, such as a router between ground station and aircraft does."""
 
+    place: PathPlace | None = on_path_place()
     messages: Messages = param("MAVLink messages to act on, such as ['COMMAND_LONG']; default: all frames.", default=())
 
     def assemble(self, context: AttackContext) -> Any:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import ClassVar
 
-from skyrange.attack.bases.on_path import LinkNames
+from skyrange.attack.bases.on_path import LinkNames, PathPlace, on_path_place
 from skyrange.attack.bases.rounds import RoundsOnLink
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.declaration import Facts
@@ -24,11 +24,12 @@ class OnControlLinks(RoundsOnLink):
         "position": "on the path between ground station and aircraft",
     }
 
+    place: PathPlace | None = on_path_place()
     links: LinkNames = param("Links gcs, log or autopilot by name or pattern, such as ['gcs:blue/b1'].")
 
     def build(self, context: AttackContext) -> Attack:
         """A tap on each link. Raises `InputError` for links that the scenario does not have, or of another role."""
-        return Attack(taps=self.place(find_links(self.links, context, CONTROL_LINKS), context), shown=self.marks())
+        return Attack(taps=self.make_taps(find_links(self.links, context, CONTROL_LINKS), context), shown=self.marks())
 
 
 def find_links(patterns: Sequence[str], context: AttackContext, roles: Sequence[str]) -> list[str]:

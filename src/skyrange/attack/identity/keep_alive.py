@@ -34,6 +34,10 @@ class KeptAlive(sky.InjectionOnLinks):
         le=255,
     )
 
+    def find_problems(self) -> sky.Problems:
+        if self.place == "air" and self.cut:
+            yield sky.Problem("cut", "true", "false for place 'air': a radio beside the link holds no frame")
+
     def begin(self) -> None:
         super().begin()
         self.packer.system = self.system or self.packer.system

@@ -14,16 +14,17 @@ from skyrange.attack.tapped_links import LEARNED
     surface=("gcs", "log", "autopilot", "rid_data"),
     effect="nothing changes for its victims; the attacker knows positions, missions, parameters and system ids",
     knowledge="MAVLink, which is public",
-    position="on the path, or within range of a radio that is not encrypted",
+    position="by place: on the path, or within range of both ends of a Wi-Fi link that is not encrypted",
     equipment="a computer that forwards or receives the frames",
     budget="none: it sends nothing",
     load="none, because it sends nothing",
     content="none, because it sends nothing; the sham notes nothing",
     placement="the same on a link whose frames are of another aircraft",
 )
-class Eavesdropping(sky.OnPath):
+class Eavesdropping(sky.InAir, sky.OnPath):  # type: ignore[misc]  # more places than its base
     """Reads the frames of a link and records what they tell; it alters nothing.
 
+    In the air it reads a frame if it decodes one of its transmissions, and the link is not encrypted or it has the key.
     A fact is noted when it is learnt, and when it changes.
     """
 

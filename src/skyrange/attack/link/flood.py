@@ -10,7 +10,7 @@ import skyrange.plugin as sky
 from skyrange.attack.bases.shams import benign_payload
 from skyrange.attack.bases.waiting_frames import MAX_INJECTS
 from skyrange.attack.link.useless_frames import Subject, UselessFrames
-from skyrange.attack.tapped_links import ends_of
+from skyrange.attack.tapped_links import STATION_SIDE, ends_of
 
 BATCH_NS: Final[sky.Time] = sky.NS_PER_MS
 """Shortest time between two batches of frames."""
@@ -24,7 +24,7 @@ BATCH_NS: Final[sky.Time] = sky.NS_PER_MS
     persists="acts",
     effect="frames wait behind useless ones, and are lost where the queue of the link or of a receiver is full",
     knowledge="the addresses of the link's ends, and the system id of the aircraft",
-    position="in the network of the sending end; it need not be on the path",
+    position="by place: in the network of the sending end, or near the link with a radio",
     equipment="a computer with as fast a connection",
     budget="the declared rate in frames per second on each link",
     load="the sham: benign frames of the same length, which no receiver answers",
@@ -38,9 +38,9 @@ BATCH_NS: Final[sky.Time] = sky.NS_PER_MS
 class Flood(sky.InjectionOnLinks):
     """Sends useless frames towards one end of a link, at a constant rate.
 
-    They enter the link before its channel, so they take their share of its `rate_bps` and `queue_bytes`, and of the
-    `frames_per_s` and `queue_frames` of the endpoints that process them, if the scenario declares those. Without any
-    limit, frames do not wait for each other.
+    By default they enter the link before its channel, as from the network of the sending end. So they take their share
+    of its `rate_bps` and `queue_bytes`, and of the `frames_per_s` and `queue_frames` of the endpoints that process
+    them, if the scenario declares those. Without any limit, frames do not wait for each other.
     """
 
     towards: Literal["aircraft", "station"] = sky.param("End that the frames go to.", default="aircraft")
@@ -62,15 +62,20 @@ class Flood(sky.InjectionOnLinks):
         self.way = "fwd" if self.towards == "aircraft" else "rev"
 
     def build(self, context: sky.AttackContext) -> sky.Attack:
-        """Taps at the sending ends: what they inject meets the channel."""
+        """Taps at their place, by default at the sending ends: what they inject meets the channel."""
         taps = super().build(context).taps
-        return sky.Attack(taps=[replace(tap, side=ends_of(tap.match, self.way)[0].rpartition(".")[2]) for tap in taps])
+        return sky.Attack(taps=taps if self.place is not None else [self._at_sender(tap) for tap in taps])
 
     def begin(self) -> None:
         super().begin()
         packer = self.packer if self.way == "fwd" else sky.MavlinkPacker(self.target, sky.AUTOPILOT)
         address = f"{self.id}|{self.link}"
         self.frames = UselessFrames(self.message, self.random_bytes, packer, self.target, self.chance, address)
+
+    def _at_sender(self, tap: sky.TapPlacement) -> sky.TapPlacement:
+        side = ends_of(tap.match, self.way)[0].rpartition(".")[2]
+        place: sky.NetworkPlace = "network" if side == STATION_SIDE else "onboard"
+        return replace(tap, side=side, place=tap.place and place)
 
     def next_wakeup(self) -> sky.Time | None:
         """When the next frame is due, but for the shortest time between batches; `None` once the attack has ended."""

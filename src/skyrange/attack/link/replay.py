@@ -19,14 +19,14 @@ MAX_FRAMES: Final = 100_000
     persists="mode",
     effect="an aircraft obeys commands of earlier, or a station sees a flight of earlier",
     knowledge="nothing of the protocol; it learns the frames that it records",
-    position="on the path, such as a router between ground station and aircraft, already before the attack",
+    position="by place: on the path, or within range of both ends of a Wi-Fi link, already before the attack",
     equipment="a computer that forwards and records the frames",
     budget="one frame for each frame recorded, again in each turn of a loop",
     load="the sham: benign frames of the same length at the same times",
     content="a replay of HEARTBEATs alone, which order nothing",
     placement="the same replay on another aircraft's link, or of the other direction",
 )
-class FrameReplay(sky.OnPath):
+class FrameReplay(sky.InAir, sky.OnPath):  # type: ignore[misc]  # more places than its base
     """Records frames of a link and puts them on it again later, once or in a loop.
 
     It records the selected frames until the attack starts, and then plays the record with its own timing. Bytes are
@@ -43,6 +43,10 @@ class FrameReplay(sky.OnPath):
     )
     waiting_frames: WaitingFrames = sky.state(partial(WaitingFrames, MAX_FRAMES))
     """The record, due as long after each frame as the record lasts."""
+
+    def find_problems(self) -> sky.Problems:
+        if self.place == "air" and self.drop_live:
+            yield sky.Problem("drop_live", "true", "false for place 'air': a radio beside the link holds no frame")
 
     def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         if now < self.schedule.start_ns and self.selects(frame):

@@ -12,7 +12,7 @@ from skyrange.attack.bases.mavlink.params import Track
 @sky.attack(
     "mavlink.guided",
     technique="T0831",
-    places=(),
+    places=("radio_m",),
     persists="mode",
     effect="the aircraft flies to a place that the attacker chose and stays there or lands",
     knowledge="system ids, and mode and position that telemetry tells",

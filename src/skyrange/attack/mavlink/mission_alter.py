@@ -52,6 +52,7 @@ class MissionAlteration(sky.LinkTap):
     on: Literal["gcs", "log", "autopilot"] = sky.param(
         "Link on whose path the attacker is: gcs, or log or autopilot on board.", default="gcs"
     )
+    place: sky.PathPlace | None = sky.on_path_place()
     form: Form = sky.param(
         "offset: moves places; delete: an item has no effect; insert: a waypoint before an item; swap: two items; "
         "jump: DO_JUMP instead of an item. Items that the mission does not have leave it unaltered.",
@@ -108,7 +109,7 @@ class MissionAlteration(sky.LinkTap):
     def build(self, context: sky.AttackContext) -> sky.Attack:
         """A tap for each aircraft. Raises `InputError` for aircraft that are not in the scenario."""
         check_vehicles(context, self.vehicles)
-        taps = self.place([sky.link_name(self.on, vehicle) for vehicle in self.vehicles], context)
+        taps = self.make_taps([sky.link_name(self.on, vehicle) for vehicle in self.vehicles], context)
         shown = {} if self.at is None else {"inserted waypoint": self.at}
         return sky.Attack(taps=taps, shown=shown, exclusive=[sky.Exclusive(f"plan of {one}") for one in self.vehicles])
 

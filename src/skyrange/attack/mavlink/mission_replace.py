@@ -16,7 +16,7 @@ _ENDS: Final = {
 @sky.attack(
     "mavlink.mission_replace",
     technique="T0843",
-    places=(),
+    places=("radio_m",),
     persists="upload",
     effect="the aircraft flies a mission of the attacker in AUTO",
     position="on the network of the control link, where requests of the aircraft can be heard",

@@ -40,10 +40,12 @@ def _is_class_var(hint: Any) -> bool:
 class KindType(type):
     """The type of kinds: makes slots of the annotated names of a class, and keeps what was declared of them."""
 
+    own_params: dict[str, tuple[type, Any, Param]]
+    own_state: dict[str, Callable[[], Any]]
     declared_params: dict[str, tuple[type, Any, Param]]
     """By name in order: the class that declares it, the annotation and the parameter, those of bases first."""
     declared_state: dict[str, Callable[[], Any]]
-    """By name: what makes its first value."""
+    """By name: what makes its first value. `own_params` and `own_state` are those of the class without its bases."""
 
     def __new__(mcs, name: str, bases: tuple[type, ...], namespace: dict[str, Any], **options: Any) -> KindType:
         """The class. Raises `InputError` for a mutable default, which instances would share."""
@@ -56,23 +58,25 @@ class KindType(type):
         if hiding:
             expected = f"an annotation, such as `{hiding[0]}: str = …`, because a base has it as a field"
             raise InputError.one(place_of(made), hiding[0], namespace[hiding[0]], expected)
-        made.declared_params, made.declared_state = {}, {}
-        for base in reversed(made.__mro__[1:]):
-            if isinstance(base, KindType):
-                made.declared_params |= base.declared_params
-                made.declared_state |= base.declared_state
+        made.own_params, made.own_state = {}, {}
         for key, value in values.items():
             if isinstance(value, Param):
-                made.declared_params[key] = (made, fields[key], value)
-                made.declared_state.pop(key, None)  # a base may have it as state
-                continue
-            made.declared_params.pop(key, None)
-            if isinstance(value, State):
-                made.declared_state[key] = value.make
+                made.own_params[key] = (made, fields[key], value)
+            elif isinstance(value, State):
+                made.own_state[key] = value.make
             elif isinstance(value, _IMMUTABLE):
-                made.declared_state[key] = partial(_same, value)
+                made.own_state[key] = partial(_same, value)
             else:
                 raise InputError.one(place_of(made), key, value, "state(…) for what can change, such as state(dict)")
+        made.declared_params, made.declared_state = {}, {}
+        for one in reversed(made.__mro__):
+            if isinstance(one, KindType):  # the nearest class says whether a field is a parameter or state
+                made.declared_params |= one.own_params
+                made.declared_state |= one.own_state
+                for key in one.own_params:
+                    made.declared_state.pop(key, None)
+                for key in one.own_state:
+                    made.declared_params.pop(key, None)
         return made
 
 

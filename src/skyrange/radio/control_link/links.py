@@ -19,6 +19,7 @@ from skyrange.core.time import NS_PER_MS, Time
 from skyrange.radio.control_link.cellular_link import NO_CELL, CellularLink
 from skyrange.radio.control_link.channel_changes import ChannelChanges
 from skyrange.radio.control_link.following_jammers import FollowingJammers
+from skyrange.radio.control_link.foreign_radio import ForeignRadio
 from skyrange.radio.control_link.interference import BurstAtReceiver
 from skyrange.radio.control_link.propagation import Propagation
 from skyrange.radio.control_link.wifi_link import (
@@ -77,9 +78,11 @@ class ControlLinks:
         propagation: Mapping[float, Propagation],
         chance: Chance,
         city_busy: float = 0.0,
+        foreign: Sequence[ForeignRadio] = (),
     ) -> None:
         """`places` has the fixed radios by name, in metres from the origin. Rows of radios are those of
-        `spectrum.radios`, then those of `places`; `propagation` is by centre frequency in MHz.
+        `spectrum.radios`, then those of `places`; `propagation` is by centre frequency in MHz. `foreign` are radios of
+        attackers on channels of `wifi`, at places of their names.
         """
         self._wifi = sorted(wifi, key=lambda link: link.name)
         self._cellular = sorted(cellular, key=lambda link: link.name)
@@ -88,9 +91,10 @@ class ControlLinks:
         self._chance = chance
         self._fixed = np.array(list(places.values()), dtype=np.float64).reshape(-1, 3)
         rows = {name: row for row, name in enumerate((*spectrum.radios, *places))}
-        self._transmitters = list(
-            {id(one): one for link in self._wifi for one in (link.station, link.aircraft)}.values()
-        )
+        self._foreign = sorted(foreign, key=lambda radio: (radio.link.name, radio.transmitter.name))
+        sending = [one for link in self._wifi for one in (link.station, link.aircraft)]
+        sending += [radio.transmitter for radio in self._foreign]
+        self._transmitters = list({id(one): one for one in sending}.values())
         for transmitter in self._transmitters:
             transmitter.row = rows[transmitter.name]
         self._rows = np.array([t.row for t in self._transmitters], dtype=np.int64)
@@ -129,6 +133,10 @@ class ControlLinks:
             for channel in sorted({link.station.channel for link in self._wifi})
         }
         """Links by the channel of their access point."""
+        self._foreign_by_channel = {
+            channel: [radio for radio in self._foreign if radio.transmitter.channel == channel]
+            for channel in sorted({radio.transmitter.channel for radio in self._foreign})
+        }
 
     def next_wakeup(self) -> Time | None:
         """The next update."""
@@ -183,6 +191,28 @@ class ControlLinks:
                 if change:
                     kind = "event.link_up" if link.associated else "event.link_down"
                     out.note(kind, link.name, {"channel": "wifi", "why": change})
+        self._update_foreign(now, pos, vel, bursts)
+
+    def _update_foreign(self, now: Time, pos: Floats, vel: Floats, bursts: Sequence[NoiseBurst]) -> None:
+        """Work out how attackers' radios and the ends of links on their channels hear each other."""
+        for channel, radios in self._foreign_by_channel.items():
+            centre = centre_mhz(OFDM, channel)
+            propagation = self._propagation[centre]
+            one = np.array([radio.transmitter.row for radio in radios for _ in range(2)])
+            other = np.array([end.row for radio in radios for end in (radio.link.station, radio.link.aircraft)])
+            gains = propagation.gains_db(pos, vel, one, other, centre, now).reshape(-1, 2).tolist()
+            rows = sorted({*one.tolist(), *other.tolist()})
+            met = _NoiseAt(bursts, propagation, pos, vel, rows, centre, WIDTH_MHZ, now)
+            for radio, both in zip(radios, gains, strict=True):
+                own, link = radio.transmitter, radio.link
+                for end, gain, sent, heard in (
+                    (link.station, both[0], radio.to_station.path, radio.from_station),
+                    (link.aircraft, both[1], radio.to_aircraft.path, radio.from_aircraft),
+                ):
+                    if end.channel != channel:
+                        gain = -math.inf
+                    sent.signal_dbm, heard.signal_dbm = own.power_dbm + gain, end.power_dbm + gain
+                    sent.interference.bursts, heard.interference.bursts = met.between(own, end), met.between(end, own)
 
     def _choose_rates(self, now: Time, links: Sequence[WifiLink]) -> None:
         """Let each direction use the rate with the greatest average of rate times success, as Minstrel does."""
@@ -202,19 +232,24 @@ class ControlLinks:
     def _update_occupancy(self, pos: Floats, sent: Sequence[Transmission]) -> None:
         """How much of the last 20 ms others in reach kept each transmitter's channel busy.
 
-        In reach is who is heard with -82 dBm in free space; walls are not counted.
+        In reach is who is heard with -82 dBm in free space; walls are not counted. Of frames of the medium the power is
+        not known: they count as sent with that of the radio that hears them.
         """
         if not self._transmitters:
             return
         uses = [
-            (t.row, channel, t.airtime_ns)
-            for t, channel in zip(self._transmitters, self._channels.tolist(), strict=True)
+            (t.row, channel, t.airtime_ns, reach_m)
+            for t, channel, reach_m in zip(
+                self._transmitters, self._channels.tolist(), self._reach_m.tolist(), strict=True
+            )
             if t.airtime_ns
         ]
-        uses += [(one.radio, one.channel, one.ended_ns - one.started_ns) for one in sent]
-        senders, channels, airtime = np.array(uses, dtype=np.int64).reshape(-1, 3).T
+        uses += [(one.radio, one.channel, one.ended_ns - one.started_ns, math.nan) for one in sent]
+        table = np.array(uses, dtype=np.float64).reshape(-1, 4)
+        senders, channels = table[:, :2].astype(np.int64).T
+        airtime, reach_m = table[:, 2], np.where(np.isnan(table[:, 3]), self._reach_m[:, None], table[:, 3])
         away = pos[self._rows][:, None, :] - pos[senders][None, :, :]
-        near = (away * away).sum(axis=2) <= self._reach_m[:, None] ** 2
+        near = (away * away).sum(axis=2) <= reach_m**2
         near &= self._rows[:, None] != senders[None, :]
         near &= np.abs(self._channels[:, None] - channels[None, :]) < _OVERLAP_CHANNELS
         busy = np.minimum(near @ (airtime / STEP_NS), 1.0)

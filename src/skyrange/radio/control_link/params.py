@@ -35,6 +35,12 @@ class WifiParams(Params):
         default=False,
         description="Whether both ends protect management frames (802.11w), so that they ignore forged ones.",
     )
+    encrypted: Switch = Field(
+        default=True,
+        description="Whether data frames are encrypted, such as by WPA2: a radio that is no end of the link needs its "
+        "key to read them, and to have its own accepted. Wi-Fi modules for telemetry have WPA2 on, with a password "
+        "that is the same for all until the operator changes it.",
+    )
     reassociation_ms: Number = Field(
         default=400.0,
         ge=0,

@@ -19,6 +19,7 @@ from skyrange.radio.control_link.params import WifiParams
 from skyrange.radio.control_link.wifi_rates import (
     ACK_BYTES,
     BUSY_DBM,
+    CCMP_BYTES,
     CW_MAX,
     CW_MIN,
     DIFS_NS,
@@ -122,11 +123,24 @@ class SentFrame(NamedTuple):
     """Whether the sender heard the receiver's own frames with that SNIR."""
 
 
+class Attempt(NamedTuple):
+    """One transmission of a frame."""
+
+    start: Time
+    end: Time
+    rate: int
+    """Its place in `RATES_MBPS`."""
+    size_bytes: int
+    """Length on the air."""
+
+
 class WifiDirection:
     """One direction of a Wi-Fi link (`skyrange.contracts.links.OpenChannel`)."""
 
     __slots__ = (
+        "_overhead",
         "_queue_bytes",
+        "attempts",
         "heard_dbm",
         "interference",
         "latency_ns",
@@ -147,6 +161,7 @@ class WifiDirection:
         self.interference = Interference(noise_dbm)
         self.latency_ns = link.latency_ns
         self._queue_bytes = link.params.queue_bytes
+        self._overhead = link.overhead_bytes
         self.signal_dbm = -math.inf
         """Power of its frames at the receiver."""
         self.rate = 0
@@ -156,6 +171,8 @@ class WifiDirection:
         """Power of the last frame whose preamble the receiver decoded."""
         self.outcomes: deque[SentFrame] | None = None
         """Of the last frames, in order of time; `None` if nobody reads them."""
+        self.attempts: list[Attempt] | None = None
+        """The transmissions of the last frame; `None` if nobody listens."""
 
     def snir_db(self, at: Time) -> float:
         """Signal-to-noise-and-interference ratio at an instant, without reactive jammers."""
@@ -164,15 +181,17 @@ class WifiDirection:
     def carry(self, now: Time, size: int, draws: Uniforms) -> tuple[Fate, Time, Time | None]:
         """As `OpenChannel.carry`."""
         radio = self.transmitter
+        if self.attempts is not None:
+            self.attempts.clear()
         if self.link.successes is None:  # nothing is known before the first update, in the first instant of a run
             return Fate.DELIVERED, now + self.latency_ns, None
-        if not self.link.associated or now < self.link.down_until:
+        if not self.link.accepts_data(now):
             return Fate.LOST, now, None
         start = max(now, radio.busy_until)
         if radio.queued_bytes(now) + size > self._queue_bytes:
             return Fate.OVERFLOW, now, None
         give_up = start + LIFETIME_NS
-        length = airtime_ns(self.rate, size + OVERHEAD_BYTES)
+        length = airtime_ns(self.rate, size + self._overhead)
         answer = ack_rate(self.rate)
         answer_ns = SIFS_NS + airtime_ns(answer, ACK_BYTES)
         window, turn = CW_MIN, draws[1]
@@ -188,7 +207,9 @@ class WifiDirection:
                 break
             end = start + length
             radio.airtime_ns += length + answer_ns
-            arrives = self._success(start, end, self.rate, size + OVERHEAD_BYTES)
+            if self.attempts is not None:
+                self.attempts.append(Attempt(start, end, self.rate, size + self._overhead))
+            arrives = self._success(start, end, self.rate, size + self._overhead)
             answered = self.reverse._success(end + SIFS_NS, end + answer_ns, answer, ACK_BYTES)
             start = end + answer_ns
             if delivered is None:
@@ -226,11 +247,18 @@ class WifiDirection:
 
     def _success(self, start: Time, end: Time, rate: int, size_bytes: int) -> float:
         """The probability that the receiver decodes a frame on the air from `start` to `end`."""
-        found = 1.0
-        for share, noise_mw in self.interference.pieces(start, end):
-            snir_db = self.signal_dbm - 10.0 * math.log10(noise_mw)
-            found *= success_probability(rate, snir_db, 8.0 * size_bytes * share)
-        return found
+        return find_success(self.signal_dbm, self.interference, start, end, rate, size_bytes)
+
+
+def find_success(
+    signal_dbm: float, interference: Interference, start: Time, end: Time, rate: int, size_bytes: int
+) -> float:
+    """The probability that a receiver decodes a frame on the air from `start` to `end`, at a rate, by its place."""
+    found = 1.0
+    for share, noise_mw in interference.pieces(start, end):
+        snir_db = signal_dbm - 10.0 * math.log10(noise_mw)
+        found *= success_probability(rate, snir_db, 8.0 * size_bytes * share)
+    return found
 
 
 class WifiLink:
@@ -243,6 +271,7 @@ class WifiLink:
         "down_until",
         "latency_ns",
         "name",
+        "overhead_bytes",
         "params",
         "station",
         "successes",
@@ -255,6 +284,8 @@ class WifiLink:
         """`station` is the access point; the links of one operator share it."""
         self.name = name
         self.params = params
+        self.overhead_bytes = OVERHEAD_BYTES - (0 if params.encrypted else CCMP_BYTES)
+        """Bytes on the air around a frame of the link."""
         self.latency_ns: Time = round(params.latency_ms * NS_PER_MS)
         self.station = station
         self.aircraft = aircraft
@@ -301,6 +332,10 @@ class WifiLink:
             receives.heard_dbm - receives.thermal_dbm,
             sorted(found),
         )
+
+    def accepts_data(self, at: Time) -> bool:
+        """Whether its ends accept data frames: a station without association drops them (IEEE 802.11-2020, 11.3)."""
+        return self.associated and at >= self.down_until
 
     def retune(self, order: ChannelOrder) -> None:
         """As `TunableChannel.retune`."""

@@ -44,6 +44,8 @@ PREAMBLE_DBM: Final = -82.0
 ACK_BYTES: Final = 14
 OVERHEAD_BYTES: Final = 24 + 2 + 16 + 8 + 20 + 8 + 4
 """Around a MAVLink frame: MAC header, QoS control, CCMP header and check, LLC, IPv4, UDP, frame check sequence."""
+CCMP_BYTES: Final = 16
+"""Of these, what encryption adds: header and check (12.5.3.2)."""
 _ACK_RATES: Final = np.array([0, 0, 2, 2, 4, 4, 4, 4])
 """By rate: the highest mandatory rate that is not higher, by its place (10.6.6.5.2)."""
 

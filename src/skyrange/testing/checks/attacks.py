@@ -124,14 +124,14 @@ class AttackCase:
 
     def kernel(self, muted: bool = False, sham: bool = False) -> tuple[Kernel, Flight]:
         """A run before its first instant."""
-        wiring = build(self.scenario).wiring
         attack, schedule = self.made(sham)
         plan = Act(
             ID, self.start_ns, self.stop_ns, muted, sham, attack.agents, attack.sensor_hooks, schedule=schedule,
             role="fault" if isinstance(self.kind, FaultPlugin) else "attack", body_hooks=attack.body_hooks,
         )  # fmt: skip
         taps = [replace(tap, attack=ID) for tap in attack.taps]
-        wiring = replace(wiring, links=[*wiring.links, *attack.links], taps=taps, acts=[plan])
+        wiring = build(self.scenario, taps=taps, acts=[plan]).wiring
+        wiring = replace(wiring, links=[*wiring.links, *attack.links])
         seen = MemoryObserver()
         return Kernel(wiring, [seen]), Flight(seen, frozenset(spec.name for spec in attack.links))
 

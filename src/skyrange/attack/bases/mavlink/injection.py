@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
+from skyrange.attack.bases.in_air import InAir
 from skyrange.attack.bases.mavlink.orders import STATION, Order, Sender, read
 from skyrange.attack.bases.roles import OnControlLinks
 from skyrange.attack.bases.rounds import RoundsOnLink
@@ -24,7 +25,7 @@ from skyrange.core.ids import link_name
 from skyrange.core.time import Time
 
 
-class InjectionOnLinks(OnControlLinks):
+class InjectionOnLinks(InAir, OnControlLinks):  # type: ignore[misc]  # more places than its base
     """Injects frames in rounds on control links that the parameters name: `send` makes those of a round."""
 
     attack_facts: ClassVar[Facts] = {"intrudes": True}
@@ -54,7 +55,7 @@ class InjectionOnLinks(OnControlLinks):
         raise NotImplementedError
 
 
-class Injection(RoundsOnLink):
+class Injection(InAir, RoundsOnLink):
     """Injects MAVLink on a link of each named aircraft, in the name of its ground station or of a sender of its own.
 
     `orders` tells what is sent in a round. With `reads`, `on_message` is shown these messages of the aircraft. The sham
@@ -65,7 +66,7 @@ class Injection(RoundsOnLink):
         "surface": CONTROL_LINKS,
         "intrudes": True,
         "knowledge": "system ids, from any frame",
-        "position": "on the network of the control link, or on board",
+        "position": "by place: near the link with a radio, in the operator's network, or on board",
         "equipment": "a computer with a MAVLink library",
         "load": "the sham: as many frames of the same lengths to the aircraft, which answers them and changes nothing",
     }
@@ -113,7 +114,7 @@ class Injection(RoundsOnLink):
         """A tap for each aircraft. Raises `InputError` for aircraft that are not in the scenario."""
         check_vehicles(context, self.vehicles)
         self.systems = {link_name(self.on, one): context.vehicles[one].system_id for one in self.vehicles}
-        return Attack(taps=self.place(list(self.systems), context), shown=self.marks())
+        return Attack(taps=self.make_taps(list(self.systems), context), shown=self.marks())
 
     def begin(self) -> None:
         """See `LinkTap`."""

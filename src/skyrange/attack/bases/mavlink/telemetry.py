@@ -11,15 +11,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Final
 
 from skyrange.attack.bases.mavlink.message_fields import Fields, read_fields, write_alteration
-from skyrange.attack.bases.on_path import CopyForLink, LinkNames, LinkTap
+from skyrange.attack.bases.on_path import LinkNames, LinkTap, PathPlace, on_path_place
 from skyrange.attack.bases.roles import find_links
 from skyrange.attack.contract import Attack, AttackContext, Place
 from skyrange.attack.declaration import Facts
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.tapped_links import MESSAGE_NUMBERS, side_of
+from skyrange.attack.tapped_links import MESSAGE_NUMBERS
 from skyrange.codec.mavlink import dialect, message_id
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.plugins.fields import param
 from skyrange.contracts.verdicts import Direction, Replace, Verdict
 from skyrange.core.errors import InputError
@@ -62,6 +61,7 @@ class AlteredTelemetry(LinkTap):
         "Links by name or pattern, such as ['gcs:blue/b1']. gcs and log: the ground station is deceived; rid_data: "
         "Remote ID broadcasts and avoidance on board; autopilot: all of them."
     )
+    place: PathPlace | None = on_path_place()
     origin: Origin
     names: dict[int, str]
     """By number: the messages that it alters."""
@@ -85,7 +85,7 @@ class AlteredTelemetry(LinkTap):
         Raises `InputError` as `find_links` does, and for two links that the same frame passes: it would be altered
         twice.
         """
-        links, make = find_links(self.links, context, list(FROM_AIRCRAFT)), CopyForLink(self)
+        links = find_links(self.links, context, list(FROM_AIRCRAFT))
         for first, later in _CHAINS:
             for name in links:
                 role, _, vehicle = name.partition(":")
@@ -94,7 +94,7 @@ class AlteredTelemetry(LinkTap):
                     expected = f"{name} or {second}, not both"
                     raise InputError.one(context.id, "links", f"{name}, {second}", expected, "One frame passes both.")
         return Attack(
-            taps=[TapPlacement(name, side_of(name), make) for name in links],
+            taps=self.make_taps(links, context),
             shown=self.marks(),
             exclusive=[
                 exclusive_messages(name, FROM_AIRCRAFT[name.partition(":")[0]], self.names.values()) for name in links
