@@ -20,7 +20,7 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import Signer, SigningKey, secret_from_passphrase, sign_frame
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule
-from skyrange.contracts.verdicts import Inject
+from skyrange.contracts.verdicts import Inject, Replace
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NEVER
@@ -215,11 +215,12 @@ def test_a_plan_file_is_altered_from_the_start_or_not_at_all(late: dict[str, Any
 
 def altered_request(request: Request, sham: bool = False) -> Any:
     """What a plan file's tap at the station makes of a request; `None` if it lets it pass."""
-    made = PLAN_FILE(PLAN_FILE.params(vehicles=("blue/b1",), form="offset", offset_m=(100.0, 0.0, 0.0)), context(sham))
+    params = {"vehicles": ["blue/b1"], "form": "offset", "offset_m": [100.0, 0.0, 0.0]}
+    made = PLAN_FILE(PLAN_FILE.params.model_validate(params), context(sham))
     (placed,) = [tap for tap in made.taps if tap.match.startswith("approval:")]
     frame = Frame("approval:blue", "fwd", "blue.gcs", 0, "blue.gcs", "authority", 0, encode(request))
     (verdict,) = placed.make("approval:blue").on_frame(1, frame) or (None,)
-    return None if verdict is None else decode_request(verdict.payload)
+    return decode_request(verdict.payload) if isinstance(verdict, Replace) else None
 
 
 def test_states_and_ends_of_an_altered_intent_stay_what_they_are() -> None:
@@ -227,7 +228,7 @@ def test_states_and_ends_of_an_altered_intent_stay_what_they_are() -> None:
     epoch = context().epoch
     found = altered_request(Request.of(intent, epoch, version=3))
     assert (found.body.state, found.body.version) == (IntentState.ACTIVATED, 3)
-    assert found.body.volumes != Request.of(intent, epoch).body.volumes
+    assert found.intent(epoch).volumes != intent.volumes
     assert altered_request(Request.end(intent)) is None
 
 
