@@ -11,9 +11,11 @@ from typing import Any
 import pytest
 
 from skyrange.assembly.build import build
+from skyrange.attack.contract import AttackPlugin
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.links import AIR, Act, Channel, OpenChannel, TapPlacement, Uniforms
 from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.plugins.registry import ATTACKS, kinds
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Replace, Verdict
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NS_PER_S, Time
@@ -122,6 +124,13 @@ def test_a_place_that_a_link_does_not_have_is_an_error(
 ) -> None:
     with pytest.raises(InputError, match=expected):
         build(attacked(kind, params, channel))
+
+
+def test_the_place_of_every_attackers_radio_is_moved_by_an_anchor() -> None:
+    fields = {name: AttackPlugin.find(name) for name in kinds(ATTACKS)}
+    in_air = {name: plugin for name, plugin in fields.items() if "radio_m" in plugin.params.model_fields}
+    assert "mavlink.command" in in_air
+    assert [name for name, plugin in in_air.items() if "radio_m" not in plugin.places] == []
 
 
 # ---------------------------------------------------------------- taps beside a link, in a kernel
