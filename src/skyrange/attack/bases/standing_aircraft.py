@@ -1,4 +1,4 @@
-"""A harmless aircraft on the ground, as shams and floods of Remote ID report it."""
+"""A harmless aircraft on the ground, as shams and floods of Remote ID report it; no aircraft stands there."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from skyrange.attack.bases.transmission import WifiBeacons, join
     equipment="several Wi-Fi transmitters that send frames of their own",
     budget="airtime of 0.55 ms for each frame, within the rules of channel access",
     load="none, because the load is the attack",
-    content="none, because the content is true and harmless; the sham is the attack itself",
+    content="none, because the content is harmless; the sham is the attack itself",
     realism={
         "deferral, collisions and losses": "simulated: carrier sense, back-off and signal against interference",
         "work of the receivers": "assumed: a companion and a ground receiver decode every frame",

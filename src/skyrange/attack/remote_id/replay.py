@@ -16,7 +16,7 @@ from skyrange.codec.remote_id.link_payload import ANY_CHANNEL, NO_RSSI, RidHeade
     position="within radio range of its victims and of the receivers",
     equipment="a Wi-Fi or Bluetooth receiver and transmitter",
     budget="one frame for each frame heard",
-    load="the sham: frames of the same length and transport, with an aircraft on the ground at the transmitter",
+    load="the sham: frames of the same length and transport, which report an aircraft on the ground at the transmitter",
     content="none, because a replayed frame without its content is that sham; nor can a real aircraft make it true, "
     "because its time is that of the recording",
     placement="the same replay from another place",

@@ -48,7 +48,7 @@ THREATS: Final[Mapping[KeyOrigin, sky.ThreatModel]] = {
     position="within radio range of the receivers",
     equipment="a transmitter, and a key of its own that the registry has endorsed",
     budget="the frames of one aircraft: about 200 bytes a period, and one to four pages of signatures each 5 s",
-    load="the sham: the same frames and pages, with a registered aircraft on the ground at the transmitter",
+    load="the sham: the same frames and pages, which report a registered aircraft on the ground at the transmitter",
     content="the honest arm: the same frames and keys, from a real aircraft that flies where the ghost is claimed",
     placement="the same claims with the transmitter or the ghost elsewhere",
     realism={
@@ -62,7 +62,7 @@ class SignedGhost(ForgedRemoteId):
     registry.
 
     An aircraft that is not where it says it is signs as an honest transmitter does, from the attacker's own. The sham
-    is an aircraft on the ground at the transmitter, registered and signed by its own key.
+    reports an aircraft on the ground at the transmitter, registered and signed by its own key. No aircraft stands there.
     """
 
     key: KeyOrigin = sky.param(
