@@ -73,11 +73,8 @@ def test_one_sensor_alone(sensor: str) -> None:
     live = hook(sensors=[sensor])
     mine = readings()
     assert live.on_sensors(2 * S, mine) == [SensorAct("blue/b1", sensor), SensorAct("blue/b2", sensor)]
-    altered = {
-        one.name
-        for one in fields(Sensors)
-        if getattr(mine, one.name).tobytes() != getattr(readings(), one.name).tobytes()
-    }
+    true, names = readings(), [one.name for one in fields(Sensors)]
+    altered = {name for name in names if getattr(mine, name).tobytes() != getattr(true, name).tobytes()}
     assert altered == {COLUMNS[sensor]}
 
 
