@@ -57,8 +57,8 @@ def claim_identity(name: str, uas_id: str = "") -> ClaimedIdentity:
 class ForgedRemoteId(Transmission):
     """Broadcasts forged aircraft, one after another within each period, from the start of the attack on.
 
-    In the sham all of them report that they are on the ground where the transmitter is, which harms nobody. A kind with this base has the
-    parameter `vehicle`, and sets in `prepare` whom it claims.
+    In the sham all of them report that they are on the ground where the transmitter is, which harms nobody. A kind with
+    this base has the parameter `vehicle`, and sets in `prepare` whom it claims.
     """
 
     attack_facts: ClassVar[Facts] = {"honest": True}

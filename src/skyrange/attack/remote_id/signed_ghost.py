@@ -62,7 +62,7 @@ class SignedGhost(ForgedRemoteId):
     registry.
 
     An aircraft that is not where it says it is signs as an honest transmitter does, from the attacker's own. The sham
-    reports an aircraft on the ground at the transmitter, registered and signed by its own key. No aircraft stands there.
+    reports an aircraft on the ground at the transmitter, registered and signed by its own key; none stands there.
     """
 
     key: KeyOrigin = sky.param(
