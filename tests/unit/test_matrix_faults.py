@@ -11,6 +11,7 @@ from skyrange.study.matrix.flights import MatrixResult
 from skyrange.study.matrix.model import Matrix
 from skyrange.study.matrix.sections import make_sections
 from skyrange.study.matrix.summary import cost_of
+from skyrange.study.matrix.verdicts import judge_cells
 
 MATRIX = Matrix.model_validate(
     {
@@ -68,3 +69,15 @@ def test_the_summary_of_a_page_has_it() -> None:
         "gust: 3.0 → 3.0 m, 25 alarms/h",
         "–",
     ]
+
+
+def test_a_defence_that_breaks_the_mission_while_nobody_attacks_stops_nothing() -> None:
+    """Its baseline lies on the ground, so the attack has no effect and no mission is lost to it."""
+    flies, lies = (Nominal([60.0], [100.0], [complete], "f", 10) for complete in (True, False))
+    without = Cell("drift", "none", effects=[30.0] * 12, complete=[True] * 12, nominal=[flies] * 12)
+    for nominal, stops in ((flies, True), (lies, False)):
+        cell = Cell("drift", "d", effects=[0.0] * 12, complete=[True] * 12, nominal=[nominal] * 12)
+        verdicts = judge_cells({("drift", "none"): without, ("drift", "d"): cell})
+        assert verdicts.stops("drift", "d") is stops
+        assert verdicts.in_every_flight("drift", "d") is stops
+        assert verdicts.of["drift", "d", False].kept == (12 if stops else 0)

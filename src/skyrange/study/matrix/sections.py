@@ -42,8 +42,9 @@ below.
 """
 VERDICTS = """\
 `harm`: seeds in which the effect is below half of the undefended one. `missions`: seeds in which every mission is
-complete that is complete without the attack. Each with the p of the claim that this holds for most flights; `p` is the
-larger of the two, adjusted for the number of cells. Cells whose effect is below half in no seed are left out.
+complete that is complete without the attack, and that the defence does not break while nobody attacks. Each with the p
+of the claim that this holds for most flights; `p` is the larger of the two, adjusted for the number of cells. Cells
+whose effect is below half in no seed are left out.
 """
 COST = """\
 False alarms, broken missions, delay and energy are those of flights without an attack, against the same flights

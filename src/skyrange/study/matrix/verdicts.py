@@ -1,7 +1,8 @@
 """Verdicts of a matrix: which defence is shown to stop which attack, over all of its cells together.
 
 A defence stops an attack if the harm is below half of the undefended one (`share_test`), the missions that are complete
-without the attack are complete in more than half of all flights (`sign_test`), and the harm no longer grows. A cell's p
+without the attack are complete in more than half of all flights (`sign_test`), and the harm no longer grows. A mission
+that the defence itself breaks while nobody attacks is not kept: what stays on the ground cannot be harmed. A cell's p
 is the larger of the two, because both have to hold; it is adjusted for the number of cells by Holm's method, so that a
 matrix has a false verdict in at most one case in 20.
 """
@@ -32,7 +33,8 @@ class Verdict(NamedTuple):
     below: int
     """Seeds in which the harm is below half of the undefended one of the same seed."""
     kept: int
-    """Seeds in which all missions are complete that are complete without the attack."""
+    """Seeds in which all missions are complete that are complete without the attack, and the defence breaks none of
+    them while nobody attacks."""
     harm_p: float
     """p of the claim that the harm is below half."""
     missions_p: float
@@ -88,24 +90,35 @@ def judge_cells(cells: Mapping[tuple[str, str], Cell]) -> Verdicts:
         if (best := cell.best_adaptive) is not None:
             compared[row, column, True] = best, without.since(len(without.effects) - len(best.effects))
     harm = [share_test(one.effects, other.effects, STOPPED) for one, other in compared.values()]
-    missions = [sign_test(sum(one.complete), len(one.complete)) for one, _ in compared.values()]
+    kept = [missions_kept(one, other) for one, other in compared.values()]
+    missions = [sign_test(sum(seeds), len(seeds)) for seeds in kept]
     adjusted = adjust_by_holm(list(map(max, harm, missions)))
     return Verdicts(
         {
             key: Verdict(
                 len(one.effects),
                 sum(a < STOPPED * b for a, b in zip(one.effects, other.effects, strict=True)),
-                sum(one.complete),
+                sum(seeds),
                 harm_p,
                 missions_p,
                 p,
                 still_grows(one, other),
             )
-            for (key, (one, other)), harm_p, missions_p, p in zip(
-                compared.items(), harm, missions, adjusted, strict=True
+            for (key, (one, other)), seeds, harm_p, missions_p, p in zip(
+                compared.items(), kept, harm, missions, adjusted, strict=True
             )
         }
     )
+
+
+def missions_kept(cell: Cell, without: Cell) -> list[bool]:
+    """Of each seed, whether missions are complete as without the attack, and as without the defence in nominal runs."""
+    if not cell.nominal or not without.nominal:
+        return list(cell.complete)
+    return [
+        complete and all(mine or not theirs for mine, theirs in zip(one.complete, other.complete, strict=True))
+        for complete, one, other in zip(cell.complete, cell.nominal, without.nominal, strict=True)
+    ]
 
 
 def still_grows(cell: Cell, without: Cell) -> bool:
