@@ -19,9 +19,9 @@ from statistics import median
 from typing import ClassVar, Final
 
 import skyrange.plugin as sky
+from skyrange.defence import data_sheets
 from skyrange.defence.fix_guard import LEAST_INTERVAL_NS
 from skyrange.defence.gnss.gates import normal_gate
-from skyrange.world.sensing import sensor_errors as errors
 
 STREAM: Final = "defence.gnss_integrity"
 UTC_STEP_NS: Final = sky.NS_PER_MS
@@ -94,7 +94,7 @@ class IntegrityFlags(sky.FixCheck):
     )  # fmt: skip
     lost_s: sky.Number = sky.param(
         "Time in seconds without a fix that it flags as critical jamming; receivers lose it for up to 3 s at times.",
-        default=errors.OUTAGE_MAX_S + 1.0, gt=0, le=3_600,
+        default=data_sheets.LOST_S + 1.0, gt=0, le=3_600,
     )  # fmt: skip
     draws: sky.Chance
     receivers: list[ReceiverFlags]
@@ -149,7 +149,7 @@ class ReceiverFlags:
     def is_new(self, time: sky.Time, fix: int) -> bool:
         """Whether a reading is a fix that has not been taken in yet."""
         seen = self._seen_ns
-        return fix >= errors.FIX_3D and (seen is None or time < seen or time >= seen + LEAST_INTERVAL_NS)
+        return fix >= data_sheets.FIX_3D and (seen is None or time < seen or time >= seen + LEAST_INTERVAL_NS)
 
     def miss(self, now: sky.Time) -> None:
         """No new fix: critical jamming, if there was none for too long."""
@@ -199,9 +199,9 @@ class ReceiverFlags:
         gap_s = abs(time - self._seen_ns) / sky.NS_PER_S
         expected = [at + rate * gap_s for at, rate in zip(self._place, self._velocity, strict=True)]
         reach_m = min(0.5 * ACCEL_MPS2 * gap_s**2, 2.0 * SPEED_MAX_MPS * gap_s)
-        worse = max(accuracy_m / errors.GNSS_ACCURACY[0], 1.0) if isfinite(accuracy_m) else 1.0
-        noise_m = self.gate * sqrt(2.0) * worse * errors.GNSS_WANDER_UP_M
-        noise_mps = self.gate * sqrt(2.0) * worse * errors.GNSS_ACCURACY[2]
+        worse = max(accuracy_m / data_sheets.CLAIMED[0], 1.0) if isfinite(accuracy_m) else 1.0
+        noise_m = self.gate * sqrt(2.0) * worse * data_sheets.WANDER_UP_M
+        noise_mps = self.gate * sqrt(2.0) * worse * data_sheets.CLAIMED[2]
         return max(
             dist(place, expected) / (reach_m + noise_m),
             dist(velocity, self._velocity) / (min(ACCEL_MPS2 * gap_s, 2.0 * SPEED_MAX_MPS) + noise_mps),
