@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,10 @@ def test_a_defence_that_breaks_the_mission_while_nobody_attacks_stops_nothing() 
     without = Cell("drift", "none", effects=[30.0] * 12, complete=[True] * 12, nominal=[flies] * 12)
     for nominal, stops in ((flies, True), (lies, False)):
         cell = Cell("drift", "d", effects=[0.0] * 12, complete=[True] * 12, nominal=[nominal] * 12)
+        candidate = replace(cell, candidate="c", nominal=[])
         verdicts = judge_cells({("drift", "none"): without, ("drift", "d"): cell})
         assert verdicts.stops("drift", "d") is stops
         assert verdicts.in_every_flight("drift", "d") is stops
         assert verdicts.of["drift", "d", False].kept == (12 if stops else 0)
+        known = judge_cells({("drift", "none"): without, ("drift", "d"): replace(cell, adaptive=(candidate,))})
+        assert known.of["drift", "d", True].kept == (6 if stops else 0), "of the half that the adversary is told of"

@@ -10,7 +10,7 @@ matrix has a false verdict in at most one case in 20.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 from skyrange.study.inference.share_tests import LEVEL, adjust_by_holm, pairs_needed, share_test, sign_test
@@ -90,7 +90,10 @@ def judge_cells(cells: Mapping[tuple[str, str], Cell]) -> Verdicts:
         if (best := cell.best_adaptive) is not None:
             compared[row, column, True] = best, without.since(len(without.effects) - len(best.effects))
     harm = [share_test(one.effects, other.effects, STOPPED) for one, other in compared.values()]
-    kept = [missions_kept(one, other) for one, other in compared.values()]
+    kept = [
+        missions_kept(one.complete, cells[row, column], cells[row, UNDEFENDED])
+        for (row, column, _), (one, _) in compared.items()
+    ]
     missions = [sign_test(sum(seeds), len(seeds)) for seeds in kept]
     adjusted = adjust_by_holm(list(map(max, harm, missions)))
     return Verdicts(
@@ -111,14 +114,20 @@ def judge_cells(cells: Mapping[tuple[str, str], Cell]) -> Verdicts:
     )
 
 
-def missions_kept(cell: Cell, without: Cell) -> list[bool]:
-    """Of each seed, whether missions are complete as without the attack, and as without the defence in nominal runs."""
-    if not cell.nominal or not without.nominal:
-        return list(cell.complete)
+def missions_kept(complete: Sequence[bool], cell: Cell, without: Cell) -> list[bool]:
+    """Of each of the last seeds, whether missions are complete as without the attack, by `complete`, and the defence
+    breaks none of them in its nominal run, which those of candidates share.
+    """
+    count = len(complete)
+    if len(cell.nominal) < count or len(without.nominal) < count:
+        return list(complete)
     return [
-        complete and all(mine or not theirs for mine, theirs in zip(one.complete, other.complete, strict=True))
-        for complete, one, other in zip(cell.complete, cell.nominal, without.nominal, strict=True)
-    ]
+        seed and all(mine or not theirs for mine, theirs in zip(one.complete, other.complete, strict=True))
+        for seed, one, other in zip(
+            complete, cell.nominal[len(cell.nominal) - count :], without.nominal[len(without.nominal) - count :],
+            strict=True,
+        )
+    ]  # fmt: skip
 
 
 def still_grows(cell: Cell, without: Cell) -> bool:
