@@ -15,7 +15,7 @@ from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
 from skyrange.attack.bases.mavlink.message_fields import read_fields, write_fields
 from skyrange.attack.contract import AttackContext, AttackPlugin
-from skyrange.codec.mavlink import Message, Packer, decode, dialect
+from skyrange.codec.mavlink import Message, Packer, decode, dialect, message_name
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.codec.mavlink.signing import (
     SignatureRefusal,
@@ -35,6 +35,7 @@ from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.testing.checks.attacks import two_squares
 
 SECOND_VEHICLE = AttackPlugin.find("identity.second_vehicle")
+KEEP_ALIVE = AttackPlugin.find("identity.keep_alive")
 STOLEN_KEY = AttackPlugin.find("signing.stolen_key")
 ATTITUDE = AttackPlugin.find("telemetry.attitude")
 BATTERY = AttackPlugin.find("telemetry.battery")
@@ -289,6 +290,15 @@ def test_a_second_vehicle_waits_until_it_has_heard_the_first() -> None:
     ]
     copied = copy.deepcopy(tap)
     assert copied.on_wakeup(START_NS + 2 * NS_PER_S) == tap.on_wakeup(START_NS + 2 * NS_PER_S)
+
+
+def test_the_sham_of_a_kept_station_has_its_name_and_no_heartbeat() -> None:
+    (beat,), (other,) = (
+        [one.payload for one in tap_of(KEEP_ALIVE, {}, sham=sham).on_wakeup(START_NS) if isinstance(one, Inject)]
+        for sham in (False, True)
+    )
+    assert (message_name(beat), message_name(other)) == ("HEARTBEAT", "ENCAPSULATED_DATA")
+    assert (len(beat), beat[4:7]) == (len(other), other[4:7]), "the same length, sequence number and sender"
 
 
 def test_a_stolen_key_signs_what_the_aircraft_accepts_and_a_guessed_one_does_not() -> None:
