@@ -23,7 +23,9 @@ from tests.tiers import examples
 
 Variant = tuple[str, str]
 """A kind, and the parameters in which it is not what its name says."""
-GNSS: list[Variant] = [(kind, 'action = "reject"') for kind in ("gnss.barometer", "gnss.innovation", "gnss.receiver")]
+GNSS: list[Variant] = [
+    (kind, 'action = "reject"') for kind in ("gnss.barometer", "gnss.innovation", "gnss.integrity", "gnss.receiver")
+]
 ON_LINKS: list[Variant] = [
     ("mavlink.firewall", ""),
     ("mavlink.firewall", 'at = "proxy"'),

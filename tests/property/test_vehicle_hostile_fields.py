@@ -501,6 +501,8 @@ def test_what_is_for_others_is_ignored(flights: dict[str, Range], number: int) -
                 values[name] = [0] * 20
             if name == "payload":
                 values[name] = [0] * 251
+            if name == "secret_key":
+                values[name] = [1] * 32
         if "command" in values:
             values["command"] = A.MAV_CMD_NAV_LAND
         assert answers(r, kind(**values)) == []

@@ -16,7 +16,7 @@ from skyrange.codec.mavlink.file_transfer import DATA_BYTES, Opcode, Transfer
 @sky.attack(
     "mavlink.file_write",
     technique="T0843",
-    places=(),
+    places=("radio_m",),
     persists="flight",
     effect="the autopilot flies with other parameters or another mission, of which no message tells its operator",
     knowledge="system ids, from any frame, and paths, formats and names of parameters, which are public",

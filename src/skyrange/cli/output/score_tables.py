@@ -93,7 +93,7 @@ def _tabulate_intrusions(study: str, detectors: Sequence[DetectorScore]) -> Tabl
         on = detector.on(_ALL)
         if on is not None:
             found = on.harmless_intrusions
-            table.add_row(detector.detector, str(found.reported), str(found.intrusions))
+            table.add_row(_name(detector), str(found.reported), str(found.intrusions))
     return table
 
 
