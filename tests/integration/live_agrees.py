@@ -77,6 +77,8 @@ FLIGHTS: Final[Mapping[str, Flight]] = {
     "jammed-corridor": Flight(125.0, only_outcomes=True),
     "gnss-pull-off": Flight(130.0),
     "insider": Flight(60.0, group="operator"),
+    # after the capture a crash follows from centimetres
+    "jam-then-spoof": Flight(112.0, only_outcomes=True),
 }
 
 
