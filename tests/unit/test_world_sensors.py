@@ -107,7 +107,7 @@ def test_sensors_that_warm_up_drift_towards_their_coefficient_times_the_rise() -
 
 def test_biases_wander_and_fixes_are_worse_by_their_factors() -> None:
     usual, unstable = standing(20), standing(20, replace(SPEC, instability=100.0, gnss=3.0))
-    for now in [*range(0, 3 * STEP, STEP), *(k * 1_000_000_000 for k in range(1, 300))]:
+    for now in [*range(0, 3 * STEP, STEP), *(k * 1_000_000_000 for k in range(1, 120))]:
         usual.advance(now)
         unstable.advance(now)
     wandered = readings(unstable)["accel_mps2"] - readings(usual)["accel_mps2"]
