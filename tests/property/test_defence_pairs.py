@@ -144,7 +144,7 @@ def test_kinds_for_all_aircraft_go_with_every_other(shared: str) -> None:
     channel = 'channel = "wifi"\n' if shared == "control_link.channel_change" else ""
     texts = [scenario(len(others), channel, tables, radio=True) for tables in (f"{own}{table}", f"{table}{own}")]
     accepted = [text for text in texts if not is_wrong(text)]
-    # in the other order what a kind sends may be refused, as before signing, or what it reads, as after a check of fixes
+    # in the other order what a kind sends or reads may be refused, as before signing or after a check of fixes
     assert texts[1 if shared == "gnss.integrity" else 0] in accepted
     for text in accepted[: examples(2)]:
         assert fly(text, len(others)) == ({}, set())
