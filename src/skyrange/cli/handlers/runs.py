@@ -249,10 +249,10 @@ def attacks(as_json: bool) -> None:
     if as_json:
         print_json([_describe_attack(name, one) for name, one in found.items()])
         return
-    width = max(map(len, found), default=0)
+    techniques = {name: "/".join(list_techniques(one.technique)) for name, one in found.items()}
+    width, columns = max(map(len, found), default=0), max(map(len, techniques.values()), default=0)
     for name, one in found.items():
-        techniques = "/".join(list_techniques(one.technique))
-        print_text(f"{name:<{width}}  {techniques:<10}  {', '.join(one.surface):<14}  {one.about}")
+        print_text(f"{name:<{width}}  {techniques[name]:<{columns}}  {', '.join(one.surface):<14}  {one.about}")
 
 
 def _describe_attack(name: str, kind: AttackPlugin) -> dict[str, Any]:
