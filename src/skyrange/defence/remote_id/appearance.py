@@ -7,18 +7,8 @@ from math import ceil, log
 from typing import ClassVar, Final
 
 import skyrange.plugin as sky
-from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.receptions import Claim, Finding, Held, Sender
-from skyrange.defence.remote_id.knowledge import (
-    Shift,
-    assumed_decorrelation,
-    assumed_k,
-    assumed_missing,
-    assumed_shadowing,
-    assumed_shift,
-    channel_of,
-    map_of,
-)
+from skyrange.defence.remote_id.knowledge import SignalJudge, channel_of
 from skyrange.defence.remote_id.signal import ErrorRate, is_in_sight
 from skyrange.defence.remote_id.strength_test import distance_m, free_space_loss_db
 
@@ -48,7 +38,7 @@ several metres a second it is not heard sooner, and one radio that starts late h
         "building map": "assumed: the receiver has the range's own",
     },
 )
-class AppearanceCheck(BroadcastJudge):
+class AppearanceCheck(SignalJudge):
     """Drops Remote ID of senders that appear near, in sight and in the air, without having been heard on their way.
 
     It decides once about each UAS ID, when its first Location is received.
@@ -72,17 +62,8 @@ class AppearanceCheck(BroadcastJudge):
         "flight is believed after it.",
         default=60.0, ge=0, le=86_400,
     )  # fmt: skip
-    rician_k_db: sky.Number = assumed_k()
-    decorrelation_m: sky.Number = assumed_decorrelation()
-    shadowing_db: sky.Number | None = assumed_shadowing()
-    map_shift_m: Shift = assumed_shift()
-    map_missing: sky.Number = assumed_missing()
-    city: sky.City | None
     known: Held = sky.state(Held)
     """By `Sender` without an address if it has an id: the finding and when it ends, or True."""
-
-    def prepare(self, context: sky.DefenceContext) -> None:
-        self.city = map_of(self, context)
 
     @property
     def broadcasts(self) -> int:

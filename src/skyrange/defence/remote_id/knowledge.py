@@ -1,4 +1,4 @@
-"""Parameters of kinds that judge signal strengths: what they assume of the channel, and the errors of their map.
+"""Parameters and base of kinds that judge signal strengths: what they assume of the channel, and errors of their map.
 
 The defaults are those of standards and measurements, and an exact map. ITU-R P.1411-11 (4.1.1, table 2) and TR 38.901
 state other spreads for other streets; a footprint of OpenStreetMap is off by about 4 m (H. Fan, A. Zipf, Q. Fu and P.
@@ -12,6 +12,7 @@ from typing import Annotated, Any, Protocol
 from pydantic import AfterValidator, BeforeValidator
 
 import skyrange.plugin as sky
+from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.building_map import map_with_errors
 from skyrange.defence.remote_id.strength_test import DECORRELATION_M, RICIAN_K_DB, AssumedChannel
 
@@ -86,3 +87,19 @@ def map_of(kind: Knowing, context: sky.DefenceContext) -> sky.City | None:
     """The map that a kind has."""
     east_m, north_m = kind.map_shift_m
     return map_with_errors(context.city, (east_m, north_m), kind.map_missing, context.chance)
+
+
+class SignalJudge(BroadcastJudge):
+    """Judges broadcasts by their signals: what it assumes of the channel and of its map are parameters."""
+
+    rician_k_db: sky.Number = assumed_k()
+    decorrelation_m: sky.Number = assumed_decorrelation()
+    shadowing_db: sky.Number | None = assumed_shadowing()
+    map_shift_m: Shift = assumed_shift()
+    map_missing: sky.Number = assumed_missing()
+    city: sky.City | None
+    """Its map."""
+
+    def prepare(self, context: sky.DefenceContext) -> None:
+        """Draw the map."""
+        self.city = map_of(self, context)

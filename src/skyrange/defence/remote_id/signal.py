@@ -9,18 +9,8 @@ from typing import Annotated, ClassVar, Final
 from pydantic import AfterValidator, BeforeValidator, Field
 
 import skyrange.plugin as sky
-from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.receptions import UNKNOWN_M, Claim, Finding, Held, Place, Sender
-from skyrange.defence.remote_id.knowledge import (
-    Shift,
-    assumed_decorrelation,
-    assumed_k,
-    assumed_missing,
-    assumed_shadowing,
-    assumed_shift,
-    channel_of,
-    map_of,
-)
+from skyrange.defence.remote_id.knowledge import SignalJudge, channel_of
 from skyrange.defence.remote_id.strength_test import WAVELENGTH_M, StrengthTest, distance_m
 
 KIND: Final = "remote_id.signal"
@@ -56,7 +46,7 @@ ErrorRate = Annotated[sky.Number, Field(gt=0, lt=1)]
         "building map": "assumed: the receiver has the range's own, unless map_shift_m or map_missing say otherwise",
     },
 )
-class SignalCheck(BroadcastJudge):
+class SignalCheck(SignalJudge):
     """Drops Remote ID of senders whose signal strength does not fit the position that they claim.
 
     There is a strength test for every sender that an aircraft hears.
@@ -72,16 +62,7 @@ class SignalCheck(BroadcastJudge):
     false_alarm: ErrorRate = sky.param(
         "Largest probability that an honest sender in sight is ever rejected by one receiver.", default=0.001
     )
-    rician_k_db: sky.Number = assumed_k()
-    decorrelation_m: sky.Number = assumed_decorrelation()
-    shadowing_db: sky.Number | None = assumed_shadowing()
-    map_shift_m: Shift = assumed_shift()
-    map_missing: sky.Number = assumed_missing()
-    city: sky.City | None
     held: Held = sky.state(Held)
-
-    def prepare(self, context: sky.DefenceContext) -> None:
-        self.city = map_of(self, context)
 
     def judge(self, now: sky.Time, sender: Sender, claim: Claim | None) -> Sequence[sky.Verdict]:
         """Add the strength to the sender's test, and drop the broadcast while the claim is rejected."""
