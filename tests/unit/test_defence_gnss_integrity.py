@@ -19,7 +19,7 @@ PERIOD = NS_PER_S // 5
 def fixes(receiver: ReceiverFlags, count: int, first: Time, sensors: Sensors, draw: float = 0.0) -> Time:
     """Take in fixes that repeat; the time of the next one."""
     for number in range(count):
-        receiver.take(first + number * PERIOD, first + number * PERIOD, draw, 0, sensors)
+        receiver.take(first + number * PERIOD, first + number * PERIOD, lambda: draw, 0, sensors)
     return first + count * PERIOD
 
 
@@ -81,7 +81,7 @@ def test_a_drift_that_an_aircraft_could_fly_is_never_flagged() -> None:
     for number in range(300):
         seconds = number * 0.2
         sensors = moved(gnss_enu_m=[0.25 * seconds**2, 0.0, 0.0], gnss_vel_enu_mps=[0.5 * seconds, 0.0, 0.0])
-        receiver.take(number * PERIOD, number * PERIOD, 0.0, 0, sensors)
+        receiver.take(number * PERIOD, number * PERIOD, lambda: 0.0, 0, sensors)
         assert said(receiver)[1] == "NONE"
 
 
@@ -106,7 +106,7 @@ def test_hostile_numbers_are_survived() -> None:
     now = fixes(receiver, 30, 0, readings())
     for sensors in (moved(gnss_enu_m=[np.nan] * 3), moved(gnss_accuracy=[np.nan] * 3), moved(gnss_satellites=0)):
         now = fixes(receiver, 1, now, sensors)
-    receiver.take(0, 0, 0.0, 0, readings())  # a time before the last one
+    receiver.take(0, 0, lambda: 0.0, 0, readings())  # a time before the last one
     assert receiver.spoofing in Spoofing
 
 

@@ -16,6 +16,7 @@ from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import file_transfer as ftp
 from skyrange.codec.mavlink.file_transfer import Error, Opcode, Transfer
+from skyrange.vehicle.builtin.file_transfer import server
 from skyrange.vehicle.builtin.files.store import CAPACITY_BYTES
 from skyrange.vehicle.builtin.parameters.table import PARAMETERS
 from skyrange.vehicle.contract import VehicleSpec
@@ -414,3 +415,36 @@ def test_a_fork_in_the_middle_of_a_burst_goes_on_identically(booted: Range) -> N
         continued.run(0.2)
     assert r.frames == forked.frames
     assert decode(r.frames[V][-1]).get_type() == "FILE_TRANSFER_PROTOCOL"
+
+
+def test_a_file_in_place_of_the_log_directory_leaves_no_logs(booted: Range) -> None:
+    r = booted.copy()
+    assert one(r, Opcode.REMOVE_DIRECTORY, b"/APM/LOGS").opcode == Opcode.ACK
+    assert one(r, Opcode.CREATE_FILE, b"/APM/LOGS").opcode == Opcode.ACK
+    r.send(V, mav.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
+    r.run(0.1)
+    (listed,) = r.heard("LOG_ENTRY")
+    assert listed.num_logs == 0
+    r.take_off(V, 3.0)
+    card = r.engines[0]._fleet.vehicles[0].card
+    assert (card.log, card.logs()) == (None, [])
+
+
+def test_a_file_that_was_removed_while_it_is_open_grows_no_larger_than_the_card(booted: Range) -> None:
+    r = booted.copy()
+    assert one(r, Opcode.CREATE_FILE, b"/a").opcode == Opcode.ACK
+    assert one(r, Opcode.REMOVE_FILE, b"/a").opcode == Opcode.ACK
+    assert one(r, Opcode.WRITE_FILE, b"x", offset=CAPACITY_BYTES * 3 // 4).opcode == Opcode.ACK
+    assert one(r, Opcode.WRITE_FILE, b"x", offset=CAPACITY_BYTES).opcode == Opcode.NAK
+
+
+def test_a_piece_that_is_written_for_ever_takes_no_memory(booted: Range, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "MAX_CAUSES", 5)
+    r = booted.copy()
+    assert one(r, Opcode.CREATE_FILE, b"/a").opcode == Opcode.ACK
+    for _ in range(20):
+        assert one(r, Opcode.WRITE_FILE, b"x").opcode == Opcode.ACK
+    session = r.engines[0]._fleet.vehicles[0].file_server
+    assert session is not None
+    assert session.file is not None
+    assert 0 < len(session.file.causes) <= 5

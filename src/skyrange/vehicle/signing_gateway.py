@@ -43,11 +43,11 @@ class SigningGateway:
             if is_signed(frame.payload):
                 self._signer.check(frame.payload)
             return ()
+        if is_signed(frame.payload):
+            return ()
         try:
             message = decode(frame.payload)
         except DecodeError:
-            return ()
-        if is_signed(frame.payload):
             return ()
         return (Replace(self._signer.sign(self._packer.pack(message))),)
 

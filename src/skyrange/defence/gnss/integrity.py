@@ -11,9 +11,10 @@ says so (PX4 pull requests 21244, 26085).
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import partial
 from math import dist, inf, isfinite, sqrt
 from statistics import median
 from typing import ClassVar, Final
@@ -110,8 +111,7 @@ class IntegrityFlags(sky.FixCheck):
         times, fixes = sensors.gnss_time_ns.tolist(), sensors.gnss_fix.tolist()
         for row, receiver in enumerate(self.receivers):
             if receiver.is_new(times[row], fixes[row]):
-                draw = float(self.draws.uniform4(STREAM, sky.hash64(self.vehicles[row]), times[row], 0)[0])
-                receiver.take(now, times[row], draw, row, sensors)
+                receiver.take(now, times[row], partial(self._draw, row, times[row]), row, sensors)
                 if receiver.spoofing >= Spoofing.INDICATED:
                     found += self.guard.find(row, now, "integrity.spoofing", receiver.score, state=receiver.spoofing)
                 else:
@@ -122,6 +122,9 @@ class IntegrityFlags(sky.FixCheck):
                 score = receiver.jam_score
                 found += self.guard.tell(row, now, "integrity.jamming", score, state=receiver.jamming)
         return [*found, *self.guard.apply(sensors)]
+
+    def _draw(self, row: int, time: sky.Time) -> float:
+        return float(self.draws.uniform4(STREAM, sky.hash64(self.vehicles[row]), time, 0)[0])
 
 
 @dataclass(slots=True)
@@ -158,19 +161,19 @@ class ReceiverFlags:
             if waited > 1.0:
                 self.jamming, self.jam_score = Jamming.CRITICAL, waited
 
-    def take(self, now: sky.Time, time: sky.Time, draw: float, row: int, sensors: sky.Sensors) -> None:
-        """Set the flags by a new fix; `draw` is uniform in 0…1."""
+    def take(self, now: sky.Time, time: sky.Time, draw: Callable[[], float], row: int, sensors: sky.Sensors) -> None:
+        """Set the flags by a new fix; `draw` returns a number that is uniform in 0…1."""
+        self.spoofing = Spoofing.NONE
         place, velocity = sensors.gnss_enu_m[row].tolist(), sensors.gnss_vel_enu_mps[row].tolist()
         if not all(abs(number) < 1e9 for number in (*place, *velocity)):
             return
         accuracy_m, utc_error_ns = float(sensors.gnss_accuracy[row, 0]), int(sensors.gnss_utc_error_ns[row])
         self._judge_noise(accuracy_m, float(sensors.gnss_satellites[row]))
-        self.spoofing = Spoofing.NONE
         if self._seen_ns is not None:
             self.score = self._step(time, place, velocity, accuracy_m, utc_error_ns)
             lock_lost = time - self._seen_ns >= LOCK_LOST_NS
             chance = self.params.detection if self.score > 1.0 else self.params.false_indication if lock_lost else 0.0
-            if draw < chance:
+            if chance > 0.0 and draw() < chance:
                 again = self._indicated_ns is not None and now - self._indicated_ns < _REPEAT_NS
                 self.spoofing = Spoofing.MULTIPLE if again else Spoofing.INDICATED
                 self.score, self._indicated_ns = max(self.score, 1.0), now

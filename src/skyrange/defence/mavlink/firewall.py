@@ -13,6 +13,7 @@ from skyrange.attack.bases.mavlink.orders import read
 from skyrange.attack.bases.mavlink.params import COMMANDS
 from skyrange.attack.tapped_links import MESSAGE_NUMBERS, Messages
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink.file_transfer import Opcode, unpack
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.defence.bases.link_ends import role_of
 from skyrange.defence.placement import inspects_forward
@@ -37,11 +38,13 @@ _UPLOADS: Final = frozenset(
 )
 _GUIDED: Final = (2, 3)
 """`current` of a mission item that is flown to at once and not stored (GCS_MAVLINK::handle_mission_item)."""
-_FTP_READS: Final = frozenset({0, 1, 2, 3, 4, 5, 14, 15})
-"""Operations of MAVFTP that change no file: None, TerminateSession, ResetSessions, ListDirectory, OpenFileRO, ReadFile,
-CalcFileCRC32 and BurstReadFile (mavlink.io, File Transfer Protocol, OpCodes)."""
-_FTP_OPCODE: Final = 3
-"""Place of the operation in the payload of FILE_TRANSFER_PROTOCOL."""
+_FTP_READS: Final = frozenset(
+    {
+        Opcode.NONE, Opcode.TERMINATE_SESSION, Opcode.RESET_SESSIONS, Opcode.LIST_DIRECTORY, Opcode.OPEN_FILE_RO,
+        Opcode.READ_FILE, Opcode.CALC_FILE_CRC32, Opcode.BURST_READ_FILE,
+    }
+)  # fmt: skip
+"""Operations of MAVFTP that change no file."""
 
 
 def _commands(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -137,8 +140,6 @@ class Firewall(sky.EndTap):
     allowed: frozenset[int]
     """Numbers of the commands that pass."""
     mode_numbers: frozenset[int]
-    guided_items: bool
-    """Whether an item that is flown to at once passes while the aircraft is armed."""
     origin: sky.Origin
     start_m: tuple[float, float]
     allowance: float = 0.0
@@ -153,7 +154,6 @@ class Firewall(sky.EndTap):
         self.numbers = frozenset(MESSAGE_NUMBERS[name] for name in names)
         self.allowed = frozenset(COMMANDS[name] for name in commands)
         self.mode_numbers = frozenset(COPTER_MODE_NUMBERS[name] for name in modes)
-        self.guided_items = station.guided_items
         self.origin = context.origin
 
     def find_end(self) -> tuple[str, str]:
@@ -217,7 +217,7 @@ class Firewall(sky.EndTap):
     def _find_upload_problem(self, message: sky.MavlinkMessage) -> tuple[str, str] | None:
         number = message.get_msgId()
         is_item = number in (mav.MAVLINK_MSG_ID_MISSION_ITEM, mav.MAVLINK_MSG_ID_MISSION_ITEM_INT)
-        at_once = is_item and self.guided_items and message.current in _GUIDED
+        at_once = is_item and PROFILES[self.profile].guided_items and message.current in _GUIDED
         if self.armed and not self.mission_in_flight and not at_once:
             return "firewall.mission", "a mission while armed"
         if not is_item or message.frame == mav.MAV_FRAME_MISSION:
@@ -261,6 +261,7 @@ def _find_setting(number: int, message: sky.MavlinkMessage) -> tuple[str, str] |
     """What a message alters that is stored: a parameter, or a file by MAVFTP."""
     if number == mav.MAVLINK_MSG_ID_PARAM_SET:
         return "firewall.parameter", "a parameter while armed"
-    if number == mav.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL and message.payload[_FTP_OPCODE] not in _FTP_READS:
-        return "firewall.parameter", f"a file while armed, by operation {message.payload[_FTP_OPCODE]}"
-    return None
+    if number != mav.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL:
+        return None
+    opcode = unpack(bytes(message.payload)).opcode
+    return None if opcode in _FTP_READS else ("firewall.parameter", f"a file while armed, by operation {opcode}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from math import log
 from typing import Annotated, Final
 
@@ -91,7 +90,7 @@ class GroundCheck(Acting):
                 raise sky.InputError.one(context.id, f"operators.{place}", name, expected, sky.nearest(name, found))
         operators, taps = self.operators or found, []
         for operator in operators:
-            tap = deepcopy(self)
+            tap = self.copy()
             tap.own = {name: one for name, one in context.receivers.items() if one.operator == operator}
             tap.alarm = Alarm(operator)
             taps.append(sky.TapPlacement(sky.link_name("oracle", operator), "gcs", TapOf(tap), inspects=_is_report))

@@ -1,7 +1,7 @@
 """When an aircraft logs: from its first arming after a boot on, one log for each boot.
 
-As AP_Logger with LOG_DISARMED 0 and LOG_FILE_DSRMROT 0, their defaults: after a landing nothing is logged, and the next
-arming continues the log.
+As AP_Logger with LOG_DISARMED 0 and LOG_FILE_DSRMROT 0, their defaults: after a landing no mode and no event is logged,
+and the next arming continues the log. Parameters that are set meanwhile are in it too, other than in ArduPilot.
 """
 
 from __future__ import annotations

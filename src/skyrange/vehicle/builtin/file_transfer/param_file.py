@@ -17,7 +17,7 @@ from skyrange.vehicle.builtin.fleet import Causes, Fleet, Vehicle
 from skyrange.vehicle.builtin.messages.parameter_protocol import set_parameter
 from skyrange.vehicle.builtin.parameters.table import PARAMETERS
 
-PREFIX, _, NAME = packed.PATH.rpartition("/")
+NAME = packed.PATH.rpartition("/")[2]
 _STATED_BYTES: Final = 12
 """By parameter, in the size that is told when the file is opened: the real one depends on how it is read."""
 _LIMIT: Final = 0xFFFF

@@ -37,6 +37,9 @@ BURST_PIECES: Final = 500
 _PIECES_PER_BATCH: Final = 5
 _PAUSE_NS: Final = 10 * NS_PER_MS
 """Assumed pace of a burst: that of a parameter list. ArduPilot waits for room in the buffer of the line."""
+MAX_CAUSES: Final = 1_000
+"""Frames that are kept as causes of a file: those of the longest upload of parameters, 275, and not of one that writes
+the same piece for ever."""
 _PARAM, _MISSION = parameters.PATH.rpartition("/")[0] + "/", missions.DIRECTORY
 _UNINVERTED: Final = 0xFFFFFFFF
 """`crc_crc32` begins with 0 and inverts nothing; zlib inverts before and after."""
@@ -271,7 +274,8 @@ def _write(fleet: Fleet, vehicle: Vehicle, server: FileServer, request: Transfer
     file = _opened(server, True)
     content, data = file.content, request.data[: request.size]
     assert isinstance(content, bytearray)
-    file.causes += causes
+    if len(file.causes) < MAX_CAUSES:
+        file.causes += causes
     if not file.virtual:
         vehicle.card.write(content, request.offset, data)
         return b""

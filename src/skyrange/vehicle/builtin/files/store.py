@@ -109,7 +109,8 @@ class FileStore:
         if not data:
             raise fail(errno.EIO)
         end = offset + len(data)
-        if self._used_bytes() + max(0, end - len(content)) > CAPACITY_BYTES:
+        # a file that was removed while it is open is not among those on the card, and grows no larger than the card
+        if max(end, self._used_bytes() + max(0, end - len(content))) > CAPACITY_BYTES:
             raise fail(errno.EIO)
         if offset > len(content):
             content.extend(bytes(offset - len(content)))
@@ -151,7 +152,7 @@ class FileStore:
 
     def start_log(self, log: FlightLog) -> None:
         """Begin a log, numbered after the last one (AP_Logger_File.cpp); without a log directory there is none."""
-        if LOG_DIRECTORY.upper() not in self.entries:
+        if not self._has_log_directory():
             return
         self.last_log += 1
         path = f"{LOG_DIRECTORY}/{self.last_log:08d}.BIN"
@@ -161,10 +162,15 @@ class FileStore:
 
     def logs(self) -> list[Entry]:
         """The logs in the log directory, oldest first."""
-        if LOG_DIRECTORY.upper() not in self.entries:
+        if not self._has_log_directory():
             return []
         found = [entry for entry in self.list_directory(LOG_DIRECTORY) if _is_log(entry)]
         return sorted(found, key=lambda entry: entry.name.upper())
+
+    def _has_log_directory(self) -> bool:
+        """Whether it is there, and a directory: a client can have removed it, and made a file of that name."""
+        entry = self.entries.get(LOG_DIRECTORY.upper())
+        return entry is not None and entry.is_directory
 
     def _add(self, key: str, path: str, content: bytearray | None) -> Entry:
         if self._used_bytes() + CLUSTER_BYTES > CAPACITY_BYTES:
