@@ -149,6 +149,7 @@ def test_files_are_stolen_in_flight_and_altered_without_a_word_to_the_operator()
     assert sum("'what': 'parameters'" in text for text in learnt) == len(PARAMETERS)
     assert not [row for row in muted.notes() if row[2] == "event.learned"]
     altered = flown(FILE_WRITE, {"values": {"RTL_ALT": 9000}}, 14.0, START_S)
+    assert noted(altered, "event.parameter", "RTL_ALT", "9000", since_s=START_S)
     names = [message_name(f.payload) for f in altered.seen.frames if f.link == "gcs:blue/b1" and f.direction == "rev"]
     assert names.count("PARAM_VALUE") == 0
 

@@ -100,7 +100,8 @@ def test_a_shift_of_a_map_has_two_parts(kind: str) -> None:
 def test_the_checks_of_fixes_load_without_the_models() -> None:
     """A module that they import must not bring the models in under another name."""
     code = (
-        "import sys, skyrange.defence.gnss.barometer, skyrange.defence.gnss.receiver, skyrange.defence.data_sheets;"
+        "import sys, skyrange.defence.gnss.barometer, skyrange.defence.gnss.innovation;"
+        "import skyrange.defence.gnss.integrity, skyrange.defence.gnss.multi_receiver, skyrange.defence.gnss.receiver;"
         "print('skyrange.world.sensing.sensor_errors' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

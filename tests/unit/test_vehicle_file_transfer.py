@@ -354,7 +354,8 @@ def test_parameters_are_read_in_pieces_of_one_size_and_no_value_crosses_two(boot
     assert list(one(r, Opcode.READ_FILE, size=79, offset=80).data) == [Error.FAIL_ERRNO, 22]
     values = [parameters.PackedParameter(f"A{number}", 1.5, 9) for number in range(40)]
     packed = parameters.pack_download(values, 40, 80)
-    ends = [packed.index(b"\0\0\xc0\x3f", at) for at in range(0, len(packed), 80) if b"\0\0\xc0\x3f" in packed[at:]]
+    ends = [at for at in range(len(packed)) if packed[at : at + 4] == b"\0\0\xc0\x3f"]
+    assert len(ends) == 40
     assert all(end // 80 == (end + 3) // 80 for end in ends)
     assert [name for name, _ in parameters.read_download(packed)] == [name for name, *_ in values]
 

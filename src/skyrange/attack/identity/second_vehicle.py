@@ -13,7 +13,7 @@ from skyrange.contracts.verdicts import Direction
     technique="T0856",
     effect="the ground station gets two conflicting streams of one aircraft, and acts on both",
     knowledge="the system id of the aircraft and its last reports, which it hears",
-    position="on the network between aircraft and ground station; it need not hold up frames",
+    position="by place: near the link with a radio, in the operator's network, or on board; it need not hold up frames",
     equipment="a computer that sends MAVLink",
     budget="a frame of 40 bytes per position, 21 bytes per heartbeat",
     load="the sham: the same frames, repeating the aircraft's own last reports",

@@ -21,7 +21,8 @@ from skyrange.codec.mavlink.file_transfer import DATA_BYTES, Opcode, Transfer
     effect="the autopilot flies with other parameters or another mission, of which no message tells its operator",
     knowledge="system ids, from any frame, and paths, formats and names of parameters, which are public",
     budget="one frame for each 239 bytes of a file, and two more for each file",
-    load="none, because an upload to nobody is not answered; the sham sends its first frame ten times in vain",
+    load="none, because an upload goes on by its answers; the sham sends a frame of the length of the first request "
+    "ten times, which nobody answers",
     content="the same upload with the values that the parameters have, or with the items of its mission",
     placement="the same upload to another aircraft",
 )

@@ -19,7 +19,8 @@ _ENDS: Final = {
     places=("radio_m",),
     persists="upload",
     effect="the aircraft flies a mission of the attacker in AUTO",
-    position="on the network of the control link, where requests of the aircraft can be heard",
+    position="by place: near the link with a radio, in the operator's network, or on board, where requests of "
+    "the aircraft can be heard",
     equipment="a computer with a MAVLink library, such as any ground station",
     budget="one frame for each item, and three more",
     load="none, because what changes nothing uploads no items; the sham requests an item in place of each upload",

@@ -16,7 +16,8 @@ from skyrange.attack.bases.mavlink.params import ParameterValues
     persists="flight",
     effect="the autopilot flies with other limits, gains, failsafes or stream rates than its operator set",
     knowledge="system ids, and names of parameters, which are public",
-    position="on the network of the control link; on its path to show other values",
+    position="by place: near the link with a radio, in the operator's network, or on board; on its path "
+    "to show other values",
     budget="one frame for each parameter and round",
     load="the sham: the same frames with values that the parameters have, or NaN",
     content="the same frames with the values that the parameters have",

@@ -222,7 +222,8 @@ class Sensors(Model):
         ge=0,
         le=100,
         description="Kelvin by which inertial sensors and barometer warm up from power-on, with a time constant of 300 "
-        "s; biases change by the coefficients of data sheets. 20 is usual for a small aircraft (assumed).",
+        "s; the bias of the barometer changes by the coefficient of a data sheet, the others by assumed ones. 20 is "
+        "usual for a small aircraft (assumed).",
     )
     instability: Number = Field(
         default=0.0,

@@ -39,7 +39,8 @@ class FileClient(Injection):
     """Sends the requests of `first_request` and then of `next_request`, once, until that has none."""
 
     attack_facts: ClassVar[Facts] = {
-        "position": "on the network of the control link, or on board, where replies can be heard",
+        "position": "by place: near the link with a radio, in the operator's network, or on board, where "
+        "replies can be heard",
         "equipment": "a computer with a MAVLink library, such as any ground station",
     }
     needs: ClassVar[tuple[str, ...]] = ("first_request", "next_request")
