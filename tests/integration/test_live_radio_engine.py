@@ -27,7 +27,7 @@ from skyrange.runtime.warm_up import with_builtin_medium
 from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared, scenario_of
 from tests.integration.radio_program import SCENARIO, write_program
 
-HIT_S = 3.0
+HIT_S = 2.0
 
 
 @pytest.fixture(autouse=True)
