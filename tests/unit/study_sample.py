@@ -48,7 +48,8 @@ SCHEMAS = {
     },
     "labels": {
         "at_ns": pa.int64(), "attack": pa.string(), "actor": pa.string(), "action": pa.string(), "frame": pa.string(),
-        "child": pa.string(), "until_ns": pa.int64(),
+        "child": pa.string(), "until_ns": pa.int64(), "benign": pa.bool_(), "fault": pa.bool_(),
+        "harmless_intrusion": pa.bool_(),
     },
 }  # fmt: skip
 SCHEMAS["receptions"] = {

@@ -17,7 +17,7 @@ from skyrange.core.errors import InputError
 from skyrange.scenario.shipped import EXAMPLES, load
 from skyrange.study.compare.attacks import flights as module
 from skyrange.study.compare.attacks import page as report
-from skyrange.study.compare.attacks.flights import NOT_CARRIED, ComparedAttack, agreement, chosen_kinds
+from skyrange.study.compare.attacks.flights import NOT_CARRIED, ComparedAttack, SeededAttack, agreement, chosen_kinds
 from skyrange.study.compare.attacks.reactions import (
     DEPARTED_M,
     FAR_M,
@@ -250,6 +250,48 @@ def test_the_command_prints_and_renews(monkeypatch: pytest.MonkeyPatch, tmp_path
     facts = json.loads(CliRunner().invoke(app, [*asked, "--json"]).stdout)
     assert (facts["kinds"], facts["same"]) == (4, 3)
     assert facts["attacks"][1]["ardupilot"]["reaction"] == "ignores"
+
+
+SEEDED = SeededAttack("mavlink.mode", (OBEYS, IGNORES, replace(OBEYS, at_s=3.0, departed_m=60.0)), (IGNORES,) * 3)
+
+
+def test_reactions_over_seeds_are_counted_with_their_spread(tmp_path: Path) -> None:
+    assert report.seeds_words(SEEDED.first) == ("obeys 2, ignores 1", "1.6 s (0.1 to 3.0)", "40 m (0 to 60)")
+    assert report.seeds_words(SEEDED.second) == ("ignores 3", "none", "0 m")
+    page = tmp_path / "parity.md"
+    other = SeededAttack("link.flood", (OBEYS,), (OBEYS,))
+    page.write_text(f"{report.BEGIN}\nkept\n{report.END}\n{report.BEGIN_SEEDS}\n{report.END_SEEDS}\nafter\n")
+    report.renew_seeds([SEEDED], page)
+    report.renew_seeds([other], page)
+    report.renew_seeds([SEEDED], page)
+    rows = [line for line in page.read_text().splitlines() if line.startswith("| `")]
+    assert [line.split(" | ")[:2] for line in rows] == [
+        ["| `link.flood`", "builtin"], ["| `link.flood`", "ArduCopter"],
+        ["| `mavlink.mode`", "builtin"], ["| `mavlink.mode`", "ArduCopter"],
+    ]  # fmt: skip
+    assert "kept" in page.read_text()
+    assert page.read_text().endswith("\nafter\n")
+
+
+def test_the_command_flies_the_seeds_from_1_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    flown_seeds: list[tuple[Path, Any]] = []
+
+    def compare(folder: Path, kinds: Any, rates: str, *, seed: int, on_flight: Any) -> list[ComparedAttack]:
+        flown_seeds.append((folder, seed))
+        on_flight("mavlink.mode", 1, 4)
+        return [ComparedAttack("mavlink.mode", OBEYS, IGNORES)]
+
+    monkeypatch.setattr(module, "compare", compare)
+    page = tmp_path / "page.md"
+    page.write_text(f"{report.BEGIN}\n{report.END}\n")
+    asked = ["parity", "attacks", "mavlink.mode", "--seeds", "2", "--out", str(tmp_path / "a")]
+    refused = CliRunner().invoke(app, [*asked, "--page", str(page)])
+    assert isinstance(refused.exception, InputError)
+    assert "--seeds: begin" in str(refused.exception)
+    assert not flown_seeds
+    facts = json.loads(CliRunner().invoke(app, [*asked, "--json"]).stdout)
+    assert flown_seeds == [(tmp_path / "a" / f"seed-{seed}", seed) for seed in (1, 2)]
+    assert [one["reaction"] for one in facts["attacks"][0]["builtin"]] == ["obeys", "obeys"]
 
 
 def test_the_kinds_are_all_that_have_an_example() -> None:

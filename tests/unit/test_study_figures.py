@@ -94,6 +94,20 @@ def test_labelled_acts_name_the_aircraft_whose_link_was_touched(run: SampleRun) 
     assert [act.kind for act in acts[:3]] == ["attack.inject", "attack.delay", "attack.delay"]
 
 
+@pytest.mark.parametrize(
+    ("label", "kind"),
+    [
+        ({"benign": True}, "harmless.inject"),
+        ({"benign": True, "harmless_intrusion": True}, "harmless.inject"),
+        ({"benign": True, "fault": True}, "fault.inject"),
+        ({}, "attack.inject"),
+    ],
+)
+def test_acts_of_a_sham_are_no_hostile_acts(run: SampleRun, label: dict[str, bool], kind: str) -> None:
+    rows = {**run._rows, "labels": [{**run._rows["labels"][0], **label}]}
+    assert [act.kind for act in labelled_acts(SampleRun(run.path, run.manifest, [], rows))] == [kind]
+
+
 def test_damaged_details_are_kept_as_text(tmp_path: Path) -> None:
     row = {"time_ns": 1, "kind": "event.x", "about": "a", "source": "s", "data": "{half", "causes": None}
     record = SampleRun(tmp_path, {}, [], {"events": [row]})

@@ -389,13 +389,19 @@ def attack_reactions(
             metavar="RATES", help="ArduPilot's loop rates: reduced, 100 Hz; full or single, 400 Hz, take longer."
         ),
     ] = Rates.REDUCED,
+    seeds: Annotated[
+        int,
+        typer.Option(
+            metavar="N", min=0, max=1000, help="Fly each example with the seeds 1 to N. Default: its own seed alone."
+        ),
+    ] = 0,
     page: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also renew the table in this Markdown page.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly the examples of attacks with both autopilots, attacked and muted, and compare reactions, times and places."""
-    parity.attacks(kinds or [], out, rates.value, page, as_json)
+    parity.attacks(kinds or [], out, rates.value, seeds, page, as_json)
 
 
 @parity_app.command("gazebo", epilog="Example: skyrange parity gazebo squares --out runs/gazebo")

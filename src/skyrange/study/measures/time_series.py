@@ -224,15 +224,18 @@ def read_notes(record: Record, name: str) -> list[RecordedNote]:
 
 
 def labelled_acts(record: Record) -> list[RecordedNote]:
-    """The labels as rows of kind `attack.<action>`, or `fault.<action>`, about the owner of the link acted on."""
+    """The labels as rows about the owner of the link acted on, of kind `attack.<action>`, `fault.<action>`, or
+    `harmless.<action>` for the acts of a sham and those of a real aircraft in the honest arm.
+    """
     acts = []
     for row in record.table("labels").sort_by("at_ns").to_pylist():
         frame = _text(row.get("frame"))
         author = "fault" if row.get("fault") else "attack"  # older records have no such column
+        kind = "harmless" if row.get("benign") and author == "attack" else author
         acts.append(
             RecordedNote(
                 int(row["at_ns"]),
-                f"{author}.{_text(row.get('action'))}",
+                f"{kind}.{_text(row.get('action'))}",
                 _owner(frame),
                 _text(row.get("actor")),
                 {author: _text(row.get("attack")), "frame": frame},

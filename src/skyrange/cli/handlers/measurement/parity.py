@@ -148,8 +148,8 @@ def _reaction(one: Reaction) -> dict[str, Any]:
     return {**asdict(one), "outcome": one.outcome}
 
 
-def attacks(kinds: Sequence[str], out: Path | None, rates: str, page: Path | None, as_json: bool) -> None:
-    """`skyrange parity attacks`."""
+def attacks(kinds: Sequence[str], out: Path | None, rates: str, seeds: int, page: Path | None, as_json: bool) -> None:
+    """`skyrange parity attacks`; `seeds` 0 is the seed of each example."""
     from rich.table import Table
 
     from skyrange.cli.output.progress import step_progress
@@ -159,8 +159,11 @@ def attacks(kinds: Sequence[str], out: Path | None, rates: str, page: Path | Non
 
     chosen = chosen_kinds(kinds)
     if page is not None:
-        report.check_page(page)
+        report.check_page(page, seeds=seeds > 0)
     folder = out if out is not None else free_folder("attack-parity")
+    if seeds:
+        _attacks_over_seeds(chosen, folder, rates, seeds, page, as_json)
+        return
     with step_progress(quiet=as_json) as on_flight:
         compared = compare(folder, chosen, rates, on_flight=on_flight)
     if page is not None:
@@ -178,6 +181,35 @@ def attacks(kinds: Sequence[str], out: Path | None, rates: str, page: Path | Non
     console = terminal()
     console.print(table)
     console.print(report.summary(compared), soft_wrap=True)
+    console.print(f"runs   {folder}", soft_wrap=True)
+
+
+def _attacks_over_seeds(
+    chosen: Sequence[str], folder: Path, rates: str, seeds: int, page: Path | None, as_json: bool
+) -> None:
+    from rich.table import Table
+
+    from skyrange.cli.output.progress import step_progress
+    from skyrange.study.compare.attacks import page as report
+    from skyrange.study.compare.attacks.flights import compare_seeds
+
+    with step_progress(quiet=as_json) as on_flight:
+        compared = compare_seeds(folder, chosen, seeds, rates, on_flight=on_flight)
+    if page is not None:
+        report.renew_seeds(compared, page)
+    if as_json:
+        print_json({"path": str(folder), "seeds": seeds, **report.seeds_results(compared)})
+        return
+    table = Table(
+        title=f"Attacks over {seeds} seeds: median (least to greatest)", title_justify="left", title_style="bold"
+    )
+    for column in ("attack", "autopilot", "reactions", "first sign after the start", "farthest from its twin"):
+        table.add_column(column)
+    for one in compared:
+        table.add_row(one.kind, "builtin", *report.seeds_words(one.first))
+        table.add_row("", "ArduPilot", *report.seeds_words(one.second))
+    console = terminal()
+    console.print(table)
     console.print(f"runs   {folder}", soft_wrap=True)
 
 

@@ -93,6 +93,15 @@ class ComparedAttack:
 
 
 @dataclass(frozen=True, slots=True)
+class SeededAttack:
+    """One kind of attack and the reactions of two autopilots, in the order of `KINDS`, one for each seed."""
+
+    kind: str
+    first: tuple[Reaction, ...]
+    second: tuple[Reaction, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class AttackAgreement:
     """Number of kinds that reach both autopilots, and of those with an effect on a flight of either; of both, the
     numbers with the same reaction, and with the same reaction at the same time and distance.
@@ -140,17 +149,25 @@ def chosen_kinds(kinds: Sequence[str]) -> list[str]:
 
 
 def compare(
-    folder: Path, kinds: Sequence[str], rates: str = "reduced", *, on_flight: OnFlight | None = None
+    folder: Path,
+    kinds: Sequence[str],
+    rates: str = "reduced",
+    *,
+    seed: int | None = None,
+    on_flight: OnFlight | None = None,
 ) -> list[ComparedAttack]:
     """Fly the examples of `kinds` with both autopilots, attacked and nominal, into `folder`, and read the reactions.
 
-    `rates` are ArduPilot's. A nominal flight serves all examples that differ in their attacks alone, because a muted
-    attack changes nothing. Raises `InputError` before the first flight, such as one for a missing ArduCopter, and the
-    errors of `study.runs.fly`.
+    `rates` are ArduPilot's; `seed` replaces the seed of each example. A nominal flight serves all examples that differ
+    in their attacks alone, because a muted attack changes nothing. Raises `InputError` before the first flight, such
+    as one for a missing ArduCopter, and the errors of `study.runs.fly`.
     """
     chosen = chosen_kinds(kinds)
+    changes = [] if seed is None else [f"seed={seed}"]
     flights = [
-        (kind, autopilot, _with_autopilot(load(kind), autopilot, rates)) for kind in chosen for autopilot in KINDS
+        (kind, autopilot, _with_autopilot(load(kind, changes), autopilot, rates))
+        for kind in chosen
+        for autopilot in KINDS
     ]
     for _, _, scenario in flights:
         build(scenario)
@@ -172,6 +189,24 @@ def compare(
             twins[key] = read_flights(flown(f"{kind}-{autopilot}-nominal", _muted(scenario)))
         reactions[kind].append(read(flown(f"{kind}-{autopilot}", scenario), twins[key]))
     return [ComparedAttack(kind, *reactions[kind]) for kind in chosen]
+
+
+def compare_seeds(
+    folder: Path, kinds: Sequence[str], seeds: int, rates: str = "reduced", *, on_flight: OnFlight | None = None
+) -> list[SeededAttack]:
+    """`compare` with the seeds 1 to `seeds`, each in a folder of its own, `seed-1` …"""
+    by_seed = []
+    for seed in range(1, seeds + 1):
+
+        def told(name: str, done: int, total: int, seed: int = seed) -> None:
+            if on_flight is not None:
+                on_flight(f"{name}, seed {seed}", (seed - 1) * total + done, seeds * total)
+
+        by_seed.append(compare(folder / f"seed-{seed}", kinds, rates, seed=seed, on_flight=told))
+    return [
+        SeededAttack(same[0].kind, tuple(one.first for one in same), tuple(one.second for one in same))
+        for same in zip(*by_seed, strict=True)
+    ]
 
 
 def read(attacked: RunRecord, nominal: Mapping[str, Flight]) -> Reaction:

@@ -261,11 +261,11 @@ def read_flights(record: RunRecord) -> dict[str, Flight]:
 
 
 def ordered_vehicles(record: RunRecord) -> set[str]:
-    """Aircraft to which hostile frames were sent, on a link of their own, by the labels of a run."""
+    """Aircraft to which frames that do harm were sent, on a link of their own, by the labels of a run."""
     owners = {one.id for one in vehicles(record)}
     found = set()
     for row in record.table("labels").to_pylist():
-        if row["action"] not in _ORDERS:
+        if row["action"] not in _ORDERS or row["benign"]:
             continue
         frame = FrameId.parse(row["frame"])
         kind, _, owner = frame.link.partition(":")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -75,8 +76,12 @@ def numbers(run: RunContents) -> list[tuple[str, Any, Any]]:
     delivered = sum(stats.delivered for stats in run.links)
     instances = len({(stats.kind, stats.owner) for stats in run.links})
     sent_bytes = sum(stats.size_bytes for stats in run.links)
-    hostile = sum(act.kind.startswith("attack.") for act in run.attacks)
-    of_faults = f", {quantities.count(len(run.attacks) - hostile)} of faults" if hostile < len(run.attacks) else ""
+    acts = Counter(act.kind.partition(".")[0] for act in run.attacks)
+    others = "".join(
+        f", {quantities.count(acts[author])} {words}"
+        for author, words in (("fault", "of faults"), ("harmless", "harmless"))
+        if acts[author]
+    )
     return [
         ("aircraft", quantities.count(len(run.fleet)), f"{len(run.operator_colours)} operators"),
         (
@@ -97,7 +102,7 @@ def numbers(run: RunContents) -> list[tuple[str, Any, Any]]:
             f"{quantities.count(sent - delivered)} not",
         ),
         ("events", quantities.count(len(run.events)), f"{quantities.count(len(run.decisions))} decisions"),
-        ("hostile acts", quantities.count(hostile), f"labelled{of_faults}" if run.attacks else "none labelled"),
+        ("hostile acts", quantities.count(acts["attack"]), f"labelled{others}" if run.attacks else "none labelled"),
     ]
 
 

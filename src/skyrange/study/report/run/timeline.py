@@ -45,6 +45,8 @@ _SYMBOLS = {
     "event.signature_refused": ("alarm", "signature refused"),
     "event.outcome": ("outcome", "mission reported complete"),
 }
+_ACTS = {"attack": "hostile act", "fault": "act of a fault", "harmless": "act of a sham"}
+"""Symbols of labelled acts by their author, and their meanings."""
 
 
 def quiet_end(run: RunContents) -> quantities.Quantity | None:
@@ -153,8 +155,9 @@ def _marks(run: RunContents, own: Sequence[RecordedNote]) -> Sequence[Mapping[st
 
 def _symbol(row: RecordedNote) -> str:
     """The name under which the template draws an event's symbol."""
-    if row.kind.startswith(("attack.", "fault.")):
-        return row.kind.partition(".")[0]
+    author = row.kind.partition(".")[0]
+    if author in _ACTS:
+        return author
     if row.kind == "event.mode":
         return "alarm"
     if row.kind == "event.outcome" and row.data.get("state") != "complete":
@@ -185,7 +188,7 @@ def _legend(run: RunContents) -> list[tuple[str, str]]:
         used.append(("alarm", "failsafe"))
     if any(_symbol(row) == "failed" for row in run.events):
         used.append(("failed", "mission failed"))
-    for author, meaning in (("attack", "hostile act"), ("fault", "act of a fault")):
+    for author, meaning in _ACTS.items():
         if any(_symbol(row) == author for row in run.attacks):
             used.append((author, meaning))
     if any(_symbol(row) == "other" and row.kind != "event.mode" for row in run.events):
