@@ -17,9 +17,9 @@ from skyrange.analysis import Pair, load_pair
 from skyrange.record import RunRecord, load
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.study.attribution.arms import ATTACKED
 from skyrange.study.pairing import pair
 from skyrange.study.runs import fly
+from skyrange.twins.attribution.arms import ATTACKED
 from tests.flight_folder import find_folder, seal
 from tests.processor_time import CLOCK
 

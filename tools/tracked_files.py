@@ -29,7 +29,7 @@ EXPLAINED = {
     "mission files": tuple(
         f"{at}/*.{end}" for at in ("src/skyrange/scenario", "tests") for end in ("plan", "waypoints")
     ),
-    "report templates": tuple(f"src/skyrange/study/report/*.{end}" for end in ("css", "js", "jinja")),
+    "report templates": tuple(f"src/skyrange/report/*.{end}" for end in ("css", "js", "jinja")),
 }
 """Patterns of the paths of tracked files, by what the files are; `*` matches any characters, slashes as well."""
 

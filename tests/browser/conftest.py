@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from skyrange.report import write_report
 from skyrange.scenario.shipped import load
 from skyrange.study.pairing import pair
-from skyrange.study.report import write_report
-from skyrange.study.twins.pair_folder import Pair
+from skyrange.twins.pair_folder import Pair
 from tests.browser import chromium
 from tests.unit.study_sample import squares
 

@@ -14,11 +14,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from skyrange.report import write_report
+from skyrange.report.pair.page import write_comparison
 from skyrange.scenario.toml_reader import load_file
-from skyrange.study.report import write_report
-from skyrange.study.report.pair.page import write_comparison
 from skyrange.study.runs import fly
-from skyrange.study.twins.pair_folder import EFFECTS, PROPAGATION, Pair, load_pair
+from skyrange.twins.pair_folder import EFFECTS, PROPAGATION, Pair, load_pair
 from tests.browser.chromium import Opened, missing, visit
 from tests.unit.study_sample import SampleRun, squares
 

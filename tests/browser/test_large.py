@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from skyrange.study.report import write_report
+from skyrange.report import write_report
 from tests.browser.chromium import missing, visit
 from tests.unit.study_sample import fleet_of, fly, small_city
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from skyrange.record import load
-from skyrange.study.report import write_report
-from skyrange.study.twins.pair_folder import Pair
+from skyrange.report import write_report
+from skyrange.twins.pair_folder import Pair
 from tests.browser.chromium import missing, visit
 from tests.unit.study_sample import SampleRun, squares
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from skyrange.metrics.agreement import Agreement, KindAgreement, agreement
 from skyrange.record import RunRecord, load
 from skyrange.runtime.live.deployment import Group
 from skyrange.runtime.live.range import prepare_range
@@ -20,7 +21,6 @@ from skyrange.runtime.live.supervisor.supervisor import run_range
 from skyrange.runtime.live.system import System
 from skyrange.runtime.run import Run
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.study.compare.agreement import Agreement, KindAgreement, agreement
 from skyrange.testing.live import VirtualNetwork, VirtualSystem
 from tests.integration.live_virtual import JITTER_S
 

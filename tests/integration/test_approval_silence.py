@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
 from skyrange.scenario.toml_reader import load_text
-from skyrange.study.measures.time_series import read_notes
 from skyrange.study.runs import fly as fly_scenario
 
 OPERATOR = """

@@ -8,10 +8,10 @@ from xml.etree import ElementTree
 import pytest
 
 from skyrange.core.errors import InputError
+from skyrange.figures.causal_path import draw_causal_path
 from skyrange.runtime.live.range import prepare_range
 from skyrange.scenario.shipped import load
-from skyrange.study.figures.causal_path import draw_causal_path
-from skyrange.study.twins.causal_path import find_causal_path
+from skyrange.twins.causal_path import find_causal_path
 from tests.flights import shared_pair
 
 

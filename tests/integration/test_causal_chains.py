@@ -21,7 +21,7 @@ from skyrange.contracts.verdicts import Drop, Replace, Verdict
 from skyrange.core.time import Time
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.pairing import pair
-from skyrange.study.twins.pair_folder import Pair
+from skyrange.twins.pair_folder import Pair
 from tests.registered_kinds import registered
 
 FLEET = """

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import pytest
 
+from skyrange.metrics.summary import summary
 from skyrange.scenario.shipped import load
 from skyrange.study.runs import fly
-from skyrange.study.summary import summary
 
 ROOT = Path(__file__).parents[2]
 NAME = f"localhost/skyrange-test-{os.getpid()}"

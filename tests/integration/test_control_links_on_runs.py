@@ -10,11 +10,11 @@ import pytest
 from skyrange.assembly.build import build
 from skyrange.core.errors import InputError
 from skyrange.kernel import Kernel
+from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
 from skyrange.record.write.memory_observer import MemoryObserver
 from skyrange.runtime.live.range import prepare_range
 from skyrange.scenario import Link, Radio, Scenario, WifiParams, load_scenario, load_toml
-from skyrange.study.measures.time_series import read_notes
 from skyrange.study.runs import fly
 
 DEAUTHENTICATION = "control_link.deauthenticate"

@@ -19,20 +19,20 @@ import pyarrow.parquet as pq
 import pytest
 
 from skyrange.core.errors import InputError
+from skyrange.dataset import build
+from skyrange.dataset.audit.arms import read_arms
+from skyrange.dataset.build import build_dataset
+from skyrange.dataset.columns import VIEWS, view_schema
+from skyrange.dataset.description.croissant import CONFORMS_TO
+from skyrange.dataset.members import Member, read_members
+from skyrange.dataset.progress import begin_build
+from skyrange.dataset.run_views import ViewSettings, run_views
+from skyrange.dataset.views.observed import Place
 from skyrange.record import RunRecord, load
 from skyrange.scenario.toml_reader import load_text
-from skyrange.study.attribution.arms import Arm, scenario_of
-from skyrange.study.dataset import build
-from skyrange.study.dataset.audit.arms import read_arms
-from skyrange.study.dataset.build import build_dataset
-from skyrange.study.dataset.columns import VIEWS, view_schema
-from skyrange.study.dataset.description.croissant import CONFORMS_TO
-from skyrange.study.dataset.members import Member, read_members
-from skyrange.study.dataset.progress import begin_build
-from skyrange.study.dataset.run_views import ViewSettings, run_views
-from skyrange.study.dataset.views.observed import Place
 from skyrange.study.runs import fly
 from skyrange.study.sweep.measurement import measure_acts
+from skyrange.twins.attribution.arms import Arm, scenario_of
 
 BOTH = ViewSettings(places=(Place("gcs:*", "gcs"), Place("gcs:*", "companion")))
 BASE = """
@@ -344,7 +344,7 @@ def kill_build(runs: Path, out: Path) -> None:
     begun = f"""
 import os, signal
 from pathlib import Path
-from skyrange.study.dataset import build
+from skyrange.dataset import build
 from tests.integration.test_dataset import BOTH, read_members
 views = build.run_views
 def killed(record, *rest):

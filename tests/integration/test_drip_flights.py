@@ -16,11 +16,11 @@ from skyrange.codec.f3411 import Authentication, BasicId, IdType, MessagePack
 from skyrange.codec.f3411.authentication import join_pages
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
+from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
 from skyrange.remoteid.broadcast_profiles import sender_address
 from skyrange.scenario.shipped import FOLDER
 from skyrange.scenario.toml_reader import load_data, parse_toml
-from skyrange.study.measures.time_series import read_notes
 from skyrange.study.runs import fly
 from tests.drip_range import broadcasts, flown, table
 

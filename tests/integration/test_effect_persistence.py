@@ -9,11 +9,11 @@ from typing import Final
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
+from skyrange.dataset.labels import read_acts, trace_frames
+from skyrange.metrics.time_series import RecordedNote, read_notes
 from skyrange.scenario.shipped import EXAMPLES
-from skyrange.study.dataset.labels import read_acts, trace_frames
-from skyrange.study.measures.time_series import RecordedNote, read_notes
-from skyrange.study.scoring.result_file import ScoreSettings
-from skyrange.study.scoring.scores import score_detectors
+from skyrange.scoring.result_file import ScoreSettings
+from skyrange.scoring.scores import score_detectors
 from skyrange.study.sweep.measurement import measure_acts
 from tests.flights import shared_run
 from tests.unit.score_sample import alert, attack, flight, tables

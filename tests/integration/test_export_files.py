@@ -22,13 +22,13 @@ from mcap.reader import NonSeekingReader, SeekingReader, make_reader
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
+from skyrange.export import kml_file, scene_messages
+from skyrange.export.csv_tables import write_tables
+from skyrange.export.kml_file import write_kml
+from skyrange.export.mcap_file import write_mcap
 from skyrange.record import Recorder, RunRecord, load
 from skyrange.record.schema import TABLES
 from skyrange.scenario.toml_reader import load_text
-from skyrange.study.exports import kml_file, scene_messages
-from skyrange.study.exports.csv_tables import write_tables
-from skyrange.study.exports.kml_file import write_kml
-from skyrange.study.exports.mcap_file import write_mcap
 from skyrange.study.runs import fly
 from tests.unit.record_sample import HEADER, tell
 

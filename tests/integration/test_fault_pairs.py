@@ -8,7 +8,7 @@ import pytest
 
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.pairing import pair
-from skyrange.study.twins.pair_folder import Pair
+from skyrange.twins.pair_folder import Pair
 
 FLEET = """
 name = "both"

@@ -13,10 +13,10 @@ from skyrange.codec.f3411 import Location, MessagePack, decode
 from skyrange.codec.remote_id import link_payload
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
+from skyrange.metrics.time_series import Track, belief_tracks, truth_tracks
 from skyrange.record import RunRecord
+from skyrange.report.pair import belief
 from skyrange.scenario.shipped import load
-from skyrange.study.measures.time_series import Track, belief_tracks, truth_tracks
-from skyrange.study.report.pair import belief
 from skyrange.study.runs import fly
 from tests.flights import shared_pair, shared_run
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from skyrange.metrics.agreement import agreement
 from skyrange.record import RunRecord
 from skyrange.scenario.shipped import SHIPPED
 from skyrange.scenario.toml_reader import load_text
-from skyrange.study.compare.agreement import agreement
 from skyrange.study.runs import fly
 from tests.catalogue import draw
 from tests.integration.live_agrees import FLIGHTS, RACES, TOLERANCE_S, Both, fly_both, virtual

@@ -19,11 +19,11 @@ from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import SNIFFER
 from skyrange.radio.builtin.medium import BuiltinMedium, fixed_positions
 from skyrange.radio.propagation.loss_table import NO_TABLE
+from skyrange.radio_map.places import MapLayout
 from skyrange.record import load as load_run
 from skyrange.record.read.run import RunRecord
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_reader import load_file, load_text
-from skyrange.study.radio_map.places import MapLayout
 from skyrange.study.runs import fly
 from tests.loss_tables import make_table
 

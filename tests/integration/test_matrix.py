@@ -19,7 +19,7 @@ from skyrange.study.matrix.report import write_matrix_report
 from skyrange.study.matrix.sections import write_markdown
 from skyrange.study.matrix.summary import cost_of, describe_cell
 from skyrange.study.pairing import pair
-from skyrange.study.twins.pair_folder import Pair, load_pair
+from skyrange.twins.pair_folder import Pair, load_pair
 
 SMALL = """
 name = "small"

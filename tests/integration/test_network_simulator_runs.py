@@ -9,9 +9,9 @@ import pytest
 
 from skyrange import load, pair
 from skyrange.core.time import NS_PER_S
+from skyrange.metrics.exact_difference import diff
 from skyrange.runtime.run import Run
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.study.compare.exact import diff
 from skyrange.study.runs import fly
 from tests.radio_engines import needs_ns3, needs_omnetpp
 

@@ -15,12 +15,12 @@ from skyrange.cli.app import app
 from skyrange.contracts.links import TapPlacement
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
 from skyrange.core.time import NS_PER_MS, NS_PER_S
+from skyrange.metrics.exact_difference import diff
 from skyrange.record import RunRecord, load
 from skyrange.scenario.toml_reader import load_text
-from skyrange.study.compare.exact import diff
 from skyrange.study.pairing import pair
 from skyrange.study.parallel_runs import run_all
-from skyrange.study.twins.pair_folder import Pair, load_pair
+from skyrange.twins.pair_folder import Pair, load_pair
 from tests.hostile_kind import KIND, Homeward, Orders, offered, scenario
 from tests.hostile_kind import make as make_homeward
 

@@ -10,10 +10,10 @@ import pytest
 
 from skyrange.assembly.build import build
 from skyrange.kernel import Kernel
+from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
 from skyrange.record.write.memory_observer import MemoryObserver
 from skyrange.scenario import Scenario, load_toml
-from skyrange.study.measures.time_series import read_notes
 from skyrange.study.runs import fly
 
 RADIO = 'place = "air", radio_m = [40, 5, 2], has_key = true'

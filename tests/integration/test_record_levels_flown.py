@@ -8,16 +8,16 @@ import pyarrow as pa
 import pytest
 
 from skyrange.core.errors import InputError
+from skyrange.metrics.exact_difference import diff
+from skyrange.metrics.summary import summary
 from skyrange.record import RunRecord, load
 from skyrange.record.levels import LEVELS, RECORDED
 from skyrange.record.verification import verify_run
+from skyrange.report import write_report
 from skyrange.runtime.run import Run
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.study.compare.exact import diff
 from skyrange.study.pairing import pair
-from skyrange.study.report import write_report
-from skyrange.study.summary import summary
 from tests.flights import shared_run
 
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError
-from skyrange.study.twins.pair_folder import load_pair
+from skyrange.twins.pair_folder import load_pair
 from tests.integration.twin_range import plain
 
 T_975_1 = math.tan(0.475 * math.pi)

@@ -21,7 +21,7 @@ from skyrange.record import RunRecord
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.pairing import pair
 from skyrange.study.runs import fly
-from skyrange.study.twins.pair_folder import Pair
+from skyrange.twins.pair_folder import Pair
 from tests.integration.twin_range import heard, plain
 
 B1, B2 = "blue/b1", "blue/b2"

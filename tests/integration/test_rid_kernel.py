@@ -17,11 +17,11 @@ from skyrange.assembly.build import BuiltScenario, build
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_S
 from skyrange.kernel import Kernel, Wiring
+from skyrange.metrics.exact_difference import diff
 from skyrange.record import load
 from skyrange.record.write.memory_observer import MemoryObserver
 from skyrange.runtime.run import Run
 from skyrange.scenario.toml_reader import load_text
-from skyrange.study.compare.exact import diff
 from skyrange.vehicle.companion.companion import Companion
 from tests.flights import shared_run
 from tests.integration.twin_range import plain

@@ -13,13 +13,13 @@ from skyrange.codec.mavlink import decode
 from skyrange.codec.remote_id import link_payload
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
+from skyrange.metrics.exact_difference import diff
 from skyrange.record import RunRecord, load
 from skyrange.scenario.toml_reader import load_text
-from skyrange.study.attribution.arms import ATTACKED
-from skyrange.study.compare.exact import diff
 from skyrange.study.pairing import pair
 from skyrange.study.runs import fly
-from skyrange.study.twins.pair_folder import Pair
+from skyrange.twins.attribution.arms import ATTACKED
+from skyrange.twins.pair_folder import Pair
 from tests.flights import shared_run
 from tests.integration.twin_range import FLEET, RID_SPOOFING, before, onset_ns
 

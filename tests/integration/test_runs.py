@@ -19,15 +19,15 @@ import pytest
 from skyrange.cli.app import app
 from skyrange.contracts.components import Finished
 from skyrange.core.errors import ComponentError, InputError
+from skyrange.metrics.exact_difference import diff
+from skyrange.metrics.summary import summary
 from skyrange.record import load
 from skyrange.record.read.run import RunRecord
 from skyrange.runtime.run import Run
 from skyrange.scenario.model.scenario import Sensors
 from skyrange.scenario.shipped import SHIPPED
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.study.compare.exact import diff
 from skyrange.study.runs import fly, run
-from skyrange.study.summary import summary
 from tests.flights import shared_run
 
 SKYRANGE = [sys.executable, "-c", "from skyrange.cli import main; main()"]

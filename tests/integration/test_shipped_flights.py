@@ -19,15 +19,15 @@ from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.cli.app import app
 from skyrange.core.time import NS_PER_S
 from skyrange.gcs.plan.routes import enu_points
+from skyrange.metrics.summary import summary
+from skyrange.metrics.time_series import RecordedNote, read_notes, truth_tracks, vehicles
+from skyrange.metrics.track_deviation import deviations_m
+from skyrange.metrics.waypoints import received_waypoints
 from skyrange.record import RunRecord
 from skyrange.record import load as load_run
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load
-from skyrange.study.measures.time_series import RecordedNote, read_notes, truth_tracks, vehicles
-from skyrange.study.measures.track_deviation import deviations_m
-from skyrange.study.measures.waypoints import received_waypoints
 from skyrange.study.runs import fly
-from skyrange.study.summary import summary
 from tests.flights import shared_run
 
 STREETS = Path(__file__).parents[3] / "shared/data/cities/manhattan-upper-east-side.geojson"

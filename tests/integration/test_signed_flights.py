@@ -31,10 +31,10 @@ from skyrange.contracts.plugins.registry import AUTOPILOTS, NoParams, register
 from skyrange.contracts.verdicts import Inject, Replace, Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, Time, from_seconds
+from skyrange.export.captures.packet_captures import mavlink
 from skyrange.record import RunRecord
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_reader import load_text
-from skyrange.study.captures.packet_captures import mavlink
 from skyrange.study.runs import fly
 from skyrange.vehicle.contract import AutopilotPlugin, VehicleSpec
 from tests.flights import shared_run

@@ -20,8 +20,8 @@ from skyrange.detect.learned.windows import LearnedWindows
 from skyrange.record import load, replay_monitor
 from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.scenario.toml_reader import load_file
+from skyrange.scoring.result_file import read_scores
 from skyrange.study.runs import fly
-from skyrange.study.scoring.result_file import read_scores
 from skyrange.study.sweep.design.blocks import check_blocks, city_of, list_blocks, scenario_in
 from skyrange.study.sweep.design.model import SHIPPED, read_study
 from skyrange.study.sweep.execution.worker import fly_block

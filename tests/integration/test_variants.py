@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.study.measures.time_series import read_notes
+from skyrange.metrics.time_series import read_notes
 from skyrange.study.variants import run_measures
 from skyrange.study.variants.flights import compare_variants
 from skyrange.study.variants.report import write_comparison_report

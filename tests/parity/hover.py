@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.time import NS_PER_S
+from skyrange.parity.flights import DEADLINE_S, compare
 from skyrange.record import RunRecord, load
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.study.compare.autopilot_parity import compare
-from skyrange.study.compare.gnss_reactions import DEADLINE_S, HOLD
+from tools.agreement.gnss_reactions import HOLD
 
 COUNT = 24
 FROM_S, UNTIL_S = 50.0, 140.0

@@ -11,8 +11,8 @@ from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.time import Time, from_seconds
+from skyrange.parity.flights import Parity, compare, compare_rates
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.study.compare.autopilot_parity import Parity, compare, compare_rates
 
 FILES = Path(__file__).parent / "missions"
 SILENT_S = 26.0

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from skyrange.study.compare.autopilot_parity import FlightMeasures, Parity
+from skyrange.parity.flights import FlightMeasures, Parity
 
 SHOWN: Mapping[str, tuple[str, str]] = {
     "lift_off_s": ("lift-off after departure", "s"),

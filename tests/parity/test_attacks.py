@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import pytest
 
-from skyrange.study.compare.attacks.flights import ComparedAttack, agreement, compare
+from skyrange.parity.attacks.flights import ComparedAttack, agreement, compare
 from tests.ardupilot import needs_arducopter
 from tests.catalogue import in_turn
 

@@ -1,15 +1,15 @@
 """Does the builtin react to false GNSS as a real EKF3 does? Half of the hundred settings, both in one run.
 
-`skyrange parity gnss` flies them all.
+`python -m tools.agreement gnss` flies them all.
 """
 
 from __future__ import annotations
 
 import pytest
 
-from skyrange.study.compare.gnss_reactions import TIME_S, ComparedReaction, agreement, compare, settings
 from tests.ardupilot import needs_arducopter
 from tests.catalogue import in_turn
+from tools.agreement.gnss_reactions import TIME_S, ComparedReaction, agreement, compare, settings
 
 IN_TURN = in_turn("parity", "gnss")
 

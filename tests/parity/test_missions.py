@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.study.compare.mission_flights import compare_fleet, fleet_scenario, read
-from skyrange.study.compare.mission_parity import compare
-from skyrange.study.compare.random_missions import PlacedItem, RandomMission
+from skyrange.parity.missions.comparison import compare
+from skyrange.parity.missions.flights import compare_fleet, fleet_scenario, read
+from skyrange.parity.missions.random_missions import PlacedItem, RandomMission
 from skyrange.study.runs import fly
 from tests.ardupilot import needs_arducopter
 from tests.catalogue import draw

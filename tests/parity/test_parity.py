@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.study.compare.autopilot_parity import Parity
+from skyrange.parity.flights import Parity
 from tests.ardupilot import needs_arducopter
 from tests.catalogue import draw, in_turn
 from tests.parity.missions import DEPART_S, WINDS, flown, flown_at

@@ -1,4 +1,4 @@
-"""How far network simulators agree with the builtin medium, on a sample of what `skyrange parity radio` runs."""
+"""How far network simulators agree with the builtin medium, on a sample of what `tools.agreement radio` runs."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Iterable
 from skyrange.contracts.medium import Waveform
 from skyrange.core.time import NS_PER_MS
 from skyrange.radio.phy.waveforms import airtime_ns
-from skyrange.study.compare.radio.agreement import PARTIAL, WITHIN
-from skyrange.study.compare.radio.experiments import contention_trials, hidden_trials
-from skyrange.study.compare.radio.setups import BUILTIN, SWAPS, EngineSetup, Swap
-from skyrange.study.compare.radio.trials import FRAME_BYTES, Trial, run_trial
 from tests.radio_engines import needs_ns3, needs_omnetpp
+from tools.agreement.radio.agreement import PARTIAL, WITHIN
+from tools.agreement.radio.experiments import contention_trials, hidden_trials
+from tools.agreement.radio.setups import BUILTIN, SWAPS, EngineSetup, Swap
+from tools.agreement.radio.trials import FRAME_BYTES, Trial, run_trial
 
 
 def _swap(engine: str, *models: str) -> Swap:

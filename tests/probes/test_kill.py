@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from skyrange.metrics.exact_difference import diff
+from skyrange.metrics.summary import summary
 from skyrange.record import load
-from skyrange.study.compare.exact import diff
-from skyrange.study.report import write_report
-from skyrange.study.summary import summary
+from skyrange.report import write_report
 
 # The child runs paced, so that wall time and simulated time go together, and says each step when it is done.
 CHILD = """

@@ -20,7 +20,7 @@ from skyrange.gcs.plan.paths import Point
 from skyrange.gcs.plan.plans import FlightPlan, anchored
 from skyrange.gcs.protocols.mission_items import ItemList, encode_lists
 from skyrange.gcs.protocols.mission_transfer import Download
-from skyrange.study.failed_missions import REJECTIONS
+from skyrange.twins.failed_missions import REJECTIONS
 
 HOME = (47.3977, 8.5456, 408.0)
 TAKEOFF = MissionItem(3, 22, 0.0, 0.0, 0.0, 0.0, HOME[0], HOME[1], 20.0)

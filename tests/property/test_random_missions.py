@@ -16,15 +16,8 @@ from skyrange.codec.mission import parse_waypoints
 from skyrange.codec.mission.qgc_wpl import format_waypoints
 from skyrange.gcs.plan.checks import check
 from skyrange.gcs.protocols.mission_items import encode_mission
-from skyrange.study.compare.mission_flights import (
-    ORIGIN,
-    ComparableMission,
-    ComparedMission,
-    FlownMission,
-    compare_flights,
-    flight_plan,
-)
-from skyrange.study.compare.mission_parity import (
+from skyrange.metrics.path_distance import path_distance_m
+from skyrange.parity.missions.comparison import (
     MissionAgreement,
     is_legal,
     legal_missions,
@@ -32,8 +25,15 @@ from skyrange.study.compare.mission_parity import (
     results,
     shrink_mission,
 )
-from skyrange.study.compare.random_missions import PlacedItem, RandomMission, random_mission, simpler
-from skyrange.study.measures.path_distance import path_distance_m
+from skyrange.parity.missions.flights import (
+    ORIGIN,
+    ComparableMission,
+    ComparedMission,
+    FlownMission,
+    compare_flights,
+    flight_plan,
+)
+from skyrange.parity.missions.random_missions import PlacedItem, RandomMission, random_mission, simpler
 from skyrange.vehicle.builtin.engine import BUILTIN
 
 NUMBERS = st.integers(0, 2**31)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, INTRUSIONS, StudyTables, check_tables
+from skyrange.scoring.tables import ALERTS, ATTACKS, FLIGHTS, INTRUSIONS, StudyTables, check_tables
 
 
 def flight(run: str, vehicle: str = "a", *, arm: str = "nominal", **other: Any) -> dict[str, Any]:

@@ -8,8 +8,8 @@ import pyarrow as pa
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.study.measures.approvals import delays_by_operator, fairness, measure_approvals
-from skyrange.study.measures.time_series import read_notes
+from skyrange.metrics.approvals import delays_by_operator, fairness, measure_approvals
+from skyrange.metrics.time_series import read_notes
 from skyrange.study.variants.flights import read_variants
 
 

@@ -1,4 +1,4 @@
-"""The rules of `skyrange.study.compare.attacks.reactions`, on flights that are made up."""
+"""The rules of `skyrange.parity.attacks.reactions`, on flights that are made up."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from typer.testing import CliRunner
 from skyrange.cli.app import app
 from skyrange.contracts.plugins.registry import ATTACKS, kinds
 from skyrange.core.errors import InputError
-from skyrange.scenario.shipped import EXAMPLES, load
-from skyrange.study.compare.attacks import flights as module
-from skyrange.study.compare.attacks import page as report
-from skyrange.study.compare.attacks.flights import NOT_CARRIED, ComparedAttack, SeededAttack, agreement, chosen_kinds
-from skyrange.study.compare.attacks.reactions import (
+from skyrange.parity.attacks import flights as module
+from skyrange.parity.attacks import page as report
+from skyrange.parity.attacks.flights import NOT_CARRIED, ComparedAttack, SeededAttack, agreement, chosen_kinds
+from skyrange.parity.attacks.reactions import (
     DEPARTED_M,
     FAR_M,
     PLACE_M,
@@ -32,6 +31,7 @@ from skyrange.study.compare.attacks.reactions import (
     react,
     read_flights,
 )
+from skyrange.scenario.shipped import EXAMPLES, load
 from skyrange.study.runs import fly
 
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "parity.md"

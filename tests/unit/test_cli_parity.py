@@ -12,11 +12,12 @@ import pytest
 from typer.testing import CliRunner
 
 from skyrange.cli.app import app
+from skyrange.parity import flights as parity
+from skyrange.parity.flights import FlightMeasures, Parity
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.study.compare import autopilot_parity as parity
-from skyrange.study.compare import gnss_reactions as reactions
-from skyrange.study.compare.autopilot_parity import FlightMeasures, Parity
-from skyrange.study.compare.gnss_reactions import ComparedReaction, Reaction, Setting
+from tools.agreement import __main__ as agreement
+from tools.agreement import gnss_reactions as reactions
+from tools.agreement.gnss_reactions import ComparedReaction, Reaction, Setting
 
 JUMP = Setting("gnss.jump", {"offset_m": [30.0, 0.0, 0.0]})
 RESET = Reaction(1.2, 20.1, ((10.0, 30.0),), None, 30.0)
@@ -42,7 +43,7 @@ def flown(height_m: float, items: tuple[tuple[float, int], ...], autopilot: str)
 
 
 def test_gnss_says_how_many_are_alike_and_which_differ(compared: list[Any], tmp_path: Path) -> None:
-    said = CliRunner().invoke(app, ["parity", "gnss", "--out", str(tmp_path / "g")], env={"COLUMNS": "160"})
+    said = CliRunner().invoke(agreement.app, ["gnss", "--out", str(tmp_path / "g")], env={"COLUMNS": "160"})
     assert said.exit_code == 0, said.output
     assert compared == [(tmp_path / "g", 100, "reduced")]
     assert "jump 30, 0, 0 m" in said.output
@@ -52,8 +53,8 @@ def test_gnss_says_how_many_are_alike_and_which_differ(compared: list[Any], tmp_
 
 
 def test_gnss_as_json(compared: list[Any], tmp_path: Path) -> None:
-    asked = ["parity", "gnss", "--out", str(tmp_path), "--rates", "full", "--json"]
-    said = json.loads(CliRunner().invoke(app, asked).stdout)
+    asked = ["gnss", "--out", str(tmp_path), "--rates", "full", "--json"]
+    said = json.loads(CliRunner().invoke(agreement.app, asked).stdout)
     assert compared[0][2] == "full"
     assert (said["settings"], said["alike"], said["together"]) == (2, 1, 1)
     differs = said["settings_flown"][1]
@@ -86,12 +87,12 @@ def test_rates_are_told_by_their_names(monkeypatch: pytest.MonkeyPatch, tmp_path
         return Parity({"op/a": one}, {"op/a": replace(other, outcome="unfinished")})
 
     monkeypatch.setattr(parity, "compare_rates", compare_rates)
-    asked = ["parity", "rates", "squares", "--rates", "single", "--out", str(tmp_path)]
-    said = CliRunner().invoke(app, asked, env={"COLUMNS": "160"})
+    asked = ["rates", "squares", "--rates", "single", "--out", str(tmp_path)]
+    said = CliRunner().invoke(agreement.app, asked, env={"COLUMNS": "160"})
     assert said.exit_code == 0, said.output
     assert given == [("squares", tmp_path, "single")]
     assert "op/a: outcome complete with full rates, unfinished with single rates" in said.output
-    told = json.loads(CliRunner().invoke(app, [*asked, "--json"]).stdout)
+    told = json.loads(CliRunner().invoke(agreement.app, [*asked, "--json"]).stdout)
     assert [(each["under"], each["measures"]["height_max_m"]) for each in told["flights"]] == [
         ("full", 5.0),
         ("single", 4.0),
@@ -99,6 +100,6 @@ def test_rates_are_told_by_their_names(monkeypatch: pytest.MonkeyPatch, tmp_path
 
 
 def test_own_rates_are_not_compared_with_themselves() -> None:
-    said = CliRunner().invoke(app, ["parity", "rates", "squares", "--rates", "full"], env={"COLUMNS": "160"})
+    said = CliRunner().invoke(agreement.app, ["rates", "squares", "--rates", "full"], env={"COLUMNS": "160"})
     assert said.exit_code == 2
     assert "'single', 'reduced'" in said.output

@@ -15,7 +15,7 @@ READS = {"load", "open_folder", "_open_pair"}
 """What opens a record: of `skyrange.record` and its reader, and the pair's of the handlers."""
 RECORD = {"skyrange.record", "skyrange.record.read.run"}
 VERIFIES = {"verify_run", "require_verified", "compare", "build_dataset"}
-"""What verifies itself: `compare` is `skyrange.study.compare.exact.diff`."""
+"""What verifies itself: `compare` is `skyrange.metrics.exact_difference.diff`."""
 OWN = {"live.live", "runs.run"}
 """What reads the record that it has just written."""
 OTHERS = {"verify", "export_captures", "export_files", "show", "report", "diff"}

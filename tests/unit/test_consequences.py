@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from skyrange.study.measures.time_series import RecordedNote
-from skyrange.study.twins.consequences import Act, LostReception, Origin, follow
+from skyrange.metrics.time_series import RecordedNote
+from skyrange.twins.consequences import Act, LostReception, Origin, follow
 
 S = 1_000_000_000
 V, W = "a/1", "b/1"

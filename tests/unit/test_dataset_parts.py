@@ -14,15 +14,15 @@ from skyrange.attack.contract import AttackPlugin
 from skyrange.contracts.plugins.registry import ATTACKS, kinds
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import hash64
+from skyrange.dataset.columns import VIEWS, WINDOW_KEYS, check_table, observable_columns, view_schema
+from skyrange.dataset.families import FAMILIES, TIMING_KINDS, family_of
+from skyrange.dataset.members import Member
+from skyrange.dataset.partitions import BlockWriter
+from skyrange.dataset.splits import HeldOut, assign_splits, check_held_out, check_splits, cluster_members
+from skyrange.dataset.views.approval import describe_approval
+from skyrange.dataset.windows import SplitHashes, WindowHashes, by_whole_windows
 from skyrange.record.schema import FORMAT
 from skyrange.scenario.shipped import EXAMPLES
-from skyrange.study.dataset.columns import VIEWS, WINDOW_KEYS, check_table, observable_columns, view_schema
-from skyrange.study.dataset.families import FAMILIES, TIMING_KINDS, family_of
-from skyrange.study.dataset.members import Member
-from skyrange.study.dataset.partitions import BlockWriter
-from skyrange.study.dataset.splits import HeldOut, assign_splits, check_held_out, check_splits, cluster_members
-from skyrange.study.dataset.views.approval import describe_approval
-from skyrange.study.dataset.windows import SplitHashes, WindowHashes, by_whole_windows
 
 
 def test_each_shipped_attack_kind_is_in_one_family() -> None:

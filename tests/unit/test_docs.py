@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-import importlib.util
 import json
 import re
 import shlex
@@ -24,6 +23,7 @@ from typing import Any, NamedTuple, cast
 import pytest
 
 from tests.cases import each_case
+from tools.docs import generate
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -32,12 +32,6 @@ PARAMS = [pytest.param(page, id=str(page.relative_to(ROOT))) for page in PAGES]
 FENCE = re.compile(r"^( *)```([^\n]*)\n(.*?)^\1```[ ]*$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 KINDS = re.compile(r'"((?:event|decision)\.[a-z_]+)')
-
-_spec = importlib.util.spec_from_file_location("docs_generate", DOCS / "generate.py")
-assert _spec is not None
-assert _spec.loader is not None
-generate = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(generate)
 
 
 FACADE = {"skyrange", "skyrange.scenario", "skyrange.plugin", "skyrange.analysis", "skyrange.env", "skyrange.testing"}
@@ -107,7 +101,7 @@ def test_generated_parts_are_up_to_date(third: int) -> None:
 
 def _check_generated_parts(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
-    assert text == generate.renewed(text), "run: python docs/generate.py"
+    assert text == generate.renewed(text), "run: python -m tools.docs.generate"
     assert text.count("<!-- generated:") == len(generate.BLOCK.findall(text))
     assert text.count("<!-- count:") == text.count("<!-- /count -->") == len(generate.COUNT.findall(text))
 

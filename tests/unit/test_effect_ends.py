@@ -9,8 +9,8 @@ import pytest
 from skyrange.attack.contract import AttackPlugin, Persistence
 from skyrange.contracts.plugins.registry import ATTACKS, kinds
 from skyrange.core.time import NS_PER_S, from_seconds
-from skyrange.study.measures.effect_ends import find_effect_end_ns
-from skyrange.study.measures.time_series import RecordedNote
+from skyrange.metrics.effect_ends import find_effect_end_ns
+from skyrange.metrics.time_series import RecordedNote
 
 END_S = 300.0
 

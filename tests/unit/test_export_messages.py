@@ -19,17 +19,17 @@ from hypothesis import strategies as st
 
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
+from skyrange.export import kml_file
+from skyrange.export.csv_tables import print_cells
+from skyrange.export.kml_file import write_kml, xml_text
+from skyrange.export.log_messages import log_messages
+from skyrange.export.pose_messages import pose_messages, whole_ticks
+from skyrange.export.scene_messages import building_messages
+from skyrange.figures.palette import ThemeColour
+from skyrange.metrics.time_series import start_utc_ns
 from skyrange.record import RunRecord
 from skyrange.record.read.tables import Tables
 from skyrange.record.schema import arrow_schema
-from skyrange.study.exports import kml_file
-from skyrange.study.exports.csv_tables import print_cells
-from skyrange.study.exports.kml_file import write_kml, xml_text
-from skyrange.study.exports.log_messages import log_messages
-from skyrange.study.exports.pose_messages import pose_messages, whole_ticks
-from skyrange.study.exports.scene_messages import building_messages
-from skyrange.study.figures.palette import ThemeColour
-from skyrange.study.measures.time_series import start_utc_ns
 
 START_NS = 1_767_268_800_000_000_000
 ORIGIN = {"lat_deg": 40.778, "lon_deg": -73.955, "alt_msl_m": 20.0, "geoid_m": -32.7}

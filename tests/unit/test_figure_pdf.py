@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.study.figures.pdf import save_pdf
-from skyrange.study.inference.means import Interval
+from skyrange.figures.pdf import save_pdf
+from skyrange.statistics.means import Interval
 from skyrange.study.sweep.report.figure import draw_curves
 from skyrange.study.sweep.report.response import Curve, Level
 
@@ -54,7 +54,7 @@ def test_what_is_missing_is_named(error: Exception, tmp_path: Path, monkeypatch:
     def find(name: str, *_: object) -> object:
         raise error
 
-    monkeypatch.setattr("skyrange.study.figures.pdf.import_module", find)
+    monkeypatch.setattr("skyrange.figures.pdf.import_module", find)
     with pytest.raises(InputError, match=r"(?s)no .*skyrange\[study\]"):
         save_pdf(FIGURE, tmp_path / "figure.pdf")
     assert list(tmp_path.iterdir()) == []

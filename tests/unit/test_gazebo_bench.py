@@ -1,4 +1,4 @@
-"""`skyrange bench gazebo`: summaries, tables and the figure of measurements that were not made, and its refusals."""
+"""`gazebo-speed` of tools.agreement: summaries, tables and figure of measurements that were not made, and refusals."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from xml.etree import ElementTree
 import pytest
 from typer.testing import CliRunner
 
-from skyrange.bench.gazebo import collision, fleets
-from skyrange.bench.gazebo.fleets import (
+from tools.agreement.__main__ import app
+from tools.agreement.gazebo_bench import collision, fleets
+from tools.agreement.gazebo_bench.fleets import (
     TOO_SLOW,
     largest_in_real_time,
     measure_all,
@@ -19,8 +20,7 @@ from skyrange.bench.gazebo.fleets import (
     summarise,
     versions,
 )
-from skyrange.bench.gazebo.page import draw, make_markdown
-from skyrange.cli.app import app
+from tools.agreement.gazebo_bench.page import draw, make_markdown
 
 VERSIONS = {"gazebo": "Gazebo 11.1.0", "physics": "ode", "arducopter": "4.7.0-dev"}
 
@@ -143,7 +143,7 @@ def test_command_without_gazebo_says_how_to_get_it(monkeypatch: pytest.MonkeyPat
     monkeypatch.delenv("SKYRANGE_GAZEBO", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr(fleets, "measure", lambda *_, **__: pytest.fail("it measured"))
-    said = CliRunner().invoke(app, ["bench", "gazebo"])
+    said = CliRunner().invoke(app, ["gazebo-speed"])
     assert said.exit_code != 0
     assert "neither gz nor gzserver" in str(said.exception or said.output)
 
@@ -159,7 +159,7 @@ def test_command_prints_and_writes_the_document(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr(fleets, "measure", measure)
     monkeypatch.setattr(collision, "measure", lambda physics, window: collided(physics))
     output = tmp_path / "gazebo.json"
-    asked = ["bench", "gazebo", "--vehicles", "1", "--vehicles", "4", "--repeat", "2", "--output", str(output)]
+    asked = ["gazebo-speed", "--vehicles", "1", "--vehicles", "4", "--repeat", "2", "--output", str(output)]
     said = CliRunner().invoke(app, asked)
     assert said.exit_code == 0, said.output
     assert given[0] == (1, {"seconds": 5.0, "windows": 2, "load": "light", "rates": "full", "window": False})

@@ -17,16 +17,16 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
-from skyrange.study.compare import mission_parity
-from skyrange.study.compare.given_missions import read_missions
-from skyrange.study.compare.mission_flights import (
+from skyrange.parity.missions import comparison as mission_parity
+from skyrange.parity.missions.comparison import MissionAgreement, given_missions, page, results
+from skyrange.parity.missions.flights import (
     KINDS,
     ORIGIN,
     ComparedMission,
     _reached_items,
     fleet_scenario,
 )
-from skyrange.study.compare.mission_parity import MissionAgreement, given_missions, page, results
+from skyrange.parity.missions.given_missions import read_missions
 
 FILE = """QGC WPL 110
 0\t1\t0\t16\t0\t0\t0\t0\t47.0\t8.0\t400\t1

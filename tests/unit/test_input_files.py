@@ -22,7 +22,7 @@ from skyrange.record import load as load_run
 from skyrange.record.folder import plain_name, put_file
 from skyrange.runtime.pace import Pace
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.study.twins.pair_folder import load_pair
+from skyrange.twins.pair_folder import load_pair
 
 SCENARIO = """
 duration_s = 10

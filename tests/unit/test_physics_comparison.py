@@ -12,10 +12,10 @@ import pyarrow as pa
 import pytest
 from typer.testing import CliRunner
 
-from skyrange.cli.app import app
-from skyrange.study.compare.physics import comparison
-from skyrange.study.compare.physics.comparison import ComparedScenario, PhysicsComparison
-from skyrange.study.compare.physics.flights import (
+from tools.agreement.__main__ import app
+from tools.agreement.physics import comparison
+from tools.agreement.physics.comparison import ComparedScenario, PhysicsComparison
+from tools.agreement.physics.flights import (
     Collision,
     FlownAircraft,
     RunDifference,
@@ -23,7 +23,7 @@ from skyrange.study.compare.physics.flights import (
     compare_runs,
     read_collisions,
 )
-from skyrange.study.compare.physics.page import make_page
+from tools.agreement.physics.page import make_page
 
 TIME_S = np.arange(0.0, 10.0, 0.5)
 
@@ -173,7 +173,7 @@ def test_command_writes_the_page_and_the_numbers(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(comparison, "compare", compare)
     page = tmp_path / "page.md"
-    asked = ["parity", "gazebo", "met", "--out", str(tmp_path / "runs"), "--page", str(page), "--set", "seed=3"]
+    asked = ["gazebo-physics", "met", "--out", str(tmp_path / "runs"), "--page", str(page), "--set", "seed=3"]
     said = CliRunner().invoke(app, [*asked, "--json"])
     assert said.exit_code == 0, said.output
     assert given == [(tmp_path / "runs", ["met"], ["seed=3"], "met")]
@@ -185,7 +185,7 @@ def test_command_writes_the_page_and_the_numbers(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_page_that_cannot_be_written_is_refused_first(tmp_path: Path) -> None:
-    said = CliRunner().invoke(app, ["parity", "gazebo", "--page", str(tmp_path / "none" / "page.md")])
+    said = CliRunner().invoke(app, ["gazebo-physics", "--page", str(tmp_path / "none" / "page.md")])
     assert said.exit_code != 0
     assert "a file in a folder that exists" in str(said.exception or said.output)
 

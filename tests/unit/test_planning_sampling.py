@@ -18,6 +18,7 @@ from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
+from skyrange.metrics.aircraft_measures import read_ticks
 from skyrange.planning.costs import Costs
 from skyrange.planning.limits import Limits, NoRouteError
 from skyrange.planning.routes import find_route
@@ -27,7 +28,6 @@ from skyrange.runtime.run import Run
 from skyrange.scenario.model.plan import path
 from skyrange.scenario.model.scenario import Operator, Origin, Scenario, Vehicle, Wind
 from skyrange.scenario.toml_reader import load_text
-from skyrange.study.measures.aircraft_measures import read_ticks
 from skyrange.world.airframes import AIR_DENSITY_KGM3, AIRFRAMES, GRAVITY_MPS2, IRIS, Airframe
 
 GAP_M = 16.0

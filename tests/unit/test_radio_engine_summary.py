@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from skyrange.study.summary import describe_radio_engine
+from skyrange.metrics.summary import describe_radio_engine
 
 NS3 = {"engine": "ns-3", "release": "3.44"}
 

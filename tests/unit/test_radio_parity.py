@@ -11,14 +11,14 @@ import pytest
 
 from skyrange.city.downtown import downtown_grid
 from skyrange.core.errors import InputError
-from skyrange.study.compare.radio import agreement, page
-from skyrange.study.compare.radio.agreement import Comparison
-from skyrange.study.compare.radio.experiments import FRAMES, contention_trials, hidden_trials, reach_trials
-from skyrange.study.compare.radio.figures import draw_residuals, draw_shares
-from skyrange.study.compare.radio.own_losses import PairLosses, residuals
-from skyrange.study.compare.radio.places import ABOVE_ROOF_M, CLASSES, FLIGHT_M, STREET_M, draw_places
-from skyrange.study.compare.radio.setups import BUILTIN, LOCK_DBM, SWAPS, EngineSetup, Swap
-from skyrange.study.compare.radio.trials import Shares, Trial, run_trial
+from tools.agreement.radio import agreement, page
+from tools.agreement.radio.agreement import Comparison
+from tools.agreement.radio.experiments import FRAMES, contention_trials, hidden_trials, reach_trials
+from tools.agreement.radio.figures import draw_residuals, draw_shares
+from tools.agreement.radio.own_losses import PairLosses, residuals
+from tools.agreement.radio.places import ABOVE_ROOF_M, CLASSES, FLIGHT_M, STREET_M, draw_places
+from tools.agreement.radio.setups import BUILTIN, LOCK_DBM, SWAPS, EngineSetup, Swap
+from tools.agreement.radio.trials import Shares, Trial, run_trial
 
 NS3 = EngineSetup("ns3")
 SWAP = Swap(("error model",), EngineSetup("ns3", "a swap", {"error_model": "nist"}))

@@ -21,6 +21,7 @@ import pytest
 
 from skyrange.contracts.frames.frame import Fate, Frame, end_journey
 from skyrange.core.errors import ComponentError, InputError
+from skyrange.metrics.summary import measure_disk
 from skyrange.record import Recorder, RunRecord, load
 from skyrange.record.read.telemetry import count_messages
 from skyrange.record.schema import TABLES
@@ -28,7 +29,6 @@ from skyrange.record.verification import verify_run
 from skyrange.record.write.files import derivation
 from skyrange.record.write.files.background import PENDING, Background
 from skyrange.record.write.files.table_files import TableFiles
-from skyrange.study.summary import measure_disk
 from tests.unit.record_sample import HEADER, MS, StillWorld, tell, traffic
 
 

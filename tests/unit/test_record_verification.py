@@ -17,11 +17,11 @@ from typer.testing import CliRunner
 
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError
+from skyrange.metrics.exact_difference import diff
 from skyrange.record import Recorder, load
 from skyrange.record.read.run import open_folder
 from skyrange.record.schema import TABLES
 from skyrange.record.verification import verify_run
-from skyrange.study.compare.exact import diff
 from tests.unit.record_sample import HEADER, tell
 
 

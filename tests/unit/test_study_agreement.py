@@ -14,8 +14,8 @@ from skyrange.cli import main
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
+from skyrange.metrics.agreement import Agreement, agreement
 from skyrange.record import Recorder
-from skyrange.study.compare.agreement import Agreement, agreement
 from tests.unit.record_sample import StillWorld
 
 HEADER = {

@@ -7,20 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from skyrange.study.figures.palette import shades
-from skyrange.study.figures.reception_map import draw_reception_map
-from skyrange.study.figures.subject import Subject
-from skyrange.study.figures.twins import draw_departures, draw_twin_heights, draw_twin_plan
-from skyrange.study.inference.means import Interval
-from skyrange.study.measures.receptions import (
+from skyrange.figures.palette import shades
+from skyrange.figures.reception_map import draw_reception_map
+from skyrange.figures.subject import Subject
+from skyrange.figures.twins import draw_departures, draw_twin_heights, draw_twin_plan
+from skyrange.metrics.receptions import (
     ReceptionSummary,
     read_receptions,
     reception_summaries,
     summarise_receptions,
 )
-from skyrange.study.measures.time_series import Track, Vehicle
-from skyrange.study.report import reception_tables
-from skyrange.study.report.pair import belief, effect_tables, propagation_timeline
+from skyrange.metrics.time_series import Track, Vehicle
+from skyrange.report import reception_tables
+from skyrange.report.pair import belief, effect_tables, propagation_timeline
+from skyrange.statistics.means import Interval
 from tests.unit.study_sample import SampleRun
 
 S = 1_000_000_000

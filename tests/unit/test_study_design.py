@@ -10,9 +10,9 @@ import pytest
 
 from skyrange.city.downtown import downtown_grid
 from skyrange.core.errors import InputError
+from skyrange.dataset.splits import name_city
 from skyrange.scenario.model.scenario import Grid
 from skyrange.scenario.shipped import source_of
-from skyrange.study.dataset.splits import name_city
 from skyrange.study.sweep.design.blocks import check_blocks, city_of, list_blocks, scenario_in
 from skyrange.study.sweep.design.factors import Factor
 from skyrange.study.sweep.design.model import Study, change_study, cities_of, parse_study, read_study

@@ -12,9 +12,9 @@ import pytest
 from skyrange.contracts.frames.frame import Fate, Frame, end_journey
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import InputError
+from skyrange.metrics import exact_difference as exact
+from skyrange.metrics.exact_difference import diff
 from skyrange.record import Recorder, load
-from skyrange.study.compare import exact
-from skyrange.study.compare.exact import diff
 from tests.unit.record_sample import HEADER, LABELS, MS, NOTES, StillWorld, tell, traffic
 
 Change = Callable[[list[Frame]], Sequence[Frame]]

@@ -16,16 +16,16 @@ from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
+from skyrange.metrics.aircraft_measures import departures, measure, read_ticks
+from skyrange.metrics.separation import closest_approaches, min_building_distance_m
 from skyrange.record import Recorder, RunRecord, load
-from skyrange.study.attribution.outcomes import ArmOutcomes
-from skyrange.study.inference.means import estimate_mean
-from skyrange.study.inference.student import t_quantile
-from skyrange.study.measures.aircraft_measures import departures, measure, read_ticks
-from skyrange.study.measures.separation import closest_approaches, min_building_distance_m
-from skyrange.study.twins.effects import COLUMNS, effect_rows, effects_table
-from skyrange.study.twins.pair_folder import FORMAT, intervals, load_pair
-from skyrange.study.twins.propagation import COLUMNS as PROPAGATION_COLUMNS
-from skyrange.study.twins.propagation import effects_of, propagation_table, trace
+from skyrange.statistics.means import estimate_mean
+from skyrange.statistics.student import t_quantile
+from skyrange.twins.attribution.outcomes import ArmOutcomes
+from skyrange.twins.effects import COLUMNS, effect_rows, effects_table
+from skyrange.twins.pair_folder import FORMAT, intervals, load_pair
+from skyrange.twins.propagation import COLUMNS as PROPAGATION_COLUMNS
+from skyrange.twins.propagation import effects_of, propagation_table, trace
 from tests.unit.record_sample import make_frame
 
 S = NS_PER_S

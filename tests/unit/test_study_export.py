@@ -16,12 +16,12 @@ from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
+from skyrange.export.captures import packet_captures
+from skyrange.export.captures import received_broadcasts as received_broadcasts
+from skyrange.export.captures.received_broadcasts import received_broadcasts as heard_in
+from skyrange.export.captures.received_broadcasts import receivers_of, select_receivers
 from skyrange.record import RunRecord, load
 from skyrange.record.schema import arrow_schema
-from skyrange.study.captures import packet_captures
-from skyrange.study.captures import received_broadcasts as received_broadcasts
-from skyrange.study.captures.received_broadcasts import received_broadcasts as heard_in
-from skyrange.study.captures.received_broadcasts import receivers_of, select_receivers
 
 LINKS = ["gcs:a/1", "rid_up:a/1", "rid_down:a/1", "rid_up:b/1", "rid_down:b/1", "oracle:a"]
 MANIFEST = {

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from skyrange import figures
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.core.geodesy import Origin
-from skyrange.study import figures
-from skyrange.study.figures.palette import OKABE_ITO, PAPER, base_colours, contrast, shades, theme_colour
-from skyrange.study.figures.svg import format_tick, path_data, ticks
-from skyrange.study.figures.track_simplification import select_samples
-from skyrange.study.measures.link_statistics import link_statistics, sum_by_kind
-from skyrange.study.measures.time_series import (
+from skyrange.figures.palette import OKABE_ITO, PAPER, base_colours, contrast, shades, theme_colour
+from skyrange.figures.svg import format_tick, path_data, ticks
+from skyrange.figures.track_simplification import select_samples
+from skyrange.metrics.link_statistics import link_statistics, sum_by_kind
+from skyrange.metrics.time_series import (
     belief_errors_m,
     belief_tracks,
     labelled_acts,
@@ -26,7 +26,7 @@ from skyrange.study.measures.time_series import (
     read_notes,
     truth_tracks,
 )
-from skyrange.study.measures.waypoints import received_waypoints
+from skyrange.metrics.waypoints import received_waypoints
 from tests.unit.study_sample import HOMES, ORIGIN, S, SampleRun, fleet_of, fly, squares
 
 XML = "{http://www.w3.org/2000/svg}"

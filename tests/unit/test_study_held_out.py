@@ -10,8 +10,8 @@ from rich.console import Console
 
 from skyrange.cli.output.score_tables import tabulate_scores
 from skyrange.core.errors import InputError
-from skyrange.study.dataset.splits import HeldOut, draw_split
-from skyrange.study.scoring.tables import StudyTables
+from skyrange.dataset.splits import HeldOut, draw_split
+from skyrange.scoring.tables import StudyTables
 from skyrange.study.sweep.block_files import BlockResult, write_block
 from skyrange.study.sweep.design.blocks import Block
 from skyrange.study.sweep.design.model import SHIPPED, HeldOutTraits, Study, read_study
@@ -201,7 +201,7 @@ def test_a_family_that_does_not_exist_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", sorted(SHIPPED))
 def test_what_a_shipped_study_holds_out_is_in_it_and_not_all_of_it(name: str) -> None:
-    from skyrange.study.dataset.families import family_of
+    from skyrange.dataset.families import family_of
 
     study = read_study(name)
     factors = {one.name: one for one in study.varying}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from skyrange.core.time import from_seconds
-from skyrange.study.measures.landings import find_landings_s
-from skyrange.study.measures.time_series import RecordedNote
+from skyrange.metrics.landings import find_landings_s
+from skyrange.metrics.time_series import RecordedNote
 
 
 def notes(*rows: tuple[float, str]) -> list[RecordedNote]:

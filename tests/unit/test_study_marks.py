@@ -6,8 +6,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from skyrange.study.figures.symbols import draw_mark
-from skyrange.study.measures.mishaps import (
+from skyrange.figures.symbols import draw_mark
+from skyrange.metrics.mishaps import (
     Mishap,
     describe_mishap,
     distinct_mishaps,
@@ -16,8 +16,8 @@ from skyrange.study.measures.mishaps import (
     first_mishaps,
     mishap_kind,
 )
-from skyrange.study.measures.time_series import EMPTY_TRACK, RecordedNote, Track, Vehicle
-from skyrange.study.measures.track_deviation import deviations_m
+from skyrange.metrics.time_series import EMPTY_TRACK, RecordedNote, Track, Vehicle
+from skyrange.metrics.track_deviation import deviations_m
 
 S = 1_000_000_000
 TRACK = Track(np.array([0, 10 * S]), np.array([[0.0, 0.0, 0.0], [100.0, 50.0, 20.0]]), np.zeros(2))

@@ -1,4 +1,4 @@
-"""Measures of `skyrange.study.compare.autopilot_parity`; a flight does not differ from itself."""
+"""Measures of `skyrange.parity.flights`; a flight does not differ from itself."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from skyrange.core.errors import InputError
+from skyrange.parity import flights as module
+from skyrange.parity.flights import Parity, compare, compare_rates, measured
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load
-from skyrange.study.compare import autopilot_parity as module
-from skyrange.study.compare.autopilot_parity import Parity, compare, compare_rates, measured
 from skyrange.study.runs import fly
 
 

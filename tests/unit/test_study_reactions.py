@@ -1,4 +1,4 @@
-"""Reactions read by `skyrange.study.compare.gnss_reactions` from a run of the builtin in both roles: they agree."""
+"""Reactions read by `tools.agreement.gnss_reactions` from a run of the builtin in both roles: they agree."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.study.compare.gnss_reactions import (
+from skyrange.study.runs import fly
+from tools.agreement.gnss_reactions import (
     ALT_M,
     HOLD,
     SECONDS,
@@ -20,7 +21,6 @@ from skyrange.study.compare.gnss_reactions import (
     scenario,
     settings,
 )
-from skyrange.study.runs import fly
 
 CHOSEN = (
     Setting("gnss.jump", {"offset_m": [6.0, 0.0, 0.0]}),

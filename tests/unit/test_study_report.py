@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from jinja2 import UndefinedError
 
-from skyrange.study.report import write_report
-from skyrange.study.report.rendering import environment
+from skyrange.report import write_report
+from skyrange.report.rendering import environment
 from tests.unit.study_sample import SampleRun, fleet_of, fly, small_city, squares
 
 VOID = {"meta", "input", "br", "img", "link", "hr"}
@@ -247,15 +247,15 @@ def test_a_hundred_aircraft_over_a_city_stay_under_five_megabytes(tmp_path: Path
 
 
 def test_what_is_left_out_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skyrange.study.report.run.scene_data.MAX_TRUTH_POINTS", 50)
-    monkeypatch.setattr("skyrange.study.report.run.scene_data.MAX_CITY_VERTICES", 10)
+    monkeypatch.setattr("skyrange.report.run.scene_data.MAX_TRUTH_POINTS", 50)
+    monkeypatch.setattr("skyrange.report.run.scene_data.MAX_CITY_VERTICES", 10)
     page = Page(written(squares(tmp_path), tmp_path))
     assert "of 6 buildings" in page.text
     assert "samples of tracks" in page.text
 
 
 def test_long_tables_are_cut_and_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skyrange.study.report.run.timeline.MAX_ROWS", 7)
+    monkeypatch.setattr("skyrange.report.run.timeline.MAX_ROWS", 7)
     page = Page(written(squares(tmp_path), tmp_path))
     assert "The first 7 of 60" in page.text
     assert sum("data-t" in attrs for _, attrs in page.elements) == 14  # events and decisions

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrange.study.inference.means import estimate_mean, standardised_effect
+from skyrange.statistics.means import estimate_mean, standardised_effect
 from skyrange.study.sweep.block_files import BlockResult, write_block
 from skyrange.study.sweep.design.blocks import Block
 from skyrange.study.sweep.design.factors import Factor

@@ -7,16 +7,16 @@ import math
 import numpy as np
 import pytest
 
-from skyrange.study.inference.clustered_proportions import clustered_proportion_interval
-from skyrange.study.inference.clustered_rates import (
+from skyrange.scoring.measures import judge_claim
+from skyrange.scoring.result_file import ScoreSettings
+from skyrange.statistics.clustered_proportions import clustered_proportion_interval
+from skyrange.statistics.clustered_rates import (
     clustered_rate_bound,
     clustered_rate_interval,
     estimate_variation,
 )
-from skyrange.study.inference.clusters import find_clusters
-from skyrange.study.inference.exact_intervals import proportion_interval, rate_bound, rate_interval
-from skyrange.study.scoring.measures import judge_claim
-from skyrange.study.scoring.result_file import ScoreSettings
+from skyrange.statistics.clusters import find_clusters
+from skyrange.statistics.exact_intervals import proportion_interval, rate_bound, rate_interval
 from tests.validation.inference_samples import RATES, margin
 
 FAST, THOROUGH = 200, 6_000

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import re
 from pathlib import Path
@@ -11,9 +10,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyrange.study.inference.means import BOOTSTRAP_FROM, MOST_AGREE_FROM, SKEWED, estimate_mean
-from skyrange.study.inference.student import t_tail
+from skyrange.statistics.means import BOOTSTRAP_FROM, MOST_AGREE_FROM, SKEWED, estimate_mean
+from skyrange.statistics.student import t_tail
 from tests.validation.inference_samples import DISTRIBUTIONS, margin
+from tools.docs import measure_coverage
 
 
 def coverage(name: str, count: int, replicates: int, seed: int = 1) -> tuple[float, float]:
@@ -120,16 +120,10 @@ def test_the_tail_of_t_is_that_of_scipy(freedom: int) -> None:
 
 @pytest.mark.slow
 def test_the_page_of_measured_coverage_says_what_is_measured() -> None:
-    path = Path(__file__).parents[2] / "docs" / "measure_coverage.py"
-    spec = importlib.util.spec_from_file_location("measure_coverage", path)
-    assert spec is not None
-    assert spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
-    lines = script.PAGE.read_text(encoding="utf-8").splitlines()
+    lines = measure_coverage.PAGE.read_text(encoding="utf-8").splitlines()
     for name, count in (("normal", 3), ("lognormal", 10), ("80 % zeros", 19), ("half zeros", 40)):
         cells = next(line for line in lines if line.startswith(f"| {name} |")).strip("| ").split(" | ")
-        assert cells[1 + script.COUNTS.index(count)] == script.measure_mean(name, count)
+        assert cells[1 + measure_coverage.COUNTS.index(count)] == measure_coverage.measure_mean(name, count)
 
 
 def test_what_reports_say_of_skewed_data_is_on_the_page() -> None:

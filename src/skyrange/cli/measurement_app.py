@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli.handlers.measurement import benchmark_suite, benchmarks, gazebo, live_benchmark, parity
+from skyrange.cli.handlers.measurement import benchmark_suite, benchmarks, live_benchmark, parity
 from skyrange.cli.options import AsJson, Changes, Grouping, PortOffset, ScenarioName
 
 bench_app = typer.Typer(
@@ -16,8 +16,8 @@ bench_app = typer.Typer(
     no_args_is_help=True,
 )
 parity_app = typer.Typer(
-    help="Compare the builtin autopilot, physics and radio medium with other engines.\n\n"
-    "Example: skyrange parity gnss --out runs/gnss",
+    help="Compare the builtin autopilot with ArduPilot: flights, missions and reactions to attacks.\n\n"
+    "Example: skyrange parity missions --count 60",
     no_args_is_help=True,
 )
 
@@ -34,13 +34,6 @@ class Rates(StrEnum):
     """Loop rates of ArduPilot, the values of `options.ardupilot.rates`."""
 
     FULL = "full"
-    SINGLE = "single"
-    REDUCED = "reduced"
-
-
-class OtherRates(StrEnum):
-    """Loop rates that differ from ArduPilot's own."""
-
     SINGLE = "single"
     REDUCED = "reduced"
 
@@ -134,39 +127,6 @@ def ardupilots(
     benchmarks.bench_ardupilot(
         vehicles or [1, 5, 20], seconds, load.value, rates.value, physics.value, speedup, remote_id, as_json
     )
-
-
-@bench_app.command("gazebo", epilog="Example: skyrange bench gazebo --vehicles 5 --vehicles 10 --output gazebo.json")
-def gazebo_bench(
-    vehicles: Annotated[
-        list[int] | None,
-        typer.Option(
-            metavar="N",
-            min=1,
-            help="Number of aircraft. May be repeated. Default: 1, 2, 5, 10, 20, 40 and 80. A number at which Gazebo "
-            "is far slower than real time is the last.",
-        ),
-    ] = None,
-    seconds: Annotated[
-        float, typer.Option(metavar="S", min=1.0, help="Simulated seconds of each measurement, after 30 s of warm-up.")
-    ] = 5.0,
-    repeat: Annotated[
-        int, typer.Option(metavar="K", min=1, help="Measure both K times in a flight, in turn, and take the medians.")
-    ] = 3,
-    load: Telemetry = Load.LIGHT,
-    rates: Annotated[
-        Rates, typer.Option(metavar="RATES", help="Loop rate of ArduPilot: full, single or reduced.")
-    ] = Rates.FULL,
-    window: Annotated[bool, typer.Option("--window", help="Open Gazebo's window.")] = False,
-    collision: Annotated[
-        bool, typer.Option("--collision/--no-collision", help="Also let two aircraft collide, in both.")
-    ] = True,
-    output: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results to this file as JSON.")] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Measure N ArduPilots in Gazebo beside the range's own physics: real-time factor, CPU time, and a collision."""
-    counts = vehicles or [1, 2, 5, 10, 20, 40, 80]
-    gazebo.bench_gazebo(counts, seconds, repeat, load.value, rates.value, window, collision, output, as_json)
 
 
 @bench_app.command("cores", epilog="Example: skyrange bench cores --vehicles 1000 --cores 2 --remote-id")
@@ -337,42 +297,6 @@ def flight(
     parity.flight(scenario, out, changes or [], as_json)
 
 
-@parity_app.command("rates", epilog="Example: skyrange parity rates squares --rates single")
-def loop_rates(
-    scenario: ScenarioName,
-    rates: Annotated[
-        OtherRates,
-        typer.Option(metavar="RATES", help="reduced: 100 Hz; single: 400 Hz with one exchange per iteration."),
-    ] = OtherRates.REDUCED,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Folder for both runs. Default: runs/NAME-rates, then -2 …"),
-    ] = None,
-    changes: Changes = None,
-    as_json: AsJson = False,
-) -> None:
-    """Run a scenario with ArduPilot at its own loop rate and at a cheaper one, and compare the flights."""
-    parity.rates(scenario, rates.value, out, changes or [], as_json)
-
-
-@parity_app.command(epilog="Example: skyrange parity gnss --out runs/gnss --json")
-def gnss(
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Folder for the run. Default: runs/gnss-reactions, then -2 …"),
-    ] = None,
-    rates: Annotated[
-        Rates,
-        typer.Option(
-            metavar="RATES", help="Loop rate of ArduPilot. reduced: 100 Hz; full or single: 400 Hz, which take longer."
-        ),
-    ] = Rates.REDUCED,
-    as_json: AsJson = False,
-) -> None:
-    """Compare outcomes and reset times of both autopilots for a hundred GNSS jumps and drifts."""
-    parity.gnss(out, rates.value, as_json)
-
-
 @parity_app.command("attacks", epilog="Example: skyrange parity attacks mavlink.command mavlink.guided")
 def attack_reactions(
     kinds: Annotated[
@@ -402,29 +326,6 @@ def attack_reactions(
 ) -> None:
     """Fly the examples of attacks with both autopilots, attacked and muted, and compare reactions, times and places."""
     parity.attacks(kinds or [], out, rates.value, seeds, page, as_json)
-
-
-@parity_app.command("gazebo", epilog="Example: skyrange parity gazebo squares --out runs/gazebo")
-def gazebo_physics(
-    scenarios: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[SCENARIO]...", help="Scenarios or files. Default: squares, head-on and wind."),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Folder for the runs. Default: runs/gazebo-parity, then -2 …"),
-    ] = None,
-    changes: Changes = None,
-    page: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Also write this Markdown page, whatever it was before.")
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Fly scenarios with ArduPilot in skyrange's own physics and in Gazebo's, and compare truth and collisions.
-
-    The first one is flown twice more in Gazebo: again, and with finer steps of its physics.
-    """
-    gazebo.parity_gazebo(scenarios or [], out, changes or [], page, as_json)
 
 
 @parity_app.command(epilog="Example: skyrange parity missions --count 60 --out runs/missions")
@@ -457,30 +358,3 @@ def missions(
 ) -> None:
     """Fly missions with both autopilots and compare accepted items, order, times and paths."""
     parity.missions(files or [], count, first, out, rates.value, shrink, as_json)
-
-
-@parity_app.command("radio", epilog="Example: skyrange parity radio --buildings city.geojson --engine ns3")
-def radio_engines(
-    engines: Annotated[
-        list[str] | None,
-        typer.Option("--engine", metavar="NAME", help="Engine to compare. May be repeated. Default: all installed."),
-    ] = None,
-    buildings: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="City, in a file of buildings. Default: a generated downtown."),
-    ] = None,
-    pairs: Annotated[
-        int, typer.Option(metavar="N", min=100, help="Pairs of places for the comparison of path losses.")
-    ] = 10_000,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Folder for tables and figures. Default: runs/radio-parity, then -2 …"),
-    ] = None,
-    page: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Also renew the tables in this Markdown page, and figures in ../images."),
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Compare radio engines with the builtin medium: reception, contention, hidden terminals, and path losses."""
-    parity.radio(engines or [], buildings, pairs, out, page, as_json)

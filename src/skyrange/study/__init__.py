@@ -1,1 +1,1 @@
-"""Studies of runs: running and pairing scenarios, measures, comparisons, figures, reports and exports."""
+"""Plans of runs and their execution: runs, pairs, variants, matrices, and studies by factors, arms and seeds."""

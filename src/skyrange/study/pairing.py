@@ -24,11 +24,15 @@ from skyrange.assembly.build import build
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
 from skyrange.core.files import atomic_write
 from skyrange.core.input_files import expand_user
+from skyrange.metrics.aircraft_measures import DEPARTED_M
+from skyrange.metrics.separation import NEAR_M
 from skyrange.record.folder import make_new_folder
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.study.attribution.arms import (
+from skyrange.study.levels import require_level
+from skyrange.study.parallel_runs import OnRunProgress, RunResult, run_all
+from skyrange.twins.attribution.arms import (
     ATTACKED,
     HONEST,
     Arm,
@@ -40,21 +44,17 @@ from skyrange.study.attribution.arms import (
     plan_arms,
     scenario_of,
 )
-from skyrange.study.attribution.attribute import (
+from skyrange.twins.attribution.attribute import (
     attribute,
     attribution_table,
     authors,
     departures_by_author,
     with_authors,
 )
-from skyrange.study.attribution.outcomes import ArmOutcomes
-from skyrange.study.levels import require_level
-from skyrange.study.measures.aircraft_measures import DEPARTED_M
-from skyrange.study.measures.separation import NEAR_M
-from skyrange.study.parallel_runs import OnRunProgress, RunResult, run_all
-from skyrange.study.twins.effects import effect_rows, effects_table
-from skyrange.study.twins.lie_and_truth import compare_with_truth, lie_and_truth_table
-from skyrange.study.twins.pair_folder import (
+from skyrange.twins.attribution.outcomes import ArmOutcomes
+from skyrange.twins.effects import effect_rows, effects_table
+from skyrange.twins.lie_and_truth import compare_with_truth, lie_and_truth_table
+from skyrange.twins.pair_folder import (
     ATTRIBUTION,
     EFFECTS,
     FORMAT,
@@ -64,7 +64,7 @@ from skyrange.study.twins.pair_folder import (
     Pair,
     folder_of,
 )
-from skyrange.study.twins.propagation import absent_rows, effects_of, mark_faults, propagation_table, trace
+from skyrange.twins.propagation import absent_rows, effects_of, mark_faults, propagation_table, trace
 
 
 def pair(
@@ -224,7 +224,7 @@ def _write_comparison(result: Pair, arms: Sequence[Arm], near_m: float, threshol
     _write(attribution_table(attributed), result.path / ATTRIBUTION)
     if HONEST in result.arms:
         _write(lie_and_truth_table(truths), result.path / LIE_AND_TRUTH)
-    from skyrange.study.report.pair.page import write_comparison
+    from skyrange.report.pair.page import write_comparison
 
     write_comparison(result, result.report)
 

@@ -131,7 +131,7 @@ def _serving(viewers: Viewers, on_progress: OnProgress | None) -> OnProgress:
 
 
 def _report(folder: Path) -> RunRecord:
-    from skyrange.study.report import write_report
+    from skyrange.report import write_report
 
     record = load(folder)
     if record.keeps("truth"):  # what a summary can tell, `show` does

@@ -12,9 +12,9 @@ import numpy as np
 from skyrange.bench.suite.comparison import Change
 from skyrange.bench.suite.results import Memory, Results
 from skyrange.bench.suite.tables import format_value, name_case
-from skyrange.study.figures import svg
-from skyrange.study.figures.palette import OKABE_ITO
-from skyrange.study.figures.svg import Figure, format_number
+from skyrange.figures import svg
+from skyrange.figures.palette import OKABE_ITO
+from skyrange.figures.svg import Figure, format_number
 
 SPEED: Final = "speed"
 """Name of the measures that `draw_speeds` shows."""

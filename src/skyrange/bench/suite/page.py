@@ -10,7 +10,7 @@ from skyrange.bench.suite.figures import draw_changes, draw_memory, draw_speeds
 from skyrange.bench.suite.results import Results
 from skyrange.bench.suite.tables import Table, list_facts, list_skipped, make_load_table, make_tables
 from skyrange.core.files import atomic_write
-from skyrange.study.report.rendering import asset, content_policy, render
+from skyrange.report.rendering import asset, content_policy, render
 
 MEMORY_TEXT: Final = """\
 Resident memory of all processes of a case together, from its start to its end. Pages that processes share count for

@@ -21,9 +21,9 @@ def build(
 ) -> None:
     """`skyrange dataset build`."""
     from skyrange.core.input_files import expand_user
-    from skyrange.study.dataset.build import build_dataset
-    from skyrange.study.dataset.members import read_members
-    from skyrange.study.dataset.splits import SHARES, HeldOut, assign_splits, cluster_members
+    from skyrange.dataset.build import build_dataset
+    from skyrange.dataset.members import read_members
+    from skyrange.dataset.splits import SHARES, HeldOut, assign_splits, cluster_members
     from skyrange.study.sweep.dataset_members import list_dataset_members
     from skyrange.study.sweep.folder import open_folder
     from skyrange.study.sweep.scores.score_tables import check_held_traits, held_out_of
@@ -59,8 +59,8 @@ def audit(folder: Path, as_json: bool) -> None:
     """`skyrange dataset audit`."""
     from rich.table import Table
 
-    from skyrange.study.dataset.audit.classifier import require_no_leak
-    from skyrange.study.dataset.audit.comparisons import audit_dataset
+    from skyrange.dataset.audit.classifier import require_no_leak
+    from skyrange.dataset.audit.comparisons import audit_dataset
 
     findings = audit_dataset(folder)
     rows = [{"name": one.name, "status": one.status, **asdict(one)} for one in findings]

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 def export_captures(folder: Path, only: str | None, receivers: Sequence[str], out: Path | None, as_json: bool) -> None:
     """`skyrange export` of captures."""
+    from skyrange.export.captures import packet_captures
+    from skyrange.export.captures.received_broadcasts import has_radio
     from skyrange.record import load
-    from skyrange.study.captures import packet_captures
-    from skyrange.study.captures.received_broadcasts import has_radio
 
     record = load(folder)
     print_unverified(record.path)
@@ -63,8 +63,8 @@ def export_files(folder: Path, kinds: Sequence[str], out: Path | None, as_json: 
 
 def _write(record: RunRecord, kinds: Sequence[str], target: Path) -> dict[str, Path]:
     """Write files of some kinds into the folder `target`; their paths by name."""
+    from skyrange.export import csv_tables, kml_file, mcap_file
     from skyrange.record.write.files.operator_files import OPERATORS, write_operator_files
-    from skyrange.study.exports import csv_tables, kml_file, mcap_file
 
     written: dict[str, Path] = {}
     if "csv" in kinds or "tlog" in kinds:

@@ -40,13 +40,13 @@ def live(
     from skyrange.cli.output.progress import compile_if_cold
     from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
     from skyrange.io.zeromq.curve_keys import load_range
+    from skyrange.metrics.summary import summary
     from skyrange.record import load as load_run
+    from skyrange.report import write_report
     from skyrange.runtime.live.range import prepare_range
     from skyrange.runtime.live.supervisor.supervisor import run_range
     from skyrange.scenario.shipped import load
-    from skyrange.study.failed_missions import require_missions
-    from skyrange.study.report import write_report
-    from skyrange.study.summary import summary
+    from skyrange.twins.failed_missions import require_missions
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
     compile_if_cold(quiet=as_json)
@@ -112,10 +112,10 @@ def keys(folder: Path, names: Sequence[str]) -> None:
 
 def merge(folder: Path, out: Path | None, as_json: bool) -> None:
     """`skyrange merge`."""
+    from skyrange.metrics.summary import summary
     from skyrange.record import load as load_run
     from skyrange.record.live_merge.recovery import recover_run
-    from skyrange.study.report import write_report
-    from skyrange.study.summary import summary
+    from skyrange.report import write_report
 
     folder = folder.resolve()  # so that "." has a name
     into = out if out is not None else folder.with_name(f"{folder.name}-merged")

@@ -22,10 +22,10 @@ def matrix(
     from skyrange.cli.output.matrix_table import print_matrix
     from skyrange.cli.output.progress import compile_if_cold, map_progress
     from skyrange.core.errors import InputError
-    from skyrange.study.failed_missions import require_baseline
     from skyrange.study.matrix.flights import describe, fly_matrix
     from skyrange.study.matrix.model import read_matrix, select
     from skyrange.study.matrix.report import write_matrix_page, write_matrix_report
+    from skyrange.twins.failed_missions import require_baseline
 
     chosen = select(read_matrix(file), tuple(rows), tuple(columns))
     if seeds is not None:

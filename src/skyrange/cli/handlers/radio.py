@@ -13,7 +13,7 @@ from skyrange.core.errors import InputError
 if TYPE_CHECKING:
     from skyrange.city.city import City
     from skyrange.radio.propagation.loss_table_file import LossTableFile
-    from skyrange.study.radio_map.mapping import Place
+    from skyrange.radio_map.mapping import Place
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +47,9 @@ def map_losses(request: MapRequest, picture: PictureRequest, changes: Sequence[s
     """`skyrange radio map`."""
     from skyrange.cli.output.progress import map_progress
     from skyrange.core.input_files import expand_user
-    from skyrange.study.radio_map.mapping import prepare_map, trace_map
-    from skyrange.study.radio_map.places import MapLayout
-    from skyrange.study.radio_map.sionna import SionnaTracer, TraceSettings, check_installed, describe_tracer
+    from skyrange.radio_map.mapping import prepare_map, trace_map
+    from skyrange.radio_map.places import MapLayout
+    from skyrange.radio_map.sionna import SionnaTracer, TraceSettings, check_installed, describe_tracer
 
     settings = TraceSettings(request.frequency_mhz, request.reflections, request.diffraction, request.samples)
     settings.check()
@@ -128,7 +128,7 @@ def _check_picture(picture: PictureRequest, transmitters: int) -> None:
 def _draw(content: LossTableFile, city: Sequence[Mapping[str, Any]], picture: PictureRequest) -> None:
     if picture.path is None:
         return
-    from skyrange.study.figures.coverage_map import draw_coverage_map
+    from skyrange.figures.coverage_map import draw_coverage_map
 
     drawn = draw_coverage_map(content, city, picture.transmitter, picture.height_m)
     try:

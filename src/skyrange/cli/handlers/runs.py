@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from skyrange.attack.contract import AttackPlugin
     from skyrange.defence.contract import DefencePlugin
     from skyrange.fault.contract import FaultPlugin
-    from skyrange.study.attribution.arms import Selection
-    from skyrange.study.twins.pair_folder import Pair
+    from skyrange.twins.attribution.arms import Selection
+    from skyrange.twins.pair_folder import Pair
 
 
 def run(
@@ -41,10 +41,10 @@ def run(
     from skyrange.cli.output.run_summary import print_summary
     from skyrange.cli.output.viewer_notices import open_viewers
     from skyrange.cli.output.warnings import print_warnings
+    from skyrange.metrics.summary import summary
     from skyrange.scenario.shipped import load
-    from skyrange.study.failed_missions import require_missions
     from skyrange.study.runs import fly
-    from skyrange.study.summary import summary
+    from skyrange.twins.failed_missions import require_missions
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
     print_warnings(scenario)
@@ -97,9 +97,9 @@ def pair(
     from skyrange.cli.output.progress import compile_if_cold, parallel_progress
     from skyrange.cli.output.warnings import print_warnings
     from skyrange.scenario.shipped import load
-    from skyrange.study.attribution.arms import acting_attacks, plan_arms
-    from skyrange.study.failed_missions import require_baseline
     from skyrange.study.pairing import pair as fly_pair
+    from skyrange.twins.attribution.arms import acting_attacks, plan_arms
+    from skyrange.twins.failed_missions import require_baseline
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
     print_warnings(scenario)
@@ -116,7 +116,7 @@ def pair(
 
 def _pair_facts(result: Pair) -> dict[str, Any]:
     """A pair as plain data, for `--json`."""
-    from skyrange.study.attribution.arms import HONEST
+    from skyrange.twins.attribution.arms import HONEST
 
     found = {vehicle: {key: one._asdict() for key, one in own.items()} for vehicle, own in result.intervals().items()}
     folder = {"path": str(result.path), "report": str(result.report)}
@@ -129,7 +129,7 @@ def _pair_facts(result: Pair) -> dict[str, Any]:
 
 def _open_pair(folder: Path) -> Pair | None:
     """The pair in a folder, None if it is another folder; `InputError` for a pair whose runs did not all end."""
-    from skyrange.study.twins.pair_folder import EFFECTS, MANIFEST, load_pair
+    from skyrange.twins.pair_folder import EFFECTS, MANIFEST, load_pair
 
     folder = expand_user(folder)
     if not (folder / MANIFEST).exists():
@@ -145,8 +145,8 @@ def show(folder: Path, as_json: bool) -> None:
     """`skyrange show`."""
     from skyrange.cli.output.pair_table import print_pair
     from skyrange.cli.output.run_summary import print_disk, print_summary
+    from skyrange.metrics.summary import summary
     from skyrange.record import load
-    from skyrange.study.summary import summary
 
     result = _open_pair(folder)
     facts = summary(load(folder)) if result is None else {}
@@ -167,8 +167,8 @@ def show(folder: Path, as_json: bool) -> None:
 def report(folder: Path, out: Path | None, as_json: bool) -> None:
     """`skyrange report`."""
     from skyrange.record import load
-    from skyrange.study.report import write_report
-    from skyrange.study.report.pair.page import write_comparison
+    from skyrange.report import write_report
+    from skyrange.report.pair.page import write_comparison
 
     result = _open_pair(folder)
     record = load(folder) if result is None else None
@@ -189,10 +189,10 @@ def report(folder: Path, out: Path | None, as_json: bool) -> None:
 
 def diff(a: Path, b: Path, tolerance_s: float | None, as_json: bool) -> None:
     """`skyrange diff`."""
+    from skyrange.metrics.agreement import Agreement, agreement
+    from skyrange.metrics.exact_difference import Difference
+    from skyrange.metrics.exact_difference import diff as compare
     from skyrange.record import load
-    from skyrange.study.compare.agreement import Agreement, agreement
-    from skyrange.study.compare.exact import Difference
-    from skyrange.study.compare.exact import diff as compare
 
     runs = load(a), load(b)
     if tolerance_s is not None:  # without it, `compare` verifies both

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from skyrange.cli.output.console import print_json, print_notice, print_text, terminal
 
 if TYPE_CHECKING:
-    from skyrange.study.inference.means import Interval
+    from skyrange.statistics.means import Interval
     from skyrange.study.sweep.design.model import Study
     from skyrange.study.sweep.execution.executors import Executor
     from skyrange.study.sweep.execution.storage import BlockStorage
@@ -148,7 +148,7 @@ def score(
 ) -> None:
     """`skyrange study score`."""
     from skyrange.cli.output.score_tables import tabulate_scores
-    from skyrange.study.scoring.result_file import ScoreSettings, read_scores, write_scores
+    from skyrange.scoring.result_file import ScoreSettings, read_scores, write_scores
     from skyrange.study.sweep.scores.score_tables import score_study
 
     others = [read_scores(file) for file in beside]
@@ -191,8 +191,8 @@ def _fly(folder: StudyFolder, executor: Executor, storage: BlockStorage | None, 
 
 def _print_result(result: StudyResult, as_json: bool) -> None:
     from skyrange.cli.output.warnings import print_failed_missions
-    from skyrange.study.failed_missions import require_baseline
     from skyrange.study.sweep.execution.study_run import list_failed_missions
+    from skyrange.twins.failed_missions import require_baseline
 
     folder, missions = result.folder, list_failed_missions(result.folder)
     if as_json:

@@ -22,9 +22,9 @@ def compare(
     """`skyrange compare`."""
     from skyrange.cli.output.progress import compile_if_cold, parallel_progress
     from skyrange.cli.output.variants_table import print_comparison
-    from skyrange.study.failed_missions import require_baseline
     from skyrange.study.variants.flights import compare_variants, read_variants
     from skyrange.study.variants.report import write_comparison_report
+    from skyrange.twins.failed_missions import require_baseline
 
     chosen = read_variants(variants)
     compile_if_cold(quiet=as_json)

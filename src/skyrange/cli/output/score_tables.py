@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from skyrange.study.scoring.leaderboard import LeaderboardRow
-    from skyrange.study.scoring.result_file import DetectorScore, ScoreFile, SetScore
+    from skyrange.scoring.leaderboard import LeaderboardRow
+    from skyrange.scoring.result_file import DetectorScore, ScoreFile, SetScore
 
 _ALL: Final = "all"
 _REDUCED: Final = "reduced"
@@ -26,7 +26,7 @@ def tabulate_scores(files: Sequence[ScoreFile]) -> Iterator[Table]:
 
     What was held out is that of the first file. Raises `InputError` for files that do not compare.
     """
-    from skyrange.study.scoring.leaderboard import rank_detectors
+    from skyrange.scoring.leaderboard import rank_detectors
 
     first = files[0]
     rows = rank_detectors(files, _ALL)

@@ -11,7 +11,7 @@ from typing import Final
 from skyrange.core.files import atomic_write
 from skyrange.detect.learned.model_file import ISOLATION_FOREST, ModelFile
 from skyrange.detect.window_features import FEATURES
-from skyrange.study.scoring.result_file import DetectorScore, Estimate, ScoreFile, SetScore
+from skyrange.scoring.result_file import DetectorScore, Estimate, ScoreFile, SetScore
 
 _TITLES: Final = {
     "isolation_forest": "isolation forest (Liu, Ting, Zhou, ICDM 2008)",

@@ -20,7 +20,7 @@ from skyrange.core.time import Time, from_seconds
 from skyrange.detect.episodes import subject_of_link
 from skyrange.detect.series import Floats
 from skyrange.detect.window_features import NAMES, WindowFeatures
-from skyrange.study.inference.clusters import keep_first
+from skyrange.statistics.clusters import keep_first
 
 WINDOWS: Final = "windows"
 """Name of the table."""

@@ -12,20 +12,20 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from skyrange.core.time import NS_PER_S, from_seconds
+from skyrange.metrics.aircraft_measures import Measured
+from skyrange.metrics.flight_identity import identify_flight
+from skyrange.metrics.link_statistics import link_statistics
+from skyrange.metrics.separation import NEAR_M
+from skyrange.metrics.time_series import read_notes
 from skyrange.record.read.run import RunRecord
-from skyrange.study.attribution.arms import ATTACKED, HONEST, NOMINAL
-from skyrange.study.attribution.outcomes import ArmOutcomes
-from skyrange.study.inference.means import Interval, estimate_mean
+from skyrange.scoring.matching import count_episodes
+from skyrange.scoring.result_file import ScoreSettings
+from skyrange.statistics.means import Interval, estimate_mean
 from skyrange.study.matrix.distances import measure_departures, measure_growth, measure_straying
 from skyrange.study.matrix.latency import measure_transit_ms
-from skyrange.study.measures.aircraft_measures import Measured
-from skyrange.study.measures.flight_identity import identify_flight
-from skyrange.study.measures.link_statistics import link_statistics
-from skyrange.study.measures.separation import NEAR_M
-from skyrange.study.measures.time_series import read_notes
-from skyrange.study.scoring.matching import count_episodes
-from skyrange.study.scoring.result_file import ScoreSettings
-from skyrange.study.twins.pair_folder import Pair
+from skyrange.twins.attribution.arms import ATTACKED, HONEST, NOMINAL
+from skyrange.twins.attribution.outcomes import ArmOutcomes
+from skyrange.twins.pair_folder import Pair
 
 _STARTS: Final = ("event.attack_start", "event.fault_start")
 _STOPS: Final = ("event.attack_stop", "event.fault_stop")

@@ -8,8 +8,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from skyrange.metrics.aircraft_measures import read_ticks
 from skyrange.record.read.run import RunRecord
-from skyrange.study.measures.aircraft_measures import read_ticks
 
 Floats = NDArray[np.float64]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from skyrange.study.figures import svg
-from skyrange.study.figures.svg import Figure
+from skyrange.figures import svg
+from skyrange.figures.svg import Figure
 from skyrange.study.matrix.flights import MatrixResult
 from skyrange.study.matrix.summary import CellText, attack_rows, describe_cell
 

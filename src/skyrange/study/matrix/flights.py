@@ -23,13 +23,13 @@ from skyrange.io.processes.program import end_with_parent
 from skyrange.record.folder import make_new_folder
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.study.attribution.arms import NOMINAL, Selection, acting_attacks, claiming_attacks
-from skyrange.study.inference.exact_intervals import load_special
+from skyrange.statistics.exact_intervals import load_special
 from skyrange.study.matrix.cells import Cell, measure_cell
 from skyrange.study.matrix.model import UNDEFENDED, Column, Matrix, Row
 from skyrange.study.matrix.verdicts import Verdicts, judge_cells
 from skyrange.study.pairing import pair
-from skyrange.study.twins.pair_folder import Pair, folder_of
+from skyrange.twins.attribution.arms import NOMINAL, Selection, acting_attacks, claiming_attacks
+from skyrange.twins.pair_folder import Pair, folder_of
 
 FORMAT: Final = "skyrange.matrix/2"
 MANIFEST: Final = "matrix.json"

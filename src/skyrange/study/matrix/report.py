@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from skyrange.core.files import atomic_write
+from skyrange.report.rendering import asset, content_policy, render
 from skyrange.study.matrix.figure import draw_matrix
 from skyrange.study.matrix.flights import MatrixResult
 from skyrange.study.matrix.sections import introduce, make_sections, write_markdown
-from skyrange.study.report.rendering import asset, content_policy, render
 
 REPORT = "report.html"
 PAGE = "matrix.md"

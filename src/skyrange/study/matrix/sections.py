@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
-from skyrange.study.inference.exact_intervals import Limits
-from skyrange.study.inference.means import Interval
+from skyrange.statistics.exact_intervals import Limits
+from skyrange.statistics.means import Interval
 from skyrange.study.matrix.cells import Cell
 from skyrange.study.matrix.flights import MatrixResult
 from skyrange.study.matrix.model import UNDEFENDED, Row

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from skyrange.study.inference.exact_intervals import Limits, rate_interval
-from skyrange.study.inference.means import CONFIDENCE, Interval, estimate_mean
+from skyrange.statistics.exact_intervals import Limits, rate_interval
+from skyrange.statistics.means import CONFIDENCE, Interval, estimate_mean
 from skyrange.study.matrix.cells import (
     Cell,
     added_delay_s,

@@ -6,9 +6,9 @@ from dataclasses import fields
 from functools import cache
 from typing import Final
 
-from skyrange.study.measures.aircraft_measures import Measured
-from skyrange.study.twins.effects import COLUMNS as EFFECT_COLUMNS
+from skyrange.metrics.aircraft_measures import Measured
 from skyrange.study.variants.run_measures import QUANTITIES
+from skyrange.twins.effects import COLUMNS as EFFECT_COLUMNS
 
 HEAD: Final = ("block", "point", "seed", "arm")
 """Columns of all tables, before those of the factors and draws."""

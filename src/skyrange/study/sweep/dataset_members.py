@@ -7,7 +7,7 @@ from typing import Any
 
 from skyrange.core.errors import InputError
 from skyrange.core.input_files import MAX_TEXT_BYTES, read_input
-from skyrange.study.dataset.members import SCENARIO, Member, Scalar
+from skyrange.dataset.members import SCENARIO, Member, Scalar
 from skyrange.study.sweep.block_files import RUNS
 from skyrange.study.sweep.design.blocks import city_of
 from skyrange.study.sweep.design.factors import CITY

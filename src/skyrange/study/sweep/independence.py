@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable, Mapping
 from typing import Any
 
-from skyrange.study.inference.clusters import find_clusters
+from skyrange.statistics.clusters import find_clusters
 from skyrange.study.sweep.folder import StudyFolder
 
 

@@ -9,21 +9,21 @@ from typing import Any, Final
 import numpy as np
 
 from skyrange.core.time import NS_PER_S, to_seconds
+from skyrange.dataset.families import FAMILIES, family_of
+from skyrange.dataset.labels import ATTACK, FAULT, INTRUSION, SHAM, read_acts
+from skyrange.dataset.splits import name_city
+from skyrange.metrics.aircraft_measures import DEPARTED_M
+from skyrange.metrics.effect_ends import read_effect_ends_ns
+from skyrange.metrics.flight_identity import identify_flight
+from skyrange.metrics.separation import NEAR_M
 from skyrange.record import RunRecord
-from skyrange.study.attribution.outcomes import ArmOutcomes
-from skyrange.study.dataset.families import FAMILIES, family_of
-from skyrange.study.dataset.labels import ATTACK, FAULT, INTRUSION, SHAM, read_acts
-from skyrange.study.dataset.splits import name_city
-from skyrange.study.failed_missions import find_failed_missions
-from skyrange.study.measures.aircraft_measures import DEPARTED_M
-from skyrange.study.measures.effect_ends import read_effect_ends_ns
-from skyrange.study.measures.flight_identity import identify_flight
-from skyrange.study.measures.separation import NEAR_M
 from skyrange.study.sweep.columns import column_of
 from skyrange.study.sweep.design.blocks import Block, city_of
 from skyrange.study.sweep.design.model import Study, StudyArm
-from skyrange.study.twins.effects import effect_rows
 from skyrange.study.variants.run_measures import measure_run
+from skyrange.twins.attribution.outcomes import ArmOutcomes
+from skyrange.twins.effects import effect_rows
+from skyrange.twins.failed_missions import find_failed_missions
 
 Rows = dict[str, list[dict[str, Any]]]
 """Rows by table."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from skyrange.study.figures import svg
-from skyrange.study.figures.palette import OKABE_ITO
-from skyrange.study.figures.svg import Figure
+from skyrange.figures import svg
+from skyrange.figures.palette import OKABE_ITO
+from skyrange.figures.svg import Figure
 from skyrange.study.variants.flights import Comparison
 
 _LEFT: Final = 110.0

@@ -19,12 +19,12 @@ from skyrange.record.folder import make_new_folder
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.study.attribution.arms import acting_attacks
-from skyrange.study.failed_missions import find_failed_missions
-from skyrange.study.inference.means import Interval, estimate_mean
+from skyrange.statistics.means import Interval, estimate_mean
 from skyrange.study.levels import require_level
 from skyrange.study.parallel_runs import OnRunProgress, run_all
 from skyrange.study.variants.run_measures import QUANTITIES, RunMeasures, measure_run
+from skyrange.twins.attribution.arms import acting_attacks
+from skyrange.twins.failed_missions import find_failed_missions
 
 UNCHANGED: Final = "unchanged"
 """Name of the scenario as it is."""

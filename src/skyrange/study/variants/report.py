@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from skyrange.core.files import atomic_write
-from skyrange.study.report.rendering import asset, content_policy, render
+from skyrange.report.rendering import asset, content_policy, render
 from skyrange.study.variants.figure import draw_delays
 from skyrange.study.variants.flights import Comparison
 from skyrange.study.variants.sections import make_tables

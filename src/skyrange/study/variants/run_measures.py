@@ -8,13 +8,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from skyrange.metrics.aircraft_measures import Measured, measure, read_ticks
+from skyrange.metrics.approvals import FlightApprovals, delays_by_operator, fairness, measure_approvals
+from skyrange.metrics.claims import inside_share, is_tracked, read_claims
+from skyrange.metrics.mishaps import distinct_mishaps, mishap_kind
+from skyrange.metrics.separation import NEAR_M
+from skyrange.metrics.time_series import read_notes, truth_tracks
 from skyrange.record.read.run import RunRecord
-from skyrange.study.measures.aircraft_measures import Measured, measure, read_ticks
-from skyrange.study.measures.approvals import FlightApprovals, delays_by_operator, fairness, measure_approvals
-from skyrange.study.measures.claims import inside_share, is_tracked, read_claims
-from skyrange.study.measures.mishaps import distinct_mishaps, mishap_kind
-from skyrange.study.measures.separation import NEAR_M
-from skyrange.study.measures.time_series import read_notes, truth_tracks
 
 
 class Quantity(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from skyrange.study.inference.means import Interval
+from skyrange.statistics.means import Interval
 from skyrange.study.variants.flights import Comparison
 from skyrange.study.variants.run_measures import QUANTITIES
 

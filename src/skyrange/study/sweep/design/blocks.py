@@ -12,11 +12,11 @@ from skyrange.scenario.model.defences import DefenceTable
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.overrides import set_key
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.study.attribution.arms import ATTACKED, NOMINAL, SHAM, Arm, acting_attacks, scenario_of
 from skyrange.study.learning.windows import COLLECTOR, check_collector
 from skyrange.study.sweep.design.factors import BUILDINGS, GRID, SCENARIO, WHOLE_KEYS, is_city_file
 from skyrange.study.sweep.design.model import Study, StudyArm
 from skyrange.study.sweep.design.sampling import Point, change_of, draw_values, list_points
+from skyrange.twins.attribution.arms import ATTACKED, NOMINAL, SHAM, Arm, acting_attacks, scenario_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.input_files import MAX_TEXT_BYTES, expand_user, read_input
+from skyrange.dataset.families import FAMILIES
 from skyrange.detect.learned.model_file import GRADIENT_BOOSTING, ISOLATION_FOREST, Algorithm
 from skyrange.record.levels import FULL, STUDY, keeps
 from skyrange.record.schema import TABLES
@@ -18,7 +19,6 @@ from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.scenario.shipped import source_of
 from skyrange.scenario.toml_reader import parse_toml
 from skyrange.scenario.validation.error_messages import input_error
-from skyrange.study.dataset.families import FAMILIES
 from skyrange.study.matrix.model import Part
 from skyrange.study.sweep.columns import reserved_names
 from skyrange.study.sweep.design.factors import BUILDINGS, CITY, SCENARIO, WHOLE_KEYS, Factor, is_city_file

@@ -8,9 +8,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from skyrange.study.figures import svg
-from skyrange.study.figures.palette import OKABE_ITO
-from skyrange.study.figures.svg import Figure
+from skyrange.figures import svg
+from skyrange.figures.palette import OKABE_ITO
+from skyrange.figures.svg import Figure
 from skyrange.study.sweep.report.response import Curve, Level
 
 Scale = Callable[[float], float]

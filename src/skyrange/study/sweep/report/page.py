@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from skyrange.core.files import atomic_write
-from skyrange.study.figures.pdf import load_converter, save_pdf
-from skyrange.study.figures.svg import Figure
-from skyrange.study.inference.means import BOOTSTRAP_FROM, SKEWED, estimate_mean, standardised_effect
-from skyrange.study.report.rendering import asset, content_policy, render
+from skyrange.figures.pdf import load_converter, save_pdf
+from skyrange.figures.svg import Figure
+from skyrange.report.rendering import asset, content_policy, render
+from skyrange.statistics.means import BOOTSTRAP_FROM, SKEWED, estimate_mean, standardised_effect
 from skyrange.study.sweep.design.blocks import is_numeric
 from skyrange.study.sweep.execution.study_run import list_failed_missions, list_failures
 from skyrange.study.sweep.folder import StudyFolder, open_folder

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from skyrange.study.inference.means import Interval, estimate_mean
+from skyrange.statistics.means import Interval, estimate_mean
 from skyrange.study.sweep.design.blocks import Block, is_numeric
 
 MAX_LEVELS: Final = 8

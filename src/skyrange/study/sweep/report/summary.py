@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from skyrange.study.inference.means import Interval, estimate_mean
+from skyrange.statistics.means import Interval, estimate_mean
 from skyrange.study.sweep.folder import StudyFolder
 from skyrange.study.sweep.independence import cluster_samples
 from skyrange.study.sweep.quantities import MISSIONS, QUANTITIES, Quantity

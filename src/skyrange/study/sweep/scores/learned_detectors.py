@@ -16,12 +16,12 @@ from skyrange.detect.learned.model_file import Model, ModelFile, write_model
 from skyrange.detect.learned.windows import LearnedWindows
 from skyrange.detect.series import Floats
 from skyrange.detect.window_features import NAMES
+from skyrange.scoring.result_file import ScoreFile
+from skyrange.scoring.tables import ALERTS, NOMINAL, StudyTables
 from skyrange.study.learning.labels import label_windows
 from skyrange.study.learning.model_card import write_model_card
 from skyrange.study.learning.training import train
 from skyrange.study.learning.windows import WINDOWS, find_distinct
-from skyrange.study.scoring.result_file import ScoreFile
-from skyrange.study.scoring.tables import ALERTS, NOMINAL, StudyTables
 from skyrange.study.sweep.block_files import KEPT
 from skyrange.study.sweep.folder import StudyFolder
 

@@ -10,10 +10,10 @@ from typing import Any
 import pyarrow as pa
 
 from skyrange.core.errors import InputError, Problem, nearest
-from skyrange.study.dataset.splits import HELD_OUT, HeldOut, Traits, split_of
-from skyrange.study.scoring.result_file import ScoreFile, ScoreSettings
-from skyrange.study.scoring.scores import score_detectors
-from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, INTRUSIONS, NOMINAL, StudyTables, check_tables
+from skyrange.dataset.splits import HELD_OUT, HeldOut, Traits, split_of
+from skyrange.scoring.result_file import ScoreFile, ScoreSettings
+from skyrange.scoring.scores import score_detectors
+from skyrange.scoring.tables import ALERTS, ATTACKS, FLIGHTS, INTRUSIONS, NOMINAL, StudyTables, check_tables
 from skyrange.study.sweep.design.model import Study
 from skyrange.study.sweep.folder import StudyFolder, open_folder
 from skyrange.study.sweep.independence import cluster_blocks

@@ -1,0 +1,323 @@
+"""Findings of an audit: whether columns that must not tell the arm of a run tell it nevertheless.
+
+Arms that are equal in every block pass, whatever their number: nothing tells them apart. Where runs repeat to the byte
+all other arms leak (`paired`). Of other runs a classifier learns the arm on some blocks and is tested on others. A
+comparison passes if the upper end of the interval of its AUC is at most 0.55; otherwise the columns are named without
+which the classifier does worse. The interval is at least as wide as the exact one of a proportion of so many blocks: a
+column that tells the arm in a fifth of them is easily in none of a few.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any, Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.core.errors import InputError, Problem
+from skyrange.dataset.audit.paired import count_differences, find_shifted_columns
+from skyrange.statistics.exact_intervals import proportion_interval
+from skyrange.statistics.means import CONFIDENCE
+
+LIMIT: Final = 0.55
+"""The largest upper end of an AUC's interval that passes."""
+CHANCE: Final = 0.5
+"""The AUC of a classifier that knows nothing."""
+Status = Literal["passed", "leaks", "too few blocks"]
+TOO_FEW: Final = "too few blocks"
+MIN_BLOCKS: Final = 10
+"""With fewer blocks an interval by blocks means nothing, and the comparison does not pass."""
+MAX_ROWS: Final = 20_000
+FOLDS: Final = 5
+RESAMPLES: Final = 500
+_WIDER: Final = math.sqrt(1.0 + FOLDS * 1.0 / (FOLDS - 1))
+"""Resampling of tested rows leaves out that classifiers vary with their training rows, which folds share. The factor of
+the interval is that of Nadeau & Bengio, "Inference for the Generalization Error", Machine Learning 52 (2003).
+"""
+TREES: Final = 50
+NAMED_FROM: Final = 0.01
+"""The loss of AUC without a column from which it is named."""
+NAMED_SHARE: Final = 0.2
+"""The least loss of a named column, as a share of the largest: with few rows all columns lose a little by chance."""
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Rows of two arms, to be told apart by columns that should not allow it."""
+
+    name: str
+    columns: Sequence[str]
+    values: Floats
+    """(n, k); not-a-number where there is none."""
+    attacked: NDArray[np.bool_]
+    """(n,) whether a row is of the attacked arm."""
+    blocks: Sequence[str]
+    """(n,) the block of each row."""
+    runs: Sequence[str] = ()
+    """(n,) the run of each row; rows of a run are in an order that is the same in all arms. None: a row is a run."""
+    repeats: bool = False
+    """Whether the runs repeat to the byte, so that every difference is a leak."""
+    exempt: Sequence[str] = ()
+    """What was left out: attack kinds by name, because they are changes of timing, and how many runs of another setting
+    than the others of their blocks.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class LeakFinding:
+    """What the audit has found in one comparison."""
+
+    name: str
+    rows: int
+    blocks: int
+    """With both arms."""
+    auc: float | None
+    """Out of fold, over all rows; 0.5 is chance. None if there are too few blocks for one, or none is needed."""
+    low: float | None
+    high: float | None
+    """The 95 % interval: by resampling of blocks, widened for what the training rows contribute, and at least as wide
+    as that of a proportion of as many blocks.
+    """
+    leaks: Sequence[str] = field(default=())
+    """Columns that tell the arm, the strongest first; of columns that tell the same, perhaps only some."""
+    exempt: Sequence[str] = field(default=())
+    blocks_needed: int | None = None
+    """Of a comparison that is not decided, about how many blocks with both arms may decide it."""
+    differing: Mapping[str, int] | None = field(default=None)
+    """Of runs that repeat to the byte, and of arms that are equal: by column, in how many blocks arms differ."""
+
+    @property
+    def status(self) -> Status:
+        """passed: the arms are equal, or the upper end of the interval is at most 0.55. leaks: columns tell the arm.
+        too few blocks: the interval is so wide that it has chance in it and more than 0.55; or there is none.
+        """
+        if self.leaks:
+            return "leaks"
+        if self.differing is not None:
+            return "passed"
+        if self.low is None or self.high is None:
+            return TOO_FEW
+        return "passed" if self.high <= LIMIT else "leaks" if self.low > CHANCE else TOO_FEW
+
+    @property
+    def passed(self) -> bool:
+        """Whether there are blocks enough, and no classifier did better than the limit allows."""
+        return self.status == "passed"
+
+
+def audit_comparison(comparison: Comparison, seed: int = 0) -> LeakFinding:
+    """Train, test and interpret a classifier of one comparison.
+
+    The same input gives the same finding. Columns are named if they leak. At most `MAX_ROWS` rows are used, of whole
+    blocks. Raises `InputError` if scikit-learn is not installed.
+    """
+    values, attacked = comparison.values, comparison.attacked
+    numbers = _number_blocks(comparison.blocks)
+    has_both = np.isin(numbers, np.intersect1d(numbers[attacked], numbers[~attacked]))
+    values, attacked, numbers = values[has_both], attacked[has_both], _number_blocks(numbers[has_both])
+    if len(values) and (known := _compare_arms(comparison, has_both)) is not None:
+        return known
+    generator = np.random.default_rng(seed)
+    kept = _whole_blocks(numbers, generator)
+    values, attacked, numbers = values[kept], attacked[kept], _number_blocks(numbers[kept])
+    count = int(numbers.max()) + 1 if len(numbers) else 0
+    if count < MIN_BLOCKS:
+        few = (None, None, None, (), comparison.exempt, least_blocks())
+        return LeakFinding(comparison.name, len(attacked), count, *few)
+    rows = _Rows(_ranks(values), attacked, numbers, _weights(attacked, numbers))
+    scores, models = _out_of_fold(rows, seed)
+    auc = weighted_auc(scores, attacked, rows.weights)
+    draws = generator.multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES)
+    resampled = [weighted_auc(scores, attacked, draw[numbers] * rows.weights) for draw in draws]
+    low, high = (float(end) for end in np.clip(auc + _WIDER * (np.nanquantile(resampled, [0.025, 0.975]) - auc), 0, 1))
+    # of few blocks classifiers do worse than chance on those left out, which says nothing against a leak
+    low = min(low, proportion_interval(auc * count, count, CONFIDENCE)[0])
+    high = max(high, proportion_interval(max(auc, CHANCE) * count, count, CONFIDENCE)[1])
+    found = LeakFinding(comparison.name, len(attacked), count, auc, low, high, (), comparison.exempt)
+    shifted = find_shifted_columns(comparison.columns, values, attacked, [str(number) for number in numbers.tolist()])
+    told = _leaking_columns(comparison.columns, rows, models, auc, generator) if low > CHANCE else ()
+    if shifted or told:
+        return replace(found, leaks=tuple(dict.fromkeys([*told, *shifted])))
+    return found if found.passed else replace(found, blocks_needed=_estimate_blocks(found.blocks, auc, low, high))
+
+
+def _compare_arms(comparison: Comparison, has_both: NDArray[np.bool_]) -> LeakFinding | None:
+    """What follows from the rows alone: that arms are equal, or of runs that repeat to the byte, by what they differ;
+    `None` if chance may explain it.
+    """
+    kept = np.flatnonzero(has_both).tolist()
+    blocks = [comparison.blocks[row] for row in kept]
+    given = comparison.runs or [str(row) for row in range(len(comparison.blocks))]
+    runs = [given[row] for row in kept]
+    differing = count_differences(
+        comparison.columns, comparison.values[has_both], comparison.attacked[has_both], blocks, runs
+    )
+    if differing and not comparison.repeats:
+        return None
+    count = len(set(blocks))
+    return LeakFinding(
+        comparison.name, len(kept), count, None, None, None, tuple(differing), comparison.exempt, None, differing
+    )
+
+
+def _estimate_blocks(blocks: int, auc: float, low: float, high: float) -> int:
+    """About how many blocks make an interval that lies below the limit or above chance, whichever is nearer: its width
+    is that of the root of their number.
+    """
+    margin = max(LIMIT - max(auc, CHANCE), auc - CHANCE)
+    return max(least_blocks(), blocks + 1, math.ceil(blocks * ((high - low) / 2.0 / margin) ** 2))
+
+
+@cache
+def least_blocks() -> int:
+    """The fewest blocks with which an AUC of chance passes, by the exact interval."""
+
+    def passes(blocks: int) -> bool:
+        return proportion_interval(CHANCE * blocks, blocks, CONFIDENCE)[1] <= LIMIT
+
+    few, enough = MIN_BLOCKS, 10 * MIN_BLOCKS
+    while not passes(enough):
+        few, enough = enough, 2 * enough
+    while enough - few > 1:
+        middle = (few + enough) // 2
+        few, enough = (few, middle) if passes(middle) else (middle, enough)
+    return enough
+
+
+def require_no_leak(findings: Sequence[LeakFinding]) -> None:
+    """Raise `InputError` with every comparison that does not pass: the columns that leak, or that there are too few
+    blocks to say.
+    """
+    problems = []
+    for one in findings:
+        interval = "" if one.auc is None else f"AUC {one.auc:.2f} ({one.low:.2f} to {one.high:.2f})"
+        if one.differing:
+            told = ", ".join(f"{name} in {count} of {one.blocks} blocks" for name, count in one.differing.items())
+            problems.append(Problem(one.name, f"leaks: arms differ by {told}", "arms that are equal in every block"))
+        elif one.differing is not None and one.leaks:
+            problems.append(Problem(one.name, f"leaks: {', '.join(one.leaks)}", "nothing that is in two splits"))
+        elif one.status == "leaks":
+            expected = f"an upper end of at most {LIMIT}"
+            problems.append(Problem(one.name, f"leaks: {interval} by {', '.join(one.leaks)}", expected))
+        elif one.status == TOO_FEW:
+            what = f"too few blocks: {one.blocks} with both arms{interval and ', '}{interval}"
+            problems.append(Problem(one.name, what, f"about {one.blocks_needed} blocks, to tell a leak from chance"))
+    if problems:
+        raise InputError("leak audit", problems)
+
+
+def weighted_auc(scores: Floats, positive: NDArray[np.bool_], weights: Floats) -> float:
+    """The area under the ROC curve of (n,) scores; ties count half. Not a number without weight in both classes."""
+    order = np.argsort(scores, kind="stable")
+    _, tie = np.unique(scores[order], return_inverse=True)
+    for_, against = (np.bincount(tie, np.where(chosen, weights, 0.0)[order]) for chosen in (positive, ~positive))
+    if not for_.sum() or not against.sum():
+        return float("nan")
+    below = np.cumsum(against) - against
+    return float((for_ * (below + against / 2.0)).sum() / (for_.sum() * against.sum()))
+
+
+class _Rows(NamedTuple):
+    """What a classifier learns and is tested on, one entry for each row."""
+
+    values: Floats
+    attacked: NDArray[np.bool_]
+    numbers: Ints
+    """Of their blocks, from 0."""
+    weights: Floats
+
+
+def _number_blocks(blocks: Sequence[str] | Ints) -> Ints:
+    return np.unique(np.asarray(blocks), return_inverse=True)[1].astype(np.int64)
+
+
+def _weights(attacked: NDArray[np.bool_], numbers: Ints) -> Floats:
+    """(n,) weights by which both classes have 1 in each block: the number of its arms tells the block, and no arm."""
+    cells = numbers * 2 + attacked
+    weights: Floats = 1.0 / np.bincount(cells)[cells]
+    return weights
+
+
+def _whole_blocks(numbers: Ints, generator: np.random.Generator) -> Ints:
+    """The rows of as many blocks, in an order by chance, as have `MAX_ROWS` rows together."""
+    if len(numbers) <= MAX_ROWS:
+        return np.arange(len(numbers))
+    order = generator.permutation(int(numbers.max()) + 1)
+    sizes = np.bincount(numbers)[order]
+    chosen = order[: max(MIN_BLOCKS, int(np.searchsorted(np.cumsum(sizes), MAX_ROWS, side="right")))]
+    return np.flatnonzero(np.isin(numbers, chosen))
+
+
+def _ranks(values: Floats) -> Floats:
+    """(n, k) the rank of each value in its column, that of not-a-number last. Trees compare in single precision, in
+    which ranks are exact and values are not.
+    """
+    ranked = [np.unique(column, return_inverse=True)[1] for column in values.T]
+    return np.column_stack(ranked).astype(np.float64)
+
+
+_Model = tuple[Any, Ints]
+"""A fitted classifier, and the rows on which it was tested."""
+
+
+def _out_of_fold(rows: _Rows, seed: int) -> tuple[Floats, list[_Model]]:
+    """(n,) the score of each row by a classifier that has not seen its block, and the classifiers."""
+    try:
+        from sklearn.ensemble import RandomForestClassifier
+    except ImportError as error:
+        hint = "Install it with: pip install 'skyrange[study]'"
+        raise InputError.one("dataset", "audit", "sklearn", "an installed package scikit-learn", hint) from error
+    scores = np.empty(len(rows.values))
+    models: list[_Model] = []
+    leaf = max(2, min(20, len(rows.values) // 40))
+    for fold in range(FOLDS):
+        tested = np.flatnonzero(rows.numbers % FOLDS == fold)
+        trained = rows.numbers % FOLDS != fold
+        model = RandomForestClassifier(
+            n_estimators=TREES, min_samples_leaf=leaf, bootstrap=False, random_state=seed, n_jobs=1
+        )
+        model.fit(rows.values[trained], rows.attacked[trained], rows.weights[trained])
+        scores[tested] = model.predict_proba(rows.values[tested])[:, 1]
+        models.append((model, tested))
+    # scores of different classifiers are compared as ranks within their folds
+    for _, tested in models:
+        scores[tested] = _midranks(scores[tested])
+    return scores, models
+
+
+def _midranks(scores: Floats) -> Floats:
+    """Ranks from 0 to 1; equal scores have the mean of their ranks."""
+    _, place, counts = np.unique(np.round(scores, 12), return_inverse=True, return_counts=True)
+    ends = np.cumsum(counts)
+    ranks: Floats = ((ends - counts / 2.0) / len(scores))[place]
+    return ranks
+
+
+def _leaking_columns(
+    names: Sequence[str], rows: _Rows, models: Sequence[_Model], auc: float, generator: np.random.Generator
+) -> tuple[str, ...]:
+    """The columns whose permutation among the tested rows costs AUC, the most costly first."""
+    losses = []
+    for place, name in enumerate(names):
+        scores = np.empty(len(rows.values))
+        for model, tested in models:
+            shuffled = rows.values[tested].copy()
+            shuffled[:, place] = generator.permutation(shuffled[:, place])
+            scores[tested] = _midranks(model.predict_proba(shuffled)[:, 1])
+        losses.append((auc - weighted_auc(scores, rows.attacked, rows.weights), name))
+    losses.sort(key=lambda one: (-one[0], one[1]))
+    named = tuple(name for loss, name in losses if loss >= max(NAMED_FROM, losses[0][0] * NAMED_SHARE))
+    return named or _telling_alone(names, rows)
+
+
+def _telling_alone(names: Sequence[str], rows: _Rows) -> tuple[str, ...]:
+    """The columns that tell the arm best on their own, where several tell the same and none is missed."""
+    alone = [abs(weighted_auc(column, rows.attacked, rows.weights) - CHANCE) for column in rows.values.T]
+    return tuple(name for name, gain in zip(names, alone, strict=True) if gain >= max(alone) - NAMED_FROM)

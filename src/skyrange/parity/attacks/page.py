@@ -1,0 +1,219 @@
+"""Results of a comparison of reactions to attacks: a table in Markdown, and JSON."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from skyrange.core.errors import InputError
+from skyrange.core.files import atomic_write
+from skyrange.core.input_files import MIB, read_input
+from skyrange.parity.attacks.flights import (
+    AttackAgreement,
+    ComparedAttack,
+    SeededAttack,
+    agreement,
+    compared_kinds,
+    count,
+)
+from skyrange.parity.attacks.reactions import NO_EFFECT, Reaction
+
+BEGIN: Final = "<!-- skyrange parity attacks: begin -->"
+END: Final = "<!-- skyrange parity attacks: end -->"
+BEGIN_SEEDS: Final = "<!-- skyrange parity attacks --seeds: begin -->"
+END_SEEDS: Final = "<!-- skyrange parity attacks --seeds: end -->"
+_ROW: Final = re.compile(r"^\| `([^`]+)` \|.*\|$", re.MULTILINE)
+YES: Final = "yes"
+_DOES_NOT_APPLY: Final = "does not apply: "
+_UNDECIDED: Final = "undecided: "
+_SHOWN: Final = 3
+"""Signs that a cell has; JSON has all."""
+
+
+def lines(compared: Sequence[ComparedAttack]) -> Iterator[str]:
+    """The lines of the table and of its summary, in Markdown."""
+    return _table([row(one) for one in compared], summary(compared))
+
+
+def _table(rows: Sequence[str], said: str) -> Iterator[str]:
+    yield "| attack | builtin | ArduCopter | what shows it, builtin | what shows it, ArduCopter | agree |"
+    yield "|---|---|---|---|---|---|"
+    yield from rows
+    yield ""
+    yield said
+    yield ""
+
+
+def row(one: ComparedAttack) -> str:
+    """The line of one kind, in Markdown."""
+    cells = [words(one.first), words(one.second), signs(one.first), signs(one.second), verdict(one)]
+    return f"| `{one.kind}` | {' | '.join(cells)} |"
+
+
+def summary(compared: Sequence[ComparedAttack]) -> str:
+    """The agreement in words."""
+    return describe(agreement(compared))
+
+
+def describe(found: AttackAgreement) -> str:
+    """An agreement in words."""
+    return (
+        f"Of {found.effective} attacks that change a flight of either, the reaction is the same in "
+        f"{found.effective_same}, at the same time and distance in {found.effective_alike}. "
+        f"Of all {found.kinds} attacks these are {found.same} and {found.alike}."
+    )
+
+
+def words(reaction: Reaction) -> str:
+    """The reaction, when, and how far the aircraft departed from its twin."""
+    if reaction.at_s is None:
+        return reaction.reaction
+    return f"{reaction.reaction}, {reaction.at_s:.1f} s, {reaction.departed_m:.0f} m"
+
+
+def signs(reaction: Reaction) -> str:
+    """The first signs of a reaction, and its mission's outcome if that differs."""
+    timed = [f"{text} {at_s:.1f} s" for at_s, text in reaction.signs if isfinite(at_s)]
+    more = ["…"] if len(timed) > _SHOWN else []
+    return "; ".join([*timed[:_SHOWN], *more, *(text for at_s, text in reaction.signs if not isfinite(at_s))])
+
+
+_SEEDS_HEAD: Final = (
+    "| attack | autopilot | reactions | first sign after the start | farthest from its twin |",
+    "|---|---|---|---|---|",
+)
+
+
+def seeds_rows(one: SeededAttack) -> list[str]:
+    """The two lines of one kind over seeds, in Markdown."""
+    sides = (("builtin", one.first), ("ArduCopter", one.second))
+    return [f"| `{one.kind}` | {name} | {' | '.join(seeds_words(found))} |" for name, found in sides]
+
+
+def seeds_words(found: Sequence[Reaction]) -> tuple[str, str, str]:
+    """How many seeds have each reaction, and the median, minimum and maximum of times and distances."""
+    counts = Counter(one.reaction for one in found).most_common()
+    times_s = [one.at_s for one in found if one.at_s is not None]
+    return (
+        ", ".join(f"{reaction} {number}" for reaction, number in counts),
+        _spread(times_s, ".1f", "s"),
+        _spread([one.departed_m for one in found], ".0f", "m"),
+    )
+
+
+def _spread(values: Sequence[float], digits: str, unit: str) -> str:
+    if not values:
+        return "none"
+    low, middle, high = (format(float(one), digits) for one in (min(values), np.median(values), max(values)))
+    return f"{middle} {unit}" if low == high else f"{middle} {unit} ({low} to {high})"
+
+
+def verdict(one: ComparedAttack) -> str:
+    """Whether two reactions agree, or why they cannot be compared."""
+    if one.does_not_apply:
+        return f"{_DOES_NOT_APPLY}{one.does_not_apply}"
+    if one.undecided:
+        return f"{_UNDECIDED}{one.undecided}"
+    if one.alike:
+        return YES
+    return "in the reaction" if one.same else "no"
+
+
+def results(compared: Sequence[ComparedAttack]) -> dict[str, Any]:
+    """All reactions as plain data."""
+    rows = [
+        {
+            "kind": one.kind, "same": one.same, "alike": one.alike, "does_not_apply": one.does_not_apply or None,
+            "undecided": one.undecided or None,
+            "builtin": _reaction(one.first), "ardupilot": _reaction(one.second),
+        }
+        for one in compared
+    ]  # fmt: skip
+    return {**asdict(agreement(compared)), "attacks": rows}
+
+
+def seeds_results(compared: Sequence[SeededAttack]) -> dict[str, Any]:
+    """All reactions over seeds as plain data; the first is that of seed 1."""
+    rows = [
+        {"kind": one.kind, "builtin": [*map(_reaction, one.first)], "ardupilot": [*map(_reaction, one.second)]}
+        for one in compared
+    ]
+    return {"attacks": rows}
+
+
+def _reaction(one: Reaction) -> dict[str, Any]:
+    shown = [{"at_s": at_s if isfinite(at_s) else None, "what": text} for at_s, text in one.signs]
+    return {**asdict(one), "signs": shown}
+
+
+def _read(page: Path) -> str:
+    try:
+        return read_input(page, "--page", max_bytes=MIB, expected="a Markdown page").decode()
+    except UnicodeDecodeError:
+        raise InputError.one("--page", str(page), "not UTF-8", "a Markdown page") from None
+
+
+def check_page(page: Path, *, seeds: bool = False) -> None:
+    """Raise `InputError` for a page without the marks of the table (over seeds), or one that cannot be read."""
+    _read_block(page, seeds=seeds)
+
+
+def renew_page(compared: Sequence[ComparedAttack], page: Path) -> None:
+    """Renew the table between `BEGIN` and `END` in a page: the rows of other kinds with an example stay."""
+    rows = _merged(page, ((one.kind, [row(one)]) for one in compared), seeds=False)
+    lines = [line for (line,) in rows.values()]
+    said = describe(count([told for line in lines if (told := _told(line)) is not None]))
+    _write_block(page, list(_table(lines, said)), seeds=False)
+
+
+def renew_seeds(compared: Sequence[SeededAttack], page: Path) -> None:
+    """Renew the table between `BEGIN_SEEDS` and `END_SEEDS` in a page: the rows of other kinds with an example stay."""
+    rows = _merged(page, ((one.kind, seeds_rows(one)) for one in compared), seeds=True)
+    _write_block(page, [*_SEEDS_HEAD, *(line for lines in rows.values() for line in lines), ""], seeds=True)
+
+
+def _merged(page: Path, new: Iterable[tuple[str, list[str]]], *, seeds: bool) -> dict[str, list[str]]:
+    """The rows of each kind of a page's table and `new`, which replace those of the page, in the order of the kinds."""
+    found: dict[str, list[str]] = {}
+    for match in _ROW.finditer(_read_block(page, seeds=seeds)[0]):
+        found.setdefault(match[1], []).append(match[0])
+    found |= dict(new)
+    return {kind: found[kind] for kind in dict.fromkeys([*compared_kinds(), *found]) if kind in found}
+
+
+def _block(*, seeds: bool) -> re.Pattern[str]:
+    begin, end = (BEGIN_SEEDS, END_SEEDS) if seeds else (BEGIN, END)
+    return re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
+
+
+def _read_block(page: Path, *, seeds: bool) -> re.Match[str]:
+    """The table of a page with its marks."""
+    found = _block(seeds=seeds).search(_read(page))
+    if found is None:
+        begin, end = (BEGIN_SEEDS, END_SEEDS) if seeds else (BEGIN, END)
+        raise InputError.one("--page", str(page), "a page without the marks", f"a page with {begin} and {end}")
+    return found
+
+
+def _write_block(page: Path, lines: Sequence[str], *, seeds: bool) -> None:
+    begin, end = (BEGIN_SEEDS, END_SEEDS) if seeds else (BEGIN, END)
+    block = "\n".join([begin, "", *lines, end])
+    text = _block(seeds=seeds).sub(lambda _: block, _read(page))
+    with atomic_write(page) as file:
+        file.write(text.encode())
+
+
+def _told(line: str) -> tuple[bool, bool, bool] | None:
+    """Whether the attack of a row is effective, its reactions the same, and alike; `None` if it is not counted."""
+    cells = [cell.strip() for cell in line.strip("|").split(" | ")]
+    first, second = (cell.partition(",")[0] for cell in cells[1:3])
+    if cells[-1].startswith((_DOES_NOT_APPLY, _UNDECIDED)):
+        return None
+    return not {first, second} <= NO_EFFECT, first == second, cells[-1] == YES

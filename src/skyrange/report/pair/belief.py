@@ -1,0 +1,124 @@
+"""Belief of aircraft with altered sensors: distance from the truth, innovations, and events of their estimators.
+
+Belief is the position that the ground station received.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import pyarrow.compute as pc
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from skyrange.core.time import NEVER, NS_PER_S
+from skyrange.figures.subject import Subject
+from skyrange.figures.time_chart import draw_chart
+from skyrange.figures.twins import Span
+from skyrange.metrics.mishaps import mishap_kind
+from skyrange.metrics.time_series import Record, Track, belief_errors_m, belief_tracks, labelled_acts, read_notes
+from skyrange.report import quantities
+from skyrange.report.rendering import render
+
+Line = tuple[NDArray[np.int64], NDArray[np.float64]]
+
+_ESTIMATOR: Final = frozenset({"event.glitch", "event.estimator", "event.ekf_failsafe"})
+_RATIOS: Final = ("pos_horiz_variance", "velocity_variance")
+"""Fields of EKF_STATUS_REPORT: innovation divided by its rejection threshold, for position and velocity."""
+MAX_NOTES: Final = 60
+"""Rows of the table of estimator events."""
+
+
+def with_altered_sensors(run: Record) -> list[str]:
+    """The aircraft whose sensors an attack altered, ordered by the first altered reading."""
+    return list(dict.fromkeys(act.about for act in labelled_acts(run) if act.kind in ("attack.sensor", "fault.sensor")))
+
+
+def render_belief(
+    runs: tuple[Record, Record],
+    tracks: tuple[Mapping[str, Track], Mapping[str, Track]],
+    subject: Subject,
+    spans: Sequence[Span],
+    most: int,
+) -> Markup:
+    """Render the section on belief; empty if no sensor was altered.
+
+    `runs` are the attacked run and its twin, `tracks` their true tracks. Charts show the first `most` aircraft.
+    """
+    run, twin = runs
+    whom = with_altered_sensors(run)
+    if not whom:
+        return Markup()
+    drawn = whom[:most]
+    gaps = [_gaps(each, true, drawn) for each, true in zip(runs, tracks, strict=True)]
+    title = f"Distance of belief from truth in {subject.name}"
+    away = draw_chart(subject, gaps[0], "metres from where it truly is", title, 760.0, 300.0, gaps[1], spans)
+    found, chart = innovations(run, drawn), None
+    if found:
+        said = "innovation over its gate, position or velocity, the larger"
+        title = f"Innovations in {subject.name}"
+        chart = draw_chart(subject, found, said, title, 760.0, 300.0, innovations(twin, drawn), spans)
+    return render("pair/belief.html.jinja", gaps=away, innovations=chart, notes=_notes(run, subject, whom))
+
+
+def innovations(run: Record, chosen: Sequence[str]) -> dict[str, Line]:
+    """By aircraft, the larger of both ratios over time, from the EKF_STATUS_REPORTs that its ground station received.
+
+    Ends at the first collision or crash.
+    """
+    ends = _ends(run)
+    found: dict[str, Line] = {}
+    rows = run.telemetry("EKF_STATUS_REPORT", ["time_ns", "vehicle", *_RATIOS])
+    for name in chosen:
+        own = rows.filter(pc.equal(rows.column("vehicle"), name))
+        times = own.column("time_ns").to_numpy()
+        ratios = np.stack([own.column(key).to_numpy().astype(np.float64) for key in _RATIOS]).max(axis=0)
+        flying = times <= ends.get(name, NEVER)
+        if flying.any():
+            found[name] = times[flying], ratios[flying]
+    return found
+
+
+def believed_tracks(run: Record, chosen: Sequence[str]) -> dict[str, Track]:
+    """Believed tracks of these aircraft up to their first collision or crash; without aircraft that never reported."""
+    ends = _ends(run)
+    found = {name: track.until(ends.get(name, NEVER)) for name, track in belief_tracks(run).items() if name in chosen}
+    return {name: track for name, track in found.items() if len(track)}
+
+
+def _ends(run: Record) -> dict[str, int]:
+    """Time of each aircraft's first collision or crash, after which its estimator says nothing about an attack."""
+    found: dict[str, int] = {}
+    for row in read_notes(run, "events"):
+        if mishap_kind(row) in ("collision", "crash"):
+            found.setdefault(row.about, row.time_ns)
+    return found
+
+
+def _gaps(run: Record, tracks: Mapping[str, Track], chosen: Sequence[str]) -> dict[str, Line]:
+    return {
+        name: (track.time_ns, belief_errors_m(tracks[name], track))
+        for name, track in believed_tracks(run, chosen).items()
+    }
+
+
+def _notes(run: Record, subject: Subject, whom: Sequence[str]) -> list[Mapping[str, Any]]:
+    """Events of the estimators and estimator failsafes of these aircraft."""
+    places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
+    rows = [
+        row
+        for row in read_notes(run, "events")
+        if row.about in whom and (row.kind in _ESTIMATOR or mishap_kind(row) == "failsafe")
+    ]
+    return [
+        {
+            "place": places[row.about],
+            "vehicle": row.about,
+            "what": row.kind.removeprefix("event.").replace("_", " "),
+            "data": row.data,
+            "time": quantities.quantity(row.time_ns / NS_PER_S, "s", 2),
+        }
+        for row in rows[:MAX_NOTES]
+    ]

@@ -1,0 +1,1 @@
+"""Statistical inference: means, proportions, rates, tests, and what counts as independent."""

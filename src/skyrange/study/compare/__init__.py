@@ -1,1 +1,0 @@
-"""Comparisons of two runs, and of two kinds of autopilot."""

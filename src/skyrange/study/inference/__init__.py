@@ -1,1 +1,0 @@
-"""Statistical inference of studies: means, proportions, rates, tests, and what counts as independent."""

@@ -1,1 +1,0 @@
-"""Measures of one run: tracks, link statistics, receptions, separation, mishaps."""

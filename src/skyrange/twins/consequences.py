@@ -1,0 +1,198 @@
+"""Consequences of hostile acts that no frame id leads to: states that stay in force, and silence.
+
+Frames and notes name the frames that caused them. Four kinds of consequence have no such cause. A collision follows
+from the mode, target or mission in force, which a hostile frame set before. An estimator's event follows from sensor
+readings that were falsified, and a crash from a lost motor or a gust. A lost link or an expired track follows from
+frames that did not arrive. `follow` finds these in the order of time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from skyrange.core.ids import FrameId
+from skyrange.metrics.time_series import RecordedNote
+
+LINK, MODE, MISSION, TARGET, PARAMETERS, FENCE, ESTIMATE, BATTERY, FORCES = (
+    "link", "mode", "mission", "target", "parameters", "fence", "estimate", "battery", "forces",
+)  # fmt: skip
+
+_SETS: Final[Mapping[str, str]] = {
+    "event.mode": MODE,
+    "event.mission": MISSION,
+    "event.item_reached": TARGET,
+    "decision.avoid": TARGET,
+    "decision.resume": TARGET,
+    "decision.avoid_return": TARGET,
+    "event.parameter": PARAMETERS,
+    "event.home": PARAMETERS,
+    "event.fence": FENCE,
+}
+"""The state that a note about an aircraft sets; it is in force until the next note that sets it."""
+
+_FOLLOWS: Final[Mapping[str, tuple[str, ...]]] = {
+    "event.collision": (TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK, FORCES),
+    "event.crash": (TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK, FORCES),
+    "event.contact": (TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK, FORCES),
+    "event.fence_breach": (FENCE, TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK, FORCES),
+    "event.battery": (BATTERY, TARGET, MODE, MISSION, PARAMETERS, LINK),
+    "event.glitch": (ESTIMATE,),
+    "event.estimator": (ESTIMATE,),
+    "event.ekf_failsafe": (ESTIMATE,),
+    "event.mode": (LINK, ESTIMATE, FENCE, TARGET, MISSION, PARAMETERS, FORCES),
+    "event.landed": (MODE, TARGET, MISSION, FORCES),
+    "event.disarmed": (MODE, TARGET, MISSION, FORCES),
+    "event.item_reached": (MISSION, ESTIMATE, FORCES),
+    "event.outcome": (LINK, MODE, TARGET, MISSION, ESTIMATE, PARAMETERS, FORCES),
+    "decision.failed": (LINK, MODE, TARGET, MISSION, ESTIMATE, PARAMETERS, FORCES),
+    "decision.link_lost": (LINK,),
+    "near_miss": (TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK, FORCES),
+}
+"""The states from which a note may follow that names no hostile frame itself."""
+
+_MODE_FOLLOWS: Final[Mapping[str, tuple[str, ...]]] = {
+    "gcs_failsafe": (LINK,),
+    "radio_failsafe": (LINK,),
+    "ekf_failsafe": (ESTIMATE,),
+    "gps_glitch": (ESTIMATE,),
+    "fence_breached": (FENCE, TARGET, MISSION, ESTIMATE, PARAMETERS, FORCES),
+    "battery_failsafe": (BATTERY, TARGET, MISSION, PARAMETERS, LINK),
+}
+"""The same for a change of mode, by its reason; a change for another reason follows from what its causes name."""
+
+
+class Origin(NamedTuple):
+    """Where a consequence leads back to: the frame, and the number of steps from the hostile act."""
+
+    frame: str
+    depth: int
+
+
+class Act(NamedTuple):
+    """One hostile act on an aircraft's link or sensor, as a label has it."""
+
+    at_ns: int
+    attack: str
+    action: str
+    frame: str
+    vehicle: str
+
+
+class LostReception(NamedTuple):
+    """A broadcast that a receiver did not decode while an attack loaded the channel."""
+
+    at_ns: int
+    attack: str
+    receiver: str
+    sender: str
+    """The vehicle that broadcast."""
+    frame: str
+    """The broadcast that would have come."""
+    burst: str
+    """The hostile frame that occupied the channel."""
+
+
+class Consequence(NamedTuple):
+    """A note that follows from a hostile act without naming a frame of it."""
+
+    note: RecordedNote
+    attack: str
+    origin: Origin
+    way: str
+    """The state that it follows from, or `silence`."""
+
+
+@dataclass(slots=True)
+class _InForce:
+    """What is in force for the aircraft: by aircraft, state and attack, where it leads back to."""
+
+    states: dict[str, dict[str, dict[str, Origin]]] = field(default_factory=dict)
+
+    def set(self, vehicle: str, state: str, origins: Mapping[str, Origin]) -> None:
+        self.states.setdefault(vehicle, {})[state] = dict(origins)
+
+    def add(self, vehicle: str, state: str, attack: str, origin: Origin) -> None:
+        self.states.setdefault(vehicle, {}).setdefault(state, {})[attack] = origin
+
+    def find(self, vehicle: str, states: Sequence[str]) -> dict[str, tuple[Origin, str]]:
+        """By attack, the first of the states that leads back to it."""
+        found: dict[str, tuple[Origin, str]] = {}
+        own = self.states.get(vehicle, {})
+        for state in states:
+            for attack, origin in own.get(state, {}).items():
+                found.setdefault(attack, (origin, state))
+        return found
+
+
+def follow(
+    notes: Sequence[tuple[RecordedNote, Mapping[str, Origin]]],
+    acts: Sequence[Act],
+    lost: Sequence[LostReception],
+    owners: Mapping[str, str],
+) -> Iterator[Consequence]:
+    """The consequences in order of time.
+
+    `notes` are the events and decisions in order of time, each with the attacks to which its own causes lead back;
+    `acts` those on links and sensors of aircraft, `lost` the receptions lost to load, both in order of time. `owners`
+    names the vehicle of each Remote ID identifier.
+    """
+    in_force = _InForce()
+    waiting = list(acts)[::-1]
+    for note, origins in notes:
+        while waiting and waiting[-1].at_ns <= note.time_ns:
+            _take_act(in_force, waiting.pop())
+        vehicle = note.about.split(".", 1)[0]
+        found = in_force.find(vehicle, _states_before(note))
+        if note.kind == "event.collision" or note.kind == "near_miss":
+            other = in_force.find(str(note.data.get("with", "")), _FOLLOWS[note.kind])
+            found = {**other, **found}
+        if note.kind == "event.track_lost":
+            found = _silence(note, lost, owners)
+        reached = dict(origins)
+        for attack, (origin, way) in found.items():
+            if attack not in origins:
+                reached[attack] = Origin(origin.frame, origin.depth + 1)
+                yield Consequence(note, attack, reached[attack], way)
+        if note.kind == "decision.link_restored":
+            in_force.set(vehicle, LINK, {})
+        elif note.kind in _SETS:
+            in_force.set(vehicle, _SETS[note.kind], reached)
+
+
+def _take_act(in_force: _InForce, act: Act) -> None:
+    origin = Origin(act.frame, 0)
+    if act.action == "sensor":
+        state = BATTERY if act.frame.startswith("battery:") else ESTIMATE
+        in_force.add(act.vehicle, state, act.attack, origin)
+    elif act.action == "body":
+        in_force.add(act.vehicle, FORCES, act.attack, origin)
+    elif act.action in ("drop", "delay"):
+        in_force.add(act.vehicle, LINK, act.attack, origin)
+
+
+def _states_before(note: RecordedNote) -> tuple[str, ...]:
+    if note.kind == "event.mode":
+        return _MODE_FOLLOWS.get(str(note.data.get("reason", "")), ())
+    if note.kind == "event.outcome" and note.data.get("state") != "failed":
+        return ()
+    return _FOLLOWS.get(note.kind, ())
+
+
+def _silence(
+    note: RecordedNote, lost: Sequence[LostReception], owners: Mapping[str, str]
+) -> dict[str, tuple[Origin, str]]:
+    """The last broadcast of a track that its operator's receivers lost to load between its last report and now."""
+    since_ns = float(note.data.get("last_s", 0.0)) * 1e9
+    vehicle = owners.get(str(note.data.get("uas_id", "")))
+    found: dict[str, tuple[Origin, str]] = {}
+    for one in lost:
+        if since_ns < one.at_ns <= note.time_ns and one.sender == vehicle:
+            found[one.attack] = (Origin(one.frame, 1), "silence")
+    return found
+
+
+def act_of(at_ns: int, attack: str, action: str, frame: str) -> Act:
+    """An act from a label's values; its vehicle is the owner of the link or sensor."""
+    return Act(at_ns, attack, action, frame, FrameId.parse(frame).link.partition(":")[2])

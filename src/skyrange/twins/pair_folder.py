@@ -1,0 +1,160 @@
+"""Folder of a pair: reader of the manifest, runs and tables that `pairing.pair` writes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from skyrange.core.errors import InputError
+from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
+from skyrange.record import RunRecord, load
+from skyrange.statistics.means import Interval, estimate_mean
+from skyrange.twins.attribution.arms import NOMINAL, SHAM
+from skyrange.twins.attribution.attribute import attribution_table
+from skyrange.twins.effects import CHANGES, MEASURES
+from skyrange.twins.failed_missions import FailedMissions, find_failed_missions
+from skyrange.twins.lie_and_truth import lie_and_truth_table
+
+FORMAT: Final = "skyrange.pair/4"
+"""The format of a pair's folder. `skyrange.pair/3` and older have no `landed_s`: their `delay_s` is between reports of
+ground stations, by heartbeats. Before it there was no `ATTRIBUTION`; `skyrange.pair/1` calls `PROPAGATION`
+`labels.parquet`."""
+
+READABLE: Final = (FORMAT, "skyrange.pair/3", "skyrange.pair/2", "skyrange.pair/1")
+MANIFEST: Final = "pair.json"
+EFFECTS: Final = "effects.parquet"
+PROPAGATION: Final = "propagation.parquet"
+ATTRIBUTION: Final = "attribution.parquet"
+LIE_AND_TRUTH: Final = "honest.parquet"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """An opened pair folder. `manifest` is its `pair.json`."""
+
+    path: Path
+    manifest: Mapping[str, Any]
+
+    @property
+    def seeds(self) -> list[int]:
+        """The seed of each repetition, in order."""
+        return list(self.manifest["seeds"])
+
+    @property
+    def arms(self) -> list[str]:
+        """The arms that were run: nominal, attacked, and those for attribution such as sham or only-ghost."""
+        return list(self.manifest["arms"])
+
+    @property
+    def twins(self) -> list[str]:
+        """The arms without an attack or fault, with which effects are compared: nominal and, if it was run, sham."""
+        return [arm for arm in self.arms if arm in (NOMINAL, SHAM)]
+
+    @property
+    def twin(self) -> str:
+        """The arm that the attacked run is drawn beside: nominal, or the sham where that alone was run."""
+        return self.twins[0]
+
+    @property
+    def faults(self) -> list[str]:
+        """The ids of the benign faults that act in the attacked run; the other authors are attacks."""
+        return list(self.manifest.get("faults", ()))
+
+    @property
+    def baseline(self) -> str | None:
+        """The arm against which effects are attributed; `None` if it was not run, or for an older folder."""
+        return self.manifest.get("baseline")
+
+    @property
+    def reference(self) -> str:
+        """The arm with which effects are compared by default: sham if it was run, else nominal."""
+        return SHAM if SHAM in self.arms else NOMINAL
+
+    def run(self, arm: str, seed: int | None = None) -> RunRecord:
+        """The record of one arm and seed (default: the first); raises `InputError` if that was not run."""
+        seed = self.seeds[0] if seed is None else seed
+        if arm not in self.arms or seed not in self.seeds:
+            expected = f"one of {', '.join(self.arms)} with a seed of {', '.join(map(str, self.seeds))}"
+            raise InputError.one(str(self.path), "run", f"{arm}, seed {seed}", expected)
+        return load(self.path / folder_of(arm, seed, self.seeds))
+
+    @property
+    def effects(self) -> pa.Table:
+        """The table of `effects.parquet`."""
+        return pq.read_table(self.path / EFFECTS)
+
+    @property
+    def attribution(self) -> pa.Table:
+        """The table of `attribution.parquet`: how each attack relates to each effect. Empty for an older folder."""
+        path = self.path / ATTRIBUTION
+        return pq.read_table(path) if path.exists() else attribution_table([])
+
+    @property
+    def propagation(self) -> pa.Table:
+        """The table of `propagation.parquet`: every hostile act and its consequences."""
+        path = self.path / PROPAGATION
+        return pq.read_table(path if path.exists() else self.path / "labels.parquet")
+
+    @property
+    def lie_and_truth(self) -> pa.Table:
+        """The table of `honest.parquet`: reactions to the claimed aircraft and to real ones. Empty without that arm."""
+        path = self.path / LIE_AND_TRUTH
+        return pq.read_table(path) if path.exists() else lie_and_truth_table([])
+
+    @cached_property
+    def failed_missions(self) -> list[FailedMissions]:
+        """Missions that failed in runs without an attack or fault that acts, on which all effects rest."""
+        found = (find_failed_missions(self.run(arm, seed), arm) for seed in self.seeds for arm in self.twins)
+        return [one for one in found if one is not None]
+
+    def intervals(self, against: str | None = None) -> dict[str, dict[str, Interval]]:
+        """By aircraft and measure, the mean effect over the seeds with its 95 % confidence interval."""
+        return intervals(self.effects.to_pylist(), against or self.reference)
+
+    @property
+    def report(self) -> Path:
+        """The path of the comparison page."""
+        return self.path / "report.html"
+
+
+def load_pair(path: Path | str) -> Pair:
+    """Open a pair's folder; raises `InputError` if it is not one."""
+    folder = expand_user(path)
+    who = str(folder)
+    data = read_input(folder / MANIFEST, who, MANIFEST, max_bytes=MAX_RECORD_BYTES, expected="the file of a pair")
+    manifest = parse_json(data, who, MANIFEST)
+    if not isinstance(manifest, dict) or manifest.get("format") not in READABLE:
+        raise InputError.one(str(folder), MANIFEST, "another format", FORMAT)
+    return Pair(folder, manifest)
+
+
+def folder_of(arm: str, seed: int, seeds: Sequence[int]) -> str:
+    """The path of a run relative to its pair's folder."""
+    return arm if len(seeds) == 1 else f"seed-{seed}/{arm}"
+
+
+def intervals(rows: Sequence[Mapping[str, Any]], against: str) -> dict[str, dict[str, Interval]]:
+    """By aircraft and measure, the mean over seeds with its interval, from `effects` rows against one twin."""
+    samples: dict[str, dict[str, list[float]]] = {}
+    for row in rows:
+        if row["against"] != against:
+            continue
+        own = samples.setdefault(row["vehicle"], {})
+        for name in MEASURES:
+            if row[name] is not None:
+                own.setdefault(name, []).append(row[name])
+        for name in CHANGES:
+            stem, _, unit = name.rpartition("_")
+            twin = row[f"{stem}_twin_{unit}" if unit == "m" else f"{name}_twin"]
+            if row[name] is not None and twin is not None:
+                own.setdefault(name, []).append(row[name] - twin)
+    return {
+        vehicle: {name: found for name, values in own.items() if (found := estimate_mean(values)) is not None}
+        for vehicle, own in samples.items()
+    }

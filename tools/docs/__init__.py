@@ -1,0 +1,1 @@
+"""Generated parts of the documentation, and the measurements that its pages show."""

@@ -1,0 +1,117 @@
+"""Page of the results of `uss_qualifier`, the conformance suite of InterUSS, from the report of a run.
+
+    python -m tools.docs.uss_qualifier_results REPORT.json MONITORING
+
+`MONITORING` is the checkout of interuss/monitoring with which the run was made; its sets of requirements are the rows.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "utm-conformance.md"
+PARTICIPANTS = {"USS": "uss1_core", "DSS": "uss1_dss"}
+SETS = {"USS": "scd.md", "DSS": "dss_provider.md"}
+ACCEPTED = "DSS instance is publicly addressable"
+"""The check that a service on loopback fails, and that the configuration of InterUSS accepts as failed too."""
+PREFIX = "astm.f3548.v21."
+
+
+def find_checks(part: Any) -> Iterator[tuple[bool, dict[str, Any]]]:
+    """All checks below a part of the report, and whether they passed."""
+    if isinstance(part, dict):
+        for kind, passed in (("passed_checks", True), ("failed_checks", False)):
+            found = part.get(kind)
+            if isinstance(found, list):
+                yield from ((passed, one) for one in found if isinstance(one, dict))
+        for value in part.values():
+            yield from find_checks(value)
+    elif isinstance(part, list):
+        for value in part:
+            yield from find_checks(value)
+
+
+def count_scenarios(part: Any) -> dict[str, list[int]]:
+    """Passed and failed checks by scenario."""
+    counts: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0])
+    if isinstance(part, dict) and "scenario_type" in part and "cases" in part:
+        name = part["scenario_type"].rsplit(".", 1)[-1]
+        counts[name][0] += 1
+        for passed, _ in find_checks(part):
+            counts[name][1 if passed else 2] += 1
+        return counts
+    for value in part.values() if isinstance(part, dict) else part if isinstance(part, list) else ():
+        for name, more in count_scenarios(value).items():
+            counts[name] = [one + other for one, other in zip(counts[name], more, strict=True)]
+    return counts
+
+
+def requirements(path: Path) -> tuple[list[str], list[str]]:
+    """Requirements of a set that are verified automatically, and those that are verified by hand."""
+    by_hand, heading, automatic = path.read_text(encoding="utf-8").partition("## Automated verification")
+    if not heading:
+        by_hand, automatic = "", by_hand
+    names = rf"\*\*{re.escape(PREFIX)}([\w.,\-]+)\*\*"
+    return re.findall(names, automatic), re.findall(names, by_hand)
+
+
+def make_page(report: dict[str, Any], monitoring: Path) -> str:
+    """The text of the page."""
+    results: dict[tuple[str, str], list[int]] = defaultdict(lambda: [0, 0])
+    for passed, check in find_checks(report["report"]):
+        for participant in set(check["participants"]):
+            for requirement in check["requirements"]:
+                if passed or check["name"] != ACCEPTED:
+                    results[participant, requirement][0 if passed else 1] += 1
+    lines = [
+        "# Conformance of the UTM services to F3548-21",
+        "",
+        "`uss_qualifier` of InterUSS has tested a USS and the DSS of skyrange, as [run the conformance suite]"
+        "(../how-to/run-the-conformance-suite.md) describes: the suite `suites.astm.utm.f3548_21` of",
+        f"interuss/monitoring at commit {report['commit_hash'][:12].removesuffix('-dirty')}. `mock_uss` of the same"
+        " checkout is the other USS.",
+        "",
+        "*Passed* is a requirement that at least one check has tested, and none has failed. *Not tested* is one that "
+        "no check of the suite tests with this configuration. Requirements that the suite lists for verification by "
+        "hand were not verified.",
+        "",
+    ]
+    for role, participant in PARTICIPANTS.items():
+        folder = monitoring / "monitoring/uss_qualifier/requirements/astm/f3548/v21"
+        automatic, by_hand = requirements(folder / SETS[role])
+        rows = []
+        totals: dict[str, int] = defaultdict(int)
+        for name in automatic:
+            checks = results.get((participant, PREFIX + name), (0, 0))
+            verdict = "failed" if checks[1] else "passed" if checks[0] else "not tested"
+            totals[verdict] += 1
+            rows.append(f"| {name} | {verdict} | {checks[0]} | {checks[1]} |")
+        summary = ", ".join(f"{totals[verdict]} {verdict}" for verdict in ("passed", "failed", "not tested"))
+        lines += [f"## {role}", "", f"{len(automatic)} requirements: {summary}."]
+        lines += [f"To be verified by hand: {', '.join(by_hand)}.", ""] if by_hand else [""]
+        lines += ["| requirement | result | checks passed | checks failed |", "|---|---|---|---|", *rows, ""]
+    lines += ["## Scenarios", "", "Checks of all participants, those of `mock_uss` included.", ""]
+    lines += ["| scenario | times | checks passed | checks failed |", "|---|---|---|---|"]
+    counts = count_scenarios(report["report"])
+    lines += [f"| {name} | {times} | {passed} | {failed} |" for name, (times, passed, failed) in counts.items()]
+    lines += [
+        "",
+        f"The check that failed is *{ACCEPTED}*: the DSS was on loopback. The configuration of InterUSS accepts it "
+        "too.",
+        "",
+        "There is one DSS, so checks that compare several instances of a pool do not apply.",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    report_path, checkout = map(Path, sys.argv[1:3])
+    PAGE.write_text(make_page(json.loads(report_path.read_text(encoding="utf-8")), checkout), encoding="utf-8")
+    print(PAGE)
