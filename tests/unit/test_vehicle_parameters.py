@@ -44,6 +44,30 @@ def test_list_names_every_parameter_once() -> None:
     assert values(r)["WPNAV_SPEED"] == 1000
 
 
+def test_a_list_is_sent_at_the_pace_of_the_port_and_slows_streams() -> None:
+    """Measured with ArduCopter 4.7-dev: every 100 ms, 81 values if they are asked anew 10 ms before they are due."""
+    r = fly()
+    position = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+    interval = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+    r.send(V, dialect.MAVLink_command_long_message(7, 1, interval, 0, position, 100_000, 0, 0, 0, 0, 0))
+    r.run(2.0)
+    nominal = len(r.heard("GLOBAL_POSITION_INT"))
+    assert nominal in (19, 20)
+    phase_s = int(r.engines[0]._fleet.report_phases_ns[0]) * 1e-9 % 0.1
+    for tenth in range(20):  # 10 ms before values are due: 30 % of 10 Mbit/s in 10 ms
+        r.run(2.09 + phase_s + tenth * 0.1 - r.now * 1e-9)
+        r.send(V, dialect.MAVLink_param_request_list_message(7, 1))
+    r.run(0.02)
+    heard = r.heard("PARAM_VALUE")
+    assert len(heard) == 20 * 81
+    assert max(m.param_index for m in heard) == 80
+    assert len(r.heard("GLOBAL_POSITION_INT")) - nominal in (5, 6)
+    r.run(2.0)
+    assert r.heard("PARAM_VALUE")[-1].param_index == len(PARAMETERS) - 1
+    assert len(r.heard("GLOBAL_POSITION_INT")) - nominal > 18
+    assert len(r.heard("HEARTBEAT")) in (6, 7)
+
+
 def test_read_by_name_and_index() -> None:
     r = fly()
     r.send(V, dialect.MAVLink_param_request_read_message(7, 1, b"LAND_SPEED", -1))

@@ -151,7 +151,8 @@ class BuiltinFleet(EngineBase):
         for vehicle in vehicles:
             rc_channels.update_sticks(self._fleet, vehicle)
         phases = [int(chance.uniform4(PHASE_STREAM, hash64(spec.vehicle), 0)[0] * NS_PER_S) for spec in specs]
-        self._schedule = Schedule(np.array(phases, dtype=np.int64))
+        self._fleet.report_phases_ns[:] = phases
+        self._schedule = Schedule(self._fleet.report_phases_ns)
         for vehicle in vehicles:
             streams.start_boot_streams(self._schedule, self._fleet, vehicle)
             checks.reset_state(self._fleet, vehicle)
@@ -416,6 +417,7 @@ _TIMERS: dict[Timer, Callable[[Fleet, Vehicle], None]] = {
     Timer.RC_OVERRIDE: rc_override.on_timer,
     Timer.CONDITION: do_commands.on_timer,
     Timer.FILE_BURST: file_server.on_burst_timer,
+    Timer.FILE_IDLE: file_server.on_idle_timer,
 }
 
 

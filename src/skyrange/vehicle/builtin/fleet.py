@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 from typing import Any
 
 import numpy as np
@@ -58,6 +58,18 @@ class Timer(IntEnum):
     """The next check of the condition that DO commands wait for."""
     FILE_BURST = 8
     """The next pieces of a file that is read in a burst."""
+    FILE_IDLE = 9
+    """No reply of the file server for a second: streams have their own pace again."""
+
+
+class Slowdown(IntFlag):
+    """Why an aircraft's streams are slower, each by a factor of four (`GCS_MAVLINK::get_reschedule_interval_ms`)."""
+
+    NONE = 0
+    PARAM_LIST = 1
+    """A parameter list is being sent."""
+    FILE_TRANSFER = 2
+    """A reply of the file server was sent less than a second ago."""
 
 
 @dataclass(slots=True)
@@ -235,6 +247,9 @@ class Vehicle:
     rc_overrides: dict[int, tuple[int, Time]] = field(default_factory=dict)
     """RC channels that MAVLink overrides: µs, and since when."""
     next_param: int = 0
+    params_sent_ns: Time = 0
+    """When values of the list were last sent, or the list requested."""
+    slowdowns: Slowdown = Slowdown.NONE
     bad_frames: int = 0
     ignored_frames: int = 0
     rid_error: str = ""
@@ -319,6 +334,10 @@ class Fleet:
         """(n,) reported mode of each aircraft."""
         self.boot_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
         """(n,) boot time of each aircraft."""
+        self.report_phases_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
+        """(n,) phase of each aircraft's reports within a second."""
+        self.stream_factors: dict[int, int] = {}
+        """Rows whose streams change their pace, and how many times as long their intervals are."""
         self.aux_pending = False
         """Whether any aircraft has `aux_functions` to run."""
         self.rebooted: list[str] = []
@@ -358,6 +377,13 @@ class Fleet:
         """Set a timer; NEVER clears it."""
         self.timers[vehicle.row, timer] = at
         self.next_timer = min(self.next_timer, at)
+
+    def slow_streams(self, vehicle: Vehicle, reason: Slowdown, *, on: bool) -> None:
+        """Slow an aircraft's streams for a reason, or no longer."""
+        slowdowns = vehicle.slowdowns | reason if on else vehicle.slowdowns & ~reason
+        if slowdowns != vehicle.slowdowns:
+            vehicle.slowdowns = slowdowns
+            self.stream_factors[vehicle.row] = 4 ** slowdowns.bit_count()
 
     def param(self, vehicle: Vehicle, name: str) -> float:
         """Return a parameter's value in its own unit, inside its range."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from skyrange.vehicle.builtin.arming.arming import disarm
 from skyrange.vehicle.builtin.failsafes import checks
-from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionState, Timer, Upload, Vehicle
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionState, Slowdown, Timer, Upload, Vehicle
 from skyrange.vehicle.builtin.log_events import end_log
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters.table import PARAMETERS, apply_stored, stored_value
@@ -43,6 +43,8 @@ def reboot(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, causes: Causes) -
     vehicle.legacy_warned.clear()
     vehicle.mission_state = MissionState.NOT_STARTED if vehicle.has_mission else MissionState.NONE
     vehicle.next_param = len(PARAMETERS)
+    vehicle.slowdowns = Slowdown.NONE
+    fleet.stream_factors.pop(row, None)
     vehicle.file_server = None
     end_log(vehicle)
     fleet.assign_home(vehicle, fleet.position(vehicle))

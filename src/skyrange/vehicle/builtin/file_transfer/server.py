@@ -25,7 +25,7 @@ from skyrange.codec.mavlink.file_transfer import DATA_BYTES, Error, Opcode, Tran
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.vehicle.builtin.file_transfer import mission_file, param_file
 from skyrange.vehicle.builtin.files.store import Entry, fail
-from skyrange.vehicle.builtin.fleet import Burst, Causes, FileServer, Fleet, OpenFile, Timer, Vehicle
+from skyrange.vehicle.builtin.fleet import Burst, Causes, FileServer, Fleet, OpenFile, Slowdown, Timer, Vehicle
 from skyrange.vehicle.builtin.messages.parameter_protocol import send_banner
 
 SESSION_TIMEOUT_NS: Final = 3 * NS_PER_S
@@ -372,6 +372,11 @@ def _continue_burst(fleet: Fleet, vehicle: Vehicle, server: FileServer, burst: B
     fleet.set_timer(vehicle, Timer.FILE_BURST, fleet.now + _PAUSE_NS)
 
 
+def on_idle_timer(fleet: Fleet, vehicle: Vehicle) -> None:
+    """Streams have their own pace again, a second after the last reply."""
+    fleet.slow_streams(vehicle, Slowdown.FILE_TRANSFER, on=False)
+
+
 def _reply(
     fleet: Fleet,
     vehicle: Vehicle,
@@ -391,4 +396,6 @@ def _send(
     fleet: Fleet, vehicle: Vehicle, server: FileServer, payload: tuple[int, ...], peer: Peer, causes: Causes
 ) -> None:
     server.sent_ns = fleet.now
+    fleet.slow_streams(vehicle, Slowdown.FILE_TRANSFER, on=True)
+    fleet.set_timer(vehicle, Timer.FILE_IDLE, fleet.now + NS_PER_S)
     fleet.send(vehicle, mav.MAVLink_file_transfer_protocol_message(0, *peer, list(payload)), causes)

@@ -10,18 +10,23 @@ name and in its unit; the list has the 4.6 names only.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
-from skyrange.core.time import NS_PER_MS
+from skyrange.core.time import NEVER, NS_PER_MS
 from skyrange.vehicle.builtin.firmware import BANNER
-from skyrange.vehicle.builtin.fleet import Causes, Fleet, Timer, Vehicle
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, Slowdown, Timer, Vehicle
 from skyrange.vehicle.builtin.parameters.renames import canonical_name, from_canonical, to_canonical
 from skyrange.vehicle.builtin.parameters.table import INDEX, PARAMETERS, SETTINGS_NAMES, stored_value, value_in_range
 
-_VALUES_PER_BATCH = 5
-_PAUSE_NS = 10 * NS_PER_MS
-"""A list is sent at five values every 10 ms, the pace of a serial line (`queued_param_send`)."""
+_PERIOD_NS: Final = 100 * NS_PER_MS
+"""Values of a list are sent every 100 ms while SR0_PARAMS is 0, its default (`set_ap_message_interval`)."""
+_VALUE_BYTES: Final = 37
+"""Length of a PARAM_VALUE frame: 25 bytes and 12 of MAVLink 2's frame."""
+_PORT_BYTES_PER_S: Final = 1_000_000
+_PORT_BUFFER_BYTES: Final = 8192
+"""The port of ArduPilot's simulation: 10 Mbit/s (libraries/AP_HAL_SITL/UARTDriver.cpp), and room for 8 KiB (measured:
+221 values at once). A serial line of 57600 baud without flow control sends four or five values in a period."""
 _NO_INDEX = 0xFFFF
 
 
@@ -32,20 +37,36 @@ def send_banner(fleet: Fleet, vehicle: Vehicle) -> None:
 
 
 def on_request_list(fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes) -> None:
-    """PARAM_REQUEST_LIST: send every parameter, from the first again where a list was in progress."""
+    """PARAM_REQUEST_LIST: send every parameter, from the first again where a list was in progress.
+
+    Streams are slower meanwhile (`get_reschedule_interval_ms`).
+    """
     send_banner(fleet, vehicle)
     vehicle.next_param = 0
-    fleet.set_timer(vehicle, Timer.PARAM_LIST, fleet.now)
+    vehicle.params_sent_ns = fleet.now
+    fleet.slow_streams(vehicle, Slowdown.PARAM_LIST, on=True)
+    if fleet.timers[vehicle.row, Timer.PARAM_LIST] == NEVER:
+        phase = int(fleet.report_phases_ns[vehicle.row])
+        fleet.set_timer(vehicle, Timer.PARAM_LIST, fleet.now + (phase - fleet.now) % _PERIOD_NS)
 
 
 def on_timer(fleet: Fleet, vehicle: Vehicle) -> None:
-    """Send the next values of the list."""
-    last = min(vehicle.next_param + _VALUES_PER_BATCH, len(PARAMETERS))
+    """Send the next values of the list: as many as 30 % of the port carries since the last ones, or since the request.
+
+    At least one is sent, and at most what the port's buffer takes (`queued_param_send`). So a list that is requested
+    anew sends more or fewer values, by how long before their time the request came.
+    """
+    since_ms = (fleet.now - vehicle.params_sent_ns) // NS_PER_MS
+    allowed = min(max(_PORT_BYTES_PER_S * since_ms // 3333, _VALUE_BYTES), _PORT_BUFFER_BYTES)
+    last = min(vehicle.next_param + allowed // _VALUE_BYTES, len(PARAMETERS))
     for index in range(vehicle.next_param, last):
         _send_value(fleet, vehicle, index, index, PARAMETERS[index].name)
     vehicle.next_param = last
+    vehicle.params_sent_ns = fleet.now
     if last < len(PARAMETERS):
-        fleet.set_timer(vehicle, Timer.PARAM_LIST, fleet.now + _PAUSE_NS)
+        fleet.set_timer(vehicle, Timer.PARAM_LIST, fleet.now + _PERIOD_NS)
+    else:
+        fleet.slow_streams(vehicle, Slowdown.PARAM_LIST, on=False)
 
 
 def on_request_read(fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes) -> None:

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from skyrange.codec.mavlink import dialect
 from skyrange.codec.mavlink.message_columns import MessageTable, pack_batches
 from skyrange.codec.mavlink.sequence_numbers import assign_sequence_numbers
 from skyrange.contracts.frames.payloads import Ints
@@ -22,6 +23,7 @@ SERVICE_NS: Final = 10 * NS_PER_MS
 COLUMN: Final = {message: column for column, message in enumerate((*BUILDERS, *sorted(NEVER_SENT)))}
 """Column of every message that has an interval; those that can be sent come first."""
 _SENT: Final = len(BUILDERS)
+_HEARTBEAT: Final = COLUMN[dialect.MAVLINK_MSG_ID_HEARTBEAT]
 _IN_ORDER: Final = tuple(BUILDERS)
 _NEVER: Final = int(NEVER)
 
@@ -36,7 +38,7 @@ class Batch(NamedTuple):
 
 
 @compiled
-def _take_due(due: Ints, period: Ints, soonest: Ints, picked: Ints, now: int, rows: Ints, ends: Ints) -> int:
+def _take_due(due: Ints, interval: Ints, soonest: Ints, picked: Ints, now: int, rows: Ints, ends: Ints) -> int:
     """Write the aircraft that are due, message by message, to `rows`; `ends` are the ends of each message's part.
 
     Intervals that a message has missed are skipped (GCS_MAVLINK::update_send).
@@ -48,7 +50,7 @@ def _take_due(due: Ints, period: Ints, soonest: Ints, picked: Ints, now: int, ro
             if due[row, column] <= now:
                 rows[count] = row
                 count += 1
-                due[row, column] = max(due[row, column] + period[row, column], now + 1)
+                due[row, column] = max(due[row, column] + interval[row, column], now + 1)
         ends[column] = count
     for place in range(picked.shape[0]):
         row = picked[place]
@@ -60,16 +62,21 @@ def _take_due(due: Ints, period: Ints, soonest: Ints, picked: Ints, now: int, ro
 
 
 class Schedule:
-    """When which message of which aircraft is due: two (aircraft, message) arrays of nanoseconds."""
+    """When which message of which aircraft is due: (aircraft, message) arrays of nanoseconds.
 
-    __slots__ = ("_next", "due", "offset", "period", "soonest")
+    `period` is what was asked for; `interval` is longer while an aircraft's streams are slowed.
+    """
+
+    __slots__ = ("_factor", "_next", "due", "interval", "offset", "period", "soonest")
 
     def __init__(self, offsets_ns: Ints) -> None:
         """`offsets_ns` (aircraft,): the phase of each aircraft in its intervals, below one second."""
         count = offsets_ns.shape[0]
         self.offset = offsets_ns
         self.period = np.zeros((count, len(COLUMN)), dtype=np.int64)
+        self.interval = np.zeros((count, _SENT), dtype=np.int64)
         self.due = np.full((count, _SENT), NEVER, dtype=np.int64)
+        self._factor = np.ones(count, dtype=np.int64)
         self.soonest = np.full(count, NEVER, dtype=np.int64)
         self._next: Time = NEVER  # nothing is due before
 
@@ -78,6 +85,7 @@ class Schedule:
         column = COLUMN[message]
         self.period[row, column] = period_ns
         if column < _SENT:
+            self.interval[row, column] = period_ns * (self._factor[row] if column != _HEARTBEAT else 1)
             offset = int(self.offset[row]) % period_ns if period_ns else 0
             self.due[row, column] = now + offset if period_ns else NEVER
             self.soonest[row] = self.due[row].min()
@@ -85,18 +93,36 @@ class Schedule:
 
     def clear(self, row: int) -> None:
         """Stop all messages, as at power-on."""
-        self.period[row] = 0
+        self.period[row] = self.interval[row] = 0
+        self._factor[row] = 1
         self.due[row] = NEVER
         self.soonest[row] = NEVER
 
+    def slow(self, row: int, factor: int) -> None:
+        """Make the intervals of one aircraft `factor` times as long as asked for, counted from what was sent last.
+
+        HEARTBEAT keeps its own (`deferred_message` of GCS.h).
+        """
+        self._factor[row] = factor
+        changed = self.period[row, :_SENT] * factor
+        changed[_HEARTBEAT] = self.period[row, _HEARTBEAT]
+        sent = self.due[row] < _NEVER
+        self.due[row, sent] += (changed - self.interval[row])[sent]
+        self.interval[row] = changed
+        self.soonest[row] = self.due[row].min()
+        self._next = int(self.soonest.min())
+
     def take(self, fleet: Fleet) -> list[Batch]:
         """Return the messages that are due, with contents and numbers; set their next times."""
+        for row in sorted(fleet.stream_factors):
+            self.slow(row, fleet.stream_factors[row])
+        fleet.stream_factors.clear()
         if fleet.now < self._next:
             return []
         (picked,) = (self.soonest <= fleet.now).nonzero()
         rows = np.empty(len(picked) * _SENT, dtype=np.int64)
         ends = np.empty(_SENT, dtype=np.int64)
-        _take_due(self.due, self.period, self.soonest, picked, fleet.now, rows, ends)
+        _take_due(self.due, self.interval, self.soonest, picked, fleet.now, rows, ends)
         self._next = int(self.soonest.min())
         found: list[tuple[int, Ints]] = []
         start = 0
