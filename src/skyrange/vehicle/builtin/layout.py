@@ -37,6 +37,7 @@ ESTIMATE: Final = np.dtype(
         ("mag_ratio", "f8"),
         ("dead_reckoning", "i8"),  # 1 while horizontal aiding is lost and position is extrapolated
         ("resets", "i8"),  # horizontal position resets so far
+        ("yaw_reset", "i8"),  # 1: a reset of the yaw is requested (ahrs.request_yaw_reset)
         # the last sensor readings; GNSS fields are the receiver's, not the estimate's
         ("gnss_fix", "i8"),  # MAVLink's GPS_FIX_TYPE
         ("gnss_sats", "i8"),

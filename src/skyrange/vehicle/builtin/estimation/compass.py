@@ -49,6 +49,9 @@ def read_compass(e: Any, k: Any, p: Any, now: int, compass: Vector3, field: Vect
         k.compass[axis] = compass[axis]
         e.compass[axis] = compass[axis]
     k.compass_at = now
+    if k.compass_failed == 1:
+        k.mag_test = 0.0
+        return
     east, north, up = body_to_local(e, compass[0], compass[1], compass[2])
     level = math.sqrt(field[0] * field[0] + field[1] * field[1])
     if level < _MIN_FIELD_GAUSS or east * east + north * north < _MIN_FIELD_GAUSS * _MIN_FIELD_GAUSS:

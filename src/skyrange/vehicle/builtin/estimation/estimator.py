@@ -44,6 +44,7 @@ from skyrange.vehicle.builtin.estimation.strapdown import (
     update_roll_pitch,
     valid_reading,
 )
+from skyrange.vehicle.builtin.estimation.yaw_by_gnss import fuse_velocity, reset_on_request
 from skyrange.vehicle.builtin.layout import Records
 from skyrange.world.sensing.geomagnetism import magnetic_field_at
 
@@ -227,6 +228,9 @@ def step_filters(
             process_fix(
                 e, k, p, now, fix[i], satellites[i], time[i], position, velocity, accuracy, history, i, slot, room
             )
+            if k.fix_at == now:
+                fuse_velocity(k, time[i], history, i, slot, now, on)
+        reset_on_request(e, k, p, now)
         read_baro(e, k, p, now, baro[i], on)
         _finish_step(e, k, p, step_s)
         seen = rangefinder[i]

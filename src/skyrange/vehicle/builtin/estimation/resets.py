@@ -29,6 +29,12 @@ _RESET_NAMES = {
     EstimatorEvent.HEIGHT_RESET: "height",
     EstimatorEvent.YAW_RESET: "yaw",
 }
+_YAW_TEXTS = {
+    EstimatorEvent.EMERGENCY_YAW_RESET: (dialect.MAV_SEVERITY_WARNING, "emergency yaw reset"),
+    EstimatorEvent.YAW_ALIGNED_BY_GNSS: (dialect.MAV_SEVERITY_INFO, "yaw aligned using GPS"),
+}
+_LANES = 2
+"""EKF3 runs one filter for each of two inertial sensors, and each of them reports its reset."""
 
 
 @compiled
@@ -69,6 +75,10 @@ def report_events(fleet: Fleet, filters: Records) -> None:
         if news & EstimatorEvent.STARTED_AIDING:
             fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, "EKF3 IMU0 is using GPS")
             fleet.note("event.estimator", vehicle, {"aiding": "gnss"})
+        for event, (severity, text) in _YAW_TEXTS.items():
+            if news & event:
+                for lane in range(_LANES):
+                    fleet.send_text(vehicle, severity, f"EKF3 IMU{lane} {text}")
         what = " and ".join(name for kind, name in _RESET_NAMES.items() if news & kind)
         sizes = (east, north, up)
         if what and all(map(math.isfinite, sizes)):

@@ -92,6 +92,8 @@ class EstimatorEvent(IntFlag):
     VELOCITY_RESET = 8
     HEIGHT_RESET = 16
     YAW_RESET = 32
+    EMERGENCY_YAW_RESET = 64
+    YAW_ALIGNED_BY_GNSS = 128
 
 
 FILTER: Final = np.dtype(
@@ -160,6 +162,17 @@ FILTER: Final = np.dtype(
         ("good_imu_at", "i8"),  # when data were last good
         ("compass", "f8", (3,)),
         ("compass_at", "i8"),
+        ("compass_failed", "i8"),  # allMagSensorsFailed
+        # yaw by GNSS: (east, north, yaw relative to the estimated one), upper triangle of their variances
+        ("gsf_running", "i8"),
+        ("gsf_vel", "f8", (2,)),
+        ("gsf_yaw", "f8"),
+        ("gsf_cov", "f8", (6,)),
+        ("gsf_imu_vel", "f8", (2,)),  # sum of accelerations at the last fix
+        ("gsf_at", "i8"),  # when that was measured
+        ("gsf_innovation", "f8"),  # m/s
+        ("gsf_request_at", "i8"),  # when a reset was requested, 0 for none
+        ("gsf_resets", "i8"),
     ]
 )
 """One aircraft's filter."""

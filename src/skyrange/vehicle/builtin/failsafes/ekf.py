@@ -85,7 +85,8 @@ def check_ekf(e: Any, f: Any, p: Any, w: Any, dt_s: float) -> int:
         w.ekf_count = 0
         w.ekf_bad = 0
         return _GOOD if w.ekf_failsafe == 1 else 0
-    passed = not _over_threshold(e, p, w, dt_s) and has_position(e, f, w)
+    over = _over_threshold(e, p, w, dt_s)
+    passed = not over and has_position(e, f, w)
     if passed:
         w.ekf_passed = 1
     elif w.ekf_passed == 0:
@@ -93,6 +94,8 @@ def check_ekf(e: Any, f: Any, p: Any, w: Any, dt_s: float) -> int:
     if not passed:
         if w.ekf_bad == 0:
             w.ekf_count += 1
+            if w.ekf_count == _ITERATIONS - 2 and over:
+                e.yaw_reset = 1
             if w.ekf_count >= _ITERATIONS:
                 w.ekf_count = _ITERATIONS
                 w.ekf_bad = 1
