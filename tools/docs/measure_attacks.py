@@ -3,6 +3,7 @@
 `python -m tools.docs.measure_attacks [NAME …]` flies the examples (all of them unless named), and rewrites their
 sections of `docs/reference/attack-effects.md` or `fault-effects.md` and their figures in `docs/images/attacks` or
 `faults`. Of a scenario in `NAMED` it rewrites the table on its own page; `tools/docs/pictures.py` draws its figure.
+What an ArduCopter does is read from the tables of `docs/explanation/parity.md`; the name `arducopter` renews that alone.
 Differences are those of the attacked run from its baseline: the sham of an attack that lies, and the nominal run of one
 that works by load and of a fault.
 """
@@ -14,6 +15,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -32,6 +34,7 @@ from tools.docs.plugin_kinds import page_of
 ROOT: Final = Path(__file__).parents[2]
 PAGE: Final = ROOT / "docs" / "reference" / "attack-effects.md"
 FAULT_PAGE: Final = ROOT / "docs" / "reference" / "fault-effects.md"
+PARITY_PAGE: Final = ROOT / "docs" / "explanation" / "parity.md"
 PUBLISHED_PAGE: Final = ROOT / "docs" / "reference" / "published-attacks.md"
 SCENARIO_PAGES: Final = ROOT / "docs" / "reference" / "scenarios"
 NAMED: Final = (
@@ -68,6 +71,11 @@ MEASURES: Final[Mapping[str, tuple[str, str, float]]] = {
 
 def main(names: Sequence[str]) -> None:
     """Fly, measure, and renew the pages."""
+    if list(names) == ["arducopter"]:
+        sections = dict(SECTION.findall(PAGE.read_text(encoding="utf-8")))
+        write(PAGE, sections)
+        write_published(sections)
+        return
     for kind in names or [*sorted(EXAMPLES), *sorted(FAULT_EXAMPLES), *NAMED]:
         if kind in NAMED:
             write_named(kind)
@@ -88,8 +96,39 @@ def write(page: Path, sections: Mapping[str, str]) -> None:
     """Replace the sections of a page."""
     text = page.read_text(encoding="utf-8")
     head = text[: match.start()] if (match := SECTION.search(text)) else text
+    if page == PAGE:
+        sections = {kind: _with_arducopter(kind, section) for kind, section in sections.items()}
     body = "\n".join(f"<!-- measured: {kind} -->\n{own}<!-- end: {kind} -->\n" for kind, own in sections.items())
     page.write_text(f"{head.rstrip()}\n\n{body}", encoding="utf-8")
+
+
+@cache
+def reactions() -> Mapping[str, tuple[str, str]]:
+    """What the builtin and ArduCopter do under each kind: over ten seeds where the page has them, else with one."""
+    found: dict[str, tuple[str, str]] = {}
+    pairs: dict[str, list[str]] = {}
+    for line in PARITY_PAGE.read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip() for cell in line.strip().strip("|").split(" | ")]
+        if not line.startswith("| `"):
+            continue
+        kind = cells[0].strip("`")
+        if len(cells) == 6 and kind in EXAMPLES and not cells[5].startswith("does not apply"):
+            found.setdefault(kind, (f"{cells[1]} (seed of the example)", f"{cells[2]} (seed of the example)"))
+        elif len(cells) == 5 and cells[1] in ("builtin", "ArduCopter"):
+            pairs.setdefault(kind, []).append(f"{cells[2]} of {SEEDS}; {cells[3]}; {cells[4]}")
+    return found | {kind: (first, second) for kind, (first, second) in pairs.items()}
+
+
+_ARDUCOPTER: Final = "Reaction of the builtin: "
+
+
+def _with_arducopter(kind: str, section: str) -> str:
+    """A section with the line that compares the builtin with ArduCopter, if both have flown the example."""
+    kept = "\n".join(line for line in section.splitlines() if not line.startswith(_ARDUCOPTER)).rstrip("\n")
+    if kind not in reactions():
+        return f"{kept}\n"
+    first, second = reactions()[kind]
+    return f"{kept}\n\n{_ARDUCOPTER}{first}. Of ArduCopter: {second}. [Parity](../explanation/parity.md#attacks)\n"
 
 
 def write_named(name: str) -> None:
@@ -106,11 +145,15 @@ def write_published(sections: Mapping[str, str]) -> None:
     """Renew the table of the published attacks from the sections of the kinds."""
     pages = [(SCENARIO_PAGES / f"{name}.md").read_text(encoding="utf-8") for name in NAMED]
     sections = {**sections, **dict(found for page in pages for found in SECTION.findall(page))}
-    rows = ["| published attack | link | kind or scenario | measured effect |", "|---|---|---|---|"]
+    rows = [
+        "| published attack | link | kind or scenario | measured effect | reaction of ArduCopter |",
+        "|---|---|---|---|---|",
+    ]
     for attack, (link, kinds) in PUBLISHED.items():
         for kind in kinds:
             target = f"scenarios/{kind}.md" if kind in NAMED else page_of(kind)
-            rows.append(f"| {attack} | {link} | [`{kind}`]({target}) | {_first(sections, kind)} |")
+            _, arducopter = reactions().get(kind, ("", "not flown"))
+            rows.append(f"| {attack} | {link} | [`{kind}`]({target}) | {_first(sections, kind)} | {arducopter} |")
             attack = link = ""
     table = "\n".join(rows)
     text = PUBLISHED_PAGE.read_text(encoding="utf-8")
