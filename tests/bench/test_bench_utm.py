@@ -7,7 +7,7 @@ import json
 import pytest
 
 from skyrange.bench import approval, planning, utm_services
-from skyrange.cli.handlers.measurement.benchmarks import bench_planning
+from skyrange.cli.benchmarks import bench_planning
 from skyrange.planning.limits import Limits
 from skyrange.planning.routes import find_route
 

@@ -427,7 +427,7 @@ def test_the_doctor_does_not_fail_for_what_is_optional(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from skyrange import doctor
-    from skyrange.cli.handlers import installation
+    from skyrange.cli import installation
 
     findings = [doctor.Finding("ardupilot", "none", False, "get it", optional=True)]
     monkeypatch.setattr(doctor, "examine", lambda **_: findings)

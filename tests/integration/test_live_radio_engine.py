@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from skyrange.assembly.build import build
-from skyrange.cli.handlers.live import _table
+from skyrange.cli.live import _table
 from skyrange.contracts.components import InstanceStatus
 from skyrange.contracts.medium import ProgramStatus
 from skyrange.core.errors import ComponentError, InputError

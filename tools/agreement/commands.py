@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.handlers.measurement.parity import print_parity
 from skyrange.cli.output.console import print_json, print_notice, print_text, terminal
+from skyrange.cli.parity import print_parity
 
 if TYPE_CHECKING:
     from tools.agreement.gnss_reactions import ComparedReaction, Reaction

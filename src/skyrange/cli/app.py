@@ -8,9 +8,10 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli import live_app
+from skyrange.cli import comparisons as matrices
+from skyrange.cli import comparisons as variants
+from skyrange.cli import exports, installation, live_app, runs
 from skyrange.cli.dataset_app import dataset_app
-from skyrange.cli.handlers import exports, installation, matrices, runs, variants
 from skyrange.cli.measurement_app import bench_app, parity_app
 from skyrange.cli.options import (
     Arms,

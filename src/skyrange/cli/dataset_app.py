@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli.handlers import datasets
+from skyrange.cli import datasets
 from skyrange.cli.options import AsJson
 
 dataset_app = typer.Typer(

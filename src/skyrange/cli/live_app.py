@@ -8,9 +8,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli.addresses import parse_ip_address
-from skyrange.cli.handlers import live, relay, runs
-from skyrange.cli.handlers import tap as tapping
+from skyrange.cli import live, runs
 from skyrange.cli.options import (
     AsJson,
     Buildings,
@@ -26,8 +24,9 @@ from skyrange.cli.options import (
     Seed,
     ViewerHost,
     ViewerPort,
+    parse_ip_address,
 )
-from skyrange.cli.output import live_viewer_notices
+from skyrange.cli.output import viewer_notices as live_viewer_notices
 
 commands = typer.Typer()
 
@@ -154,7 +153,7 @@ def relay_(
     ] = 60.0,
 ) -> None:
     """Relay the viewers' ports of a run to another network until the run ends. Nothing passes the other way."""
-    relay.relay(run, vehicles, listen, wait)
+    live.relay(run, vehicles, listen, wait)
 
 
 @commands.command(epilog="Example: skyrange keys lab-keys lab2 lab3")
@@ -205,7 +204,7 @@ def tap(
     as_json: AsJson = False,
 ) -> None:
     """Connect your own program to a link of a live range, to alter, drop, delay and inject frames."""
-    tapping.tap(link, listen, run, hold_ms, fail.value, name, wait_s, as_json)
+    live.tap(link, listen, run, hold_ms, fail.value, name, wait_s, as_json)
 
 
 @commands.command(epilog="Example: skyrange merge runs/squares --out runs/squares-whole")

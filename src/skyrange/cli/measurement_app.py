@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli.handlers.measurement import benchmark_suite, benchmarks, live_benchmark, parity
+from skyrange.cli import benchmark_suite, benchmarks, live_benchmark, parity
 from skyrange.cli.options import AsJson, Changes, Grouping, PortOffset, ScenarioName
 
 bench_app = typer.Typer(

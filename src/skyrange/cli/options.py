@@ -1,12 +1,16 @@
-"""Arguments and options common to several commands."""
+"""Arguments and options common to several commands, and the addresses among them."""
 
 from __future__ import annotations
 
 from enum import StrEnum
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from skyrange.core.errors import InputError
+from skyrange.core.whole_numbers import parse_whole
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.", show_default=False)]
@@ -112,3 +116,20 @@ class Grouping(StrEnum):
     OPERATOR = "operator"
     HOST = "host"
     ONE = "one"
+
+
+def parse_ip_address(who: str, option: str, text: str) -> str:
+    """The IP address `text`, in its usual form. Raises `InputError`, in the name of `who`, for anything else."""
+    try:
+        return str(ip_address(text))
+    except ValueError:
+        raise InputError.one(who, option, text, "an IP address") from None
+
+
+def parse_address(who: str, option: str, text: str, default_port: int) -> tuple[str, int]:
+    """IP address and TCP port of `text`: ADDRESS, ADDRESS:PORT or [ADDRESS]:PORT. Raises `InputError`."""
+    host, separator, port = text.rpartition(":") if text.count(":") == 1 or "]:" in text else (text, "", "")
+    number = parse_whole(port) if separator else default_port
+    if number is None or not 0 < number < 65_536:
+        raise InputError.one(who, option, text, "ADDRESS or ADDRESS:PORT")
+    return parse_ip_address(who, option, host.strip("[]")), number

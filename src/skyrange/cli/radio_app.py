@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli.handlers import radio
+from skyrange.cli import radio
 from skyrange.cli.options import AsJson, Buildings, Changes, complete_scenario
 
 radio_app = typer.Typer(

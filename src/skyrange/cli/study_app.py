@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli.handlers import studies
+from skyrange.cli import studies
 from skyrange.cli.options import AsJson, Plugins
 
 study_app = typer.Typer(

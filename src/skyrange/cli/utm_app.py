@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli.handlers import utm
+from skyrange.cli import utm
 
 utm_app = typer.Typer(
     help="Run UTM services as processes: USSs and a DSS after ASTM F3548-21, or an approval authority.\n\n"

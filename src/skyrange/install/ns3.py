@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from skyrange.core.engine_sources import source_files
 from skyrange.core.errors import InputError
-from skyrange.install.compile_engine import CompiledEngine, compile_engine
+from skyrange.install.compilation import CompiledEngine, compile_engine
 from skyrange.radio.external.ns3 import HOW_TO_GET
 
 WHO: Final = "ns-3"

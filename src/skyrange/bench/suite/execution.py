@@ -11,8 +11,7 @@ from typing import Any
 from pydantic import JsonValue
 
 from skyrange.bench.suite.cases import Benchmark, Case, find_benchmarks
-from skyrange.bench.suite.machine import describe_machine
-from skyrange.bench.suite.observation import Observation
+from skyrange.bench.suite.machine import Observation, describe_machine
 from skyrange.bench.suite.results import FORMAT, VERSION, BenchmarkResult, CaseResult, Results, Row
 from skyrange.core.compiled import list_compiled
 from skyrange.core.errors import SkyrangeError

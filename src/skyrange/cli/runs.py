@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.addresses import parse_ip_address
+from skyrange.cli.options import parse_ip_address
 from skyrange.cli.output.console import print_json, print_notice, print_text, print_unverified
 from skyrange.core.errors import InputError, ShortfallError
 from skyrange.core.input_files import expand_user
@@ -36,11 +36,10 @@ def run(
     as_json: bool,
 ) -> None:
     """`skyrange run`."""
-    from skyrange.cli.output.interlock_notice import print_interlock_notice
     from skyrange.cli.output.progress import compile_if_cold, progress
     from skyrange.cli.output.run_summary import print_summary
     from skyrange.cli.output.viewer_notices import open_viewers
-    from skyrange.cli.output.warnings import print_warnings
+    from skyrange.cli.output.warnings import print_interlock_notice, print_warnings
     from skyrange.metrics.summary import summary
     from skyrange.scenario.shipped import load
     from skyrange.study.runs import fly

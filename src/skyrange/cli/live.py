@@ -1,4 +1,4 @@
-"""The commands for live ranges, and the table of nodes that `skyrange live` shows during a run."""
+"""The commands for live ranges, the relay and taps, and the table of nodes that `skyrange live` shows during a run."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.addresses import parse_address, parse_ip_address
+from skyrange.cli.options import parse_address, parse_ip_address
 from skyrange.cli.output.console import print_json, print_notice, print_text, terminal
-from skyrange.cli.output.interlock_notice import print_interlock_notice
-from skyrange.cli.output.live_viewer_notices import print_open_ports, print_viewer_counts, tell_when_up
 from skyrange.cli.output.run_summary import print_summary
+from skyrange.cli.output.viewer_notices import print_open_ports, print_viewer_counts, tell_when_up
+from skyrange.cli.output.warnings import print_interlock_notice
 from skyrange.core.time import NS_PER_MS, to_seconds
 
 if TYPE_CHECKING:
@@ -216,3 +216,56 @@ def _table(flown: LiveRange) -> Table:
         return table
     table.caption = f"at most {late:.2f} s behind real time" if late > 0.1 else None
     return table
+
+
+def relay(run: str, vehicles: int, listen: str, wait_s: float) -> None:
+    """`skyrange relay`."""
+    from skyrange.cli.output.viewer_notices import viewer_counts_text
+    from skyrange.runtime.viewer_relay import ViewerRelay
+    from skyrange.runtime.viewers import FIRST_PORT
+
+    source = parse_address("relay", "--from", run, FIRST_PORT)
+    with ViewerRelay(source, parse_address("relay", "--listen", listen, FIRST_PORT), vehicles) as relaying:
+        try:
+            relaying.serve(wait_s, print_notice)
+        except KeyboardInterrupt:
+            print_notice("relay: closed")
+        print_notice(viewer_counts_text(relaying.counts))
+
+
+def tap(
+    link: str, listen: str, run: Path | None, hold_ms: float, fail: str, name: str, wait_s: float, as_json: bool
+) -> None:
+    """`skyrange tap`."""
+    from pydantic import ValidationError
+
+    from skyrange.core.errors import InputError
+    from skyrange.runtime.live.taps.external_tap import TapTerms
+    from skyrange.runtime.live.taps.tap_process import TapProcess, parse_loopback
+
+    given: dict[str, Any] = {"link": link, "name": name, "hold_ms": hold_ms, "fail": fail}
+    try:
+        terms = TapTerms.model_validate(given)
+    except ValidationError as error:
+        raise InputError.one("tap", "--name", name, "1 to 32 letters, digits, '-' or '_'") from error
+    tapping = TapProcess(terms, parse_loopback(listen), run or newest_live_run(), wait_s)
+    try:
+        tapping.serve(print_notice)
+    except KeyboardInterrupt:
+        print_notice("tap: removed from the link")
+    if as_json:
+        print_json(dict(tapping.counts))
+    else:
+        counted = ", ".join(f"{count} {what}" for what, count in tapping.counts.items())
+        print_text(f"{link}: {counted or 'no frames'}")
+
+
+def newest_live_run() -> Path:
+    """The folder of the newest live range under `runs`. Raises `InputError` if there is none."""
+    from skyrange.core.errors import InputError
+    from skyrange.record.folder import PARTS
+
+    found = sorted(Path("runs").glob(f"*/{PARTS}"), key=lambda path: path.stat().st_mtime)
+    if not found:
+        raise InputError.one("tap", "--run", "no live range under runs", "the run folder of a live range")
+    return found[-1].parent

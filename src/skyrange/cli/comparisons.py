@@ -1,0 +1,135 @@
+"""The commands `skyrange compare` and `skyrange matrix`, and the tables that they print."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from skyrange.cli.output.console import print_json, print_text, terminal
+from skyrange.cli.output.warnings import print_failed_missions
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from skyrange.study.matrix.flights import MatrixResult
+    from skyrange.study.matrix.sections import Shown
+    from skyrange.study.variants.flights import Comparison
+
+
+def compare(
+    name: str,
+    variants: Sequence[str],
+    out: Path | None,
+    seeds: int,
+    jobs: int | None,
+    seed: int | None,
+    buildings: Path | None,
+    changes: Sequence[str],
+    as_json: bool,
+) -> None:
+    """`skyrange compare`."""
+    from skyrange.cli.output.progress import compile_if_cold, parallel_progress
+    from skyrange.study.variants.flights import compare_variants, read_variants
+    from skyrange.study.variants.report import write_comparison_report
+    from skyrange.twins.failed_missions import require_baseline
+
+    chosen = read_variants(variants)
+    compile_if_cold(quiet=as_json)
+    with parallel_progress(name, seeds * (len(chosen) + 1), quiet=as_json) as on_progress:
+        result = compare_variants(
+            name,
+            chosen,
+            out,
+            seeds=seeds,
+            jobs=jobs,
+            seed=seed,
+            buildings=buildings,
+            changes=changes,
+            on_progress=on_progress,
+        )
+    report = write_comparison_report(result)
+    if as_json:
+        print_json({**result.describe(), "path": str(result.path), "report": str(report)})
+    else:
+        print_comparison(terminal(), result)
+        print_text(f"runs   {result.path}")
+        print_text(f"report {report}")
+    require_baseline(result.failed_missions, result.path)
+
+
+def print_comparison(console: Console, result: Comparison) -> None:
+    """Print the missions that failed without an attack, then the tables of a comparison."""
+    from rich.table import Table
+
+    from skyrange.study.variants.sections import make_tables
+
+    print_failed_missions(console, result.failed_missions)
+    for one in make_tables(result):
+        table = Table(title=one.title, title_justify="left", title_style="bold")
+        for number, text in enumerate(one.head):
+            table.add_column(text, justify="right" if number else "left")
+        for row in one.rows:
+            table.add_row(*row)
+        console.print(table)
+
+
+def matrix(
+    file: Path | None,
+    out: Path | None,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    seeds: int | None,
+    jobs: int | None,
+    page: Path | None,
+    as_json: bool,
+) -> None:
+    """`skyrange matrix`."""
+    from skyrange.cli.output.progress import compile_if_cold, map_progress
+    from skyrange.core.errors import InputError
+    from skyrange.study.matrix.flights import describe, fly_matrix
+    from skyrange.study.matrix.model import read_matrix, select
+    from skyrange.study.matrix.report import write_matrix_page, write_matrix_report
+    from skyrange.twins.failed_missions import require_baseline
+
+    chosen = select(read_matrix(file), tuple(rows), tuple(columns))
+    if seeds is not None:
+        chosen = chosen.model_copy(update={"seeds": seeds})
+    if page is not None and not page.parent.is_dir():
+        raise InputError.one("matrix", "--page", str(page), "a file in a folder that exists")
+    compile_if_cold(quiet=as_json)
+    with map_progress(chosen.name, "cells", quiet=as_json) as on_cell:
+        result = fly_matrix(chosen, out, jobs=jobs, on_cell=on_cell)
+    report = write_matrix_report(result)
+    if page is not None:
+        write_matrix_page(result, page)
+    if as_json:
+        print_json(describe(result))
+    else:
+        print_matrix(terminal(), result)
+        print_text(f"matrix {result.path}")
+        print_text(f"report {report}")
+    require_baseline(result.failed_missions, result.path)
+
+
+def print_matrix(console: Console, result: MatrixResult) -> None:
+    """Print the missions that failed without an attack, then every section of a matrix as a table."""
+    from rich.table import Table
+    from rich.text import Text
+
+    from skyrange.study.matrix.sections import make_sections
+
+    def text_of(cell: Shown) -> Text:
+        text = Text(cell.text, style="bold" if cell.strong else "")
+        if cell.after:
+            text.append(f"\n{cell.after}", style="bold" if cell.after_strong else "dim")
+        return text
+
+    print_failed_missions(console, result.failed_missions)
+    for section in make_sections(result):
+        table = Table(title=section.title, title_justify="left", title_style="bold", show_lines=True)
+        for name in section.head:
+            table.add_column(name)
+        for row in section.rows:
+            table.add_row(*map(text_of, row))
+        console.print(table)
