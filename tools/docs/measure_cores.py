@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyrange.bench.cores import compare, measure
+from skyrange.bench.fleet import FleetOptions
 from skyrange.figures import svg
 from skyrange.figures.palette import OKABE_ITO
 from skyrange.figures.svg import Figure, format_number
@@ -44,7 +45,9 @@ def fly_fleets(cores: int, repeat: int) -> None:
     found = []
     for load, remote_id, vehicles, seconds in FLEETS:
         rows = [
-            measure(vehicles, seconds, OPERATORS, count, load, remote_id, turn=turn)
+            measure(
+                vehicles, seconds, count, FleetOptions(load=load, remote_id=remote_id, operators=OPERATORS), turn=turn
+            )
             for turn in range(repeat)
             for count in (1, cores)
         ]

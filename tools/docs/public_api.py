@@ -213,7 +213,7 @@ def _methods(value: Any) -> dict[str, Any]:
     return found
 
 
-def _signature(value: Any, wide: bool = False) -> str:
+def _signature(value: Any, *, wide: bool = False) -> str:
     """A signature without `self`; one parameter a line where it is long, unless it shall be `wide`."""
     found = inspect.signature(value)
     kept = [p.replace(annotation=_plain(p.annotation)) for p in found.parameters.values()]

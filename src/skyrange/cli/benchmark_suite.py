@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+import typer
+
+from skyrange.cli.options import AsJson
 from skyrange.cli.output.console import print_json, print_notice, print_text
 from skyrange.cli.output.progress import compile_if_cold, step_progress
 
@@ -13,8 +15,28 @@ if TYPE_CHECKING:
     from skyrange.bench.suite.results import Results
 
 
-def run_all(names: Sequence[str], quick: bool, output: Path | None, page: Path | None, as_json: bool) -> None:
-    """`skyrange bench all`. With `--json` the progress still goes to standard error, because it takes minutes."""
+commands = typer.Typer()
+
+
+@commands.command("all", epilog="Example: skyrange bench all --quick --output results.json --page results.html")
+def all_benches(
+    *,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Smaller sizes: about a minute instead of five, and less to rely on.")
+    ] = False,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Run this benchmark, such as fleet-light. May be repeated. Default: all."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the results to this file as JSON, for bench page.")
+    ] = None,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a page of the results to this HTML file.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run all benchmarks in turn, with ratios to a yardstick, load of the machine and memory over time."""
     from skyrange.bench.suite.execution import run_benchmarks
     from skyrange.bench.suite.page import write_page
     from skyrange.bench.suite.results import write_results
@@ -24,7 +46,7 @@ def run_all(names: Sequence[str], quick: bool, output: Path | None, page: Path |
         _check_folder("bench all", option, path)
     compile_if_cold(quiet=False)
     with step_progress(quiet=False) as on_case:
-        results = run_benchmarks(names, quick=quick, on_case=on_case)
+        results = run_benchmarks(only or [], quick=quick, on_case=on_case)
     if output is not None:
         write_results(results, output)
     if page is not None:
@@ -41,24 +63,36 @@ def run_all(names: Sequence[str], quick: bool, output: Path | None, page: Path |
         raise ComponentError("bench all", f"{len(failed)} cases failed: {what}")
 
 
-def make_page(path: Path, against: Path | None, output: Path | None) -> None:
-    """`skyrange bench page`."""
+@commands.command("page", epilog="Example: skyrange bench page new.json --against old.json --output comparison.html")
+def results_page(
+    *,
+    results: Annotated[
+        Path, typer.Argument(metavar="RESULTS", help="Results of bench all, a JSON file.", show_default=False)
+    ],
+    against: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Older results to compare with: old, new and their ratios.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="HTML file to write. Default: beside the results.")
+    ] = None,
+) -> None:
+    """Write a page of the results of bench all, alone or compared with older ones."""
     from skyrange.bench.suite.comparison import compare_results, list_differences
     from skyrange.bench.suite.page import write_page
     from skyrange.bench.suite.results import read_results
     from skyrange.core.errors import InputError
 
-    written = output or path.with_suffix(".html")
-    results = read_results(path)
+    written = output or results.with_suffix(".html")
+    measured = read_results(results)
     old = None if against is None else read_results(against)
     _check_folder("bench page", "--output", written)
     if old is not None:
-        if not compare_results(old, results):
-            expected = f"results with a case that {path} has too, of the same size"
+        if not compare_results(old, measured):
+            expected = f"results with a case that {results} has too, of the same size"
             raise InputError.one("bench page", "--against", str(against), expected)
-        for line in list_differences(old, results):
+        for line in list_differences(old, measured):
             print_notice(f"warning: {line}")
-    write_page(results, written, old)
+    write_page(measured, written, old)
     print_text(f"page {written}")
 
 

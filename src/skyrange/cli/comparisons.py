@@ -1,11 +1,13 @@
-"""The commands `skyrange compare` and `skyrange matrix`, and the tables that they print."""
+"""Handlers of the commands that compare runs that they fly: pairs, variants of a scenario, matrices."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from skyrange.cli.options import ScenarioChoice
 from skyrange.cli.output.console import print_json, print_text, terminal
 from skyrange.cli.output.warnings import print_failed_missions
 
@@ -15,37 +17,109 @@ if TYPE_CHECKING:
     from skyrange.study.matrix.flights import MatrixResult
     from skyrange.study.matrix.sections import Shown
     from skyrange.study.variants.flights import Comparison
+    from skyrange.twins.attribution.arms import Selection
+    from skyrange.twins.pair_folder import Pair
 
 
-def compare(
-    name: str,
-    variants: Sequence[str],
-    out: Path | None,
-    seeds: int,
-    jobs: int | None,
-    seed: int | None,
-    buildings: Path | None,
-    changes: Sequence[str],
-    as_json: bool,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class PairOptions:
+    """What `skyrange pair` was told; `arms` None are those that its number of attacks suggests."""
+
+    scenario: ScenarioChoice
+    out: Path | None
+    arms: Selection | None
+    honest: bool
+    seeds: int
+    jobs: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class VariantOptions:
+    """What `skyrange compare` was told."""
+
+    scenario: ScenarioChoice
+    variants: Sequence[str]
+    out: Path | None
+    seeds: int
+    jobs: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class MatrixOptions:
+    """What `skyrange matrix` was told; without `rows` or `columns` all of the file."""
+
+    file: Path | None
+    out: Path | None
+    rows: Sequence[str]
+    columns: Sequence[str]
+    seeds: int | None
+    jobs: int | None
+    page: Path | None
+
+
+def pair(options: PairOptions, *, as_json: bool) -> None:
+    """`skyrange pair`."""
+    from skyrange.cli.output.pair_table import print_pair
+    from skyrange.cli.output.progress import compile_if_cold, parallel_progress
+    from skyrange.cli.output.warnings import print_warnings
+    from skyrange.study.pairing import pair as fly_pair
+    from skyrange.twins.attribution.arms import acting_attacks, plan_arms
+    from skyrange.twins.failed_missions import require_baseline
+
+    scenario = options.scenario.load()
+    print_warnings(scenario)
+    compile_if_cold(quiet=as_json)
+    flights = options.seeds * len(plan_arms(acting_attacks(scenario), options.arms, options.honest))
+    with parallel_progress(scenario.name, flights, quiet=as_json) as on_progress:
+        result = fly_pair(
+            scenario,
+            options.out,
+            arms=options.arms,
+            honest=options.honest,
+            seeds=options.seeds,
+            jobs=options.jobs,
+            on_progress=on_progress,
+        )
+    if as_json:
+        print_json(describe_pair(result))
+    else:
+        print_pair(result)
+    require_baseline(map(str, result.failed_missions), result.path)
+
+
+def describe_pair(result: Pair) -> dict[str, Any]:
+    """A pair as plain data, for `--json`."""
+    from skyrange.twins.attribution.arms import HONEST
+
+    found = {vehicle: {key: one._asdict() for key, one in own.items()} for vehicle, own in result.intervals().items()}
+    folder = {"path": str(result.path), "report": str(result.report)}
+    failed = [{**asdict(one), "reasons": dict(one.reasons)} for one in result.failed_missions]
+    effects, attribution = result.effects.to_pylist(), result.attribution.to_pylist()
+    facts = {**result.manifest, **folder, "failed_missions": failed, "effects": effects, "intervals": found}
+    facts["attribution"] = attribution
+    return facts | ({"lie_and_truth": result.lie_and_truth.to_pylist()} if HONEST in result.arms else {})
+
+
+def compare(options: VariantOptions, *, as_json: bool) -> None:
     """`skyrange compare`."""
     from skyrange.cli.output.progress import compile_if_cold, parallel_progress
     from skyrange.study.variants.flights import compare_variants, read_variants
     from skyrange.study.variants.report import write_comparison_report
     from skyrange.twins.failed_missions import require_baseline
 
-    chosen = read_variants(variants)
+    scenario = options.scenario
+    chosen = read_variants(options.variants)
     compile_if_cold(quiet=as_json)
-    with parallel_progress(name, seeds * (len(chosen) + 1), quiet=as_json) as on_progress:
+    with parallel_progress(scenario.name, options.seeds * (len(chosen) + 1), quiet=as_json) as on_progress:
         result = compare_variants(
-            name,
+            scenario.name,
             chosen,
-            out,
-            seeds=seeds,
-            jobs=jobs,
-            seed=seed,
-            buildings=buildings,
-            changes=changes,
+            options.out,
+            seeds=options.seeds,
+            jobs=options.jobs,
+            seed=scenario.seed,
+            buildings=scenario.buildings,
+            changes=scenario.changes,
             on_progress=on_progress,
         )
     report = write_comparison_report(result)
@@ -74,16 +148,7 @@ def print_comparison(console: Console, result: Comparison) -> None:
         console.print(table)
 
 
-def matrix(
-    file: Path | None,
-    out: Path | None,
-    rows: Sequence[str],
-    columns: Sequence[str],
-    seeds: int | None,
-    jobs: int | None,
-    page: Path | None,
-    as_json: bool,
-) -> None:
+def matrix(options: MatrixOptions, *, as_json: bool) -> None:
     """`skyrange matrix`."""
     from skyrange.cli.output.progress import compile_if_cold, map_progress
     from skyrange.core.errors import InputError
@@ -92,14 +157,15 @@ def matrix(
     from skyrange.study.matrix.report import write_matrix_page, write_matrix_report
     from skyrange.twins.failed_missions import require_baseline
 
-    chosen = select(read_matrix(file), tuple(rows), tuple(columns))
-    if seeds is not None:
-        chosen = chosen.model_copy(update={"seeds": seeds})
+    chosen = select(read_matrix(options.file), tuple(options.rows), tuple(options.columns))
+    if options.seeds is not None:
+        chosen = chosen.model_copy(update={"seeds": options.seeds})
+    page = options.page
     if page is not None and not page.parent.is_dir():
         raise InputError.one("matrix", "--page", str(page), "a file in a folder that exists")
     compile_if_cold(quiet=as_json)
     with map_progress(chosen.name, "cells", quiet=as_json) as on_cell:
-        result = fly_matrix(chosen, out, jobs=jobs, on_cell=on_cell)
+        result = fly_matrix(chosen, options.out, jobs=options.jobs, on_cell=on_cell)
     report = write_matrix_report(result)
     if page is not None:
         write_matrix_page(result, page)

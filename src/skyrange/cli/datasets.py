@@ -1,25 +1,64 @@
-"""Handlers of the commands `skyrange dataset`."""
+"""The commands `skyrange dataset`."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated
 
+import typer
+
+from skyrange.cli.options import AsJson
 from skyrange.cli.output.console import print_json, print_notice, print_text, terminal
 
+dataset_app = typer.Typer(
+    help="Build a labelled data set from the runs of a study, and look for leaks in it.\n\n"
+    "Example: skyrange dataset build studies/detect detect-data",
+    no_args_is_help=True,
+)
 
+Dataset = Annotated[Path, typer.Argument(metavar="DATASET", help="The folder of a data set.", show_default=False)]
+
+
+@dataset_app.command("build", epilog="Example: skyrange dataset build studies/detect detect-data")
 def build(
-    source: Path,
-    out: Path,
-    name: str | None,
-    families: Sequence[str],
-    cities: Sequence[str],
-    fleets: Sequence[int],
-    as_json: bool,
+    *,
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="STUDY|FILE",
+            help='The folder of a study with keep = "everything", or a TOML or JSON list of run folders.',
+            show_default=False,
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR", help="A new folder, or that of the same build, which goes on.", show_default=False
+        ),
+    ],
+    name: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Name of the data set. Default: that of DIR.", show_default=False)
+    ] = None,
+    hold_out_family: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FAMILY", help="Family of attacks to hold out in a split of its own. May be repeated."),
+    ] = None,
+    hold_out_city: Annotated[
+        list[str] | None,
+        typer.Option(metavar="CITY", help="City to hold out in a split of its own. May be repeated."),
+    ] = None,
+    hold_out_fleet: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", help="Size of fleets to hold out in a split of its own. May be repeated."),
+    ] = None,
+    as_json: AsJson = False,
 ) -> None:
-    """`skyrange dataset build`."""
+    """Build a data set: views of all runs with labels, splits by block, metadata and checksums.
+
+    Without an option --hold-out-…, what the study's file holds out is.
+    """
     from skyrange.core.input_files import expand_user
     from skyrange.dataset.build import build_dataset
     from skyrange.dataset.members import read_members
@@ -29,7 +68,7 @@ def build(
     from skyrange.study.sweep.scores.score_tables import check_held_traits, held_out_of
 
     path, target = expand_user(source), expand_user(out)
-    held = HeldOut(frozenset(families), frozenset(cities), frozenset(fleets))
+    held = HeldOut(frozenset(hold_out_family or ()), frozenset(hold_out_city or ()), frozenset(hold_out_fleet or ()))
     if path.is_dir():
         members, opened = list_dataset_members(path), open_folder(path)
         study = opened.study
@@ -55,8 +94,9 @@ def build(
     print_text(f"to look for leaks: skyrange dataset audit {folder}")
 
 
-def audit(folder: Path, as_json: bool) -> None:
-    """`skyrange dataset audit`."""
+@dataset_app.command("audit", epilog="Example: skyrange dataset audit detect-data")
+def audit(*, folder: Dataset, as_json: AsJson = False) -> None:
+    """Look for leaks: what tells arms apart by metadata, before the onset, or from a sham. Fails if anything does."""
     from rich.table import Table
 
     from skyrange.dataset.audit.classifier import require_no_leak

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from skyrange.record import RunRecord
 
 
-def export_captures(folder: Path, only: str | None, receivers: Sequence[str], out: Path | None, as_json: bool) -> None:
+def export_captures(
+    folder: Path, only: str | None, receivers: Sequence[str], out: Path | None, *, as_json: bool
+) -> None:
     """`skyrange export` of captures."""
     from skyrange.export.captures import packet_captures
     from skyrange.export.captures.received_broadcasts import has_radio
@@ -40,7 +42,7 @@ def export_captures(folder: Path, only: str | None, receivers: Sequence[str], ou
         print_notice("no Remote ID: the run has no radio medium")
 
 
-def export_files(folder: Path, kinds: Sequence[str], out: Path | None, as_json: bool) -> None:
+def export_files(folder: Path, kinds: Sequence[str], out: Path | None, *, as_json: bool) -> None:
     """`skyrange export` of other files: `kinds` are of csv, tlog, mcap, kml and tables."""
     from skyrange.record import load
 

@@ -1,42 +1,105 @@
-"""The commands for live ranges, the relay and taps, and the table of nodes that `skyrange live` shows during a run."""
+"""The commands for live ranges: the range itself, machines that join it, viewers, taps, and records to merge."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
-from skyrange.cli.options import parse_address, parse_ip_address
-from skyrange.cli.output.console import print_json, print_notice, print_text, terminal
+import typer
+
+from skyrange.cli.options import (
+    AsJson,
+    Buildings,
+    Changes,
+    Grouping,
+    Motion,
+    Plugins,
+    PortOffset,
+    Qgc,
+    RunFolder,
+    RunOut,
+    ScenarioChoice,
+    ScenarioName,
+    Seed,
+    ViewerHost,
+    ViewerPort,
+    load_plugins,
+    parse_address,
+    parse_ip_address,
+)
+from skyrange.cli.output.console import print_json, print_notice, print_text
+from skyrange.cli.output.live_table import live_progress
 from skyrange.cli.output.run_summary import print_summary
-from skyrange.cli.output.viewer_notices import print_open_ports, print_viewer_counts, tell_when_up
+from skyrange.cli.output.viewer_notices import find_first_port, print_open_ports, print_viewer_counts, tell_when_up
 from skyrange.cli.output.warnings import print_interlock_notice
-from skyrange.core.time import NS_PER_MS, to_seconds
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from skyrange.runtime.live.range import LiveRange, OnUpdate
-    from skyrange.runtime.live.transport.addresses import Crossing
-
-MAX_ROWS = 40
+commands = typer.Typer()
 
 
+class Death(StrEnum):
+    """Reactions of a live range to the death of a node."""
+
+    STOP = "stop"
+    CONTINUE = "continue"
+    RESTART = "restart"
+
+
+@commands.command("live", epilog="Example: skyrange live squares --external blue.gcs")
 def live(
-    name: str,
-    out: Path | None,
-    seed: int | None,
-    buildings: Path | None,
-    changes: Sequence[str],
-    outside: Sequence[str],
-    port_offset: int,
-    keys: Path | None,
-    options: Mapping[str, Any],
-    as_json: bool,
+    *,
+    scenario: ScenarioName,
+    out: RunOut = None,
+    seed: Seed = None,
+    buildings: Buildings = None,
+    changes: Changes = None,
+    group: Annotated[
+        Grouping | None,
+        typer.Option(
+            metavar="HOW",
+            help="Components that share a process. component: none; operator: those of one operator; host: those on "
+            "one machine; one: all. Default: component with at most eight components per core, else operator.",
+        ),
+    ] = None,
+    external: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COMPONENT",
+            help="Start no process for this component, such as blue.gcs; your own program replaces it. May be "
+            "repeated.",
+        ),
+    ] = None,
+    port_offset: PortOffset = 0,
+    on_death: Annotated[
+        Death | None,
+        typer.Option(
+            metavar="HOW",
+            help="Reaction to the death of a process: stop the range, continue without the process, or restart it (at "
+            "most three times). Default: live.on_death of the scenario, else stop.",
+        ),
+    ] = None,
+    qgc: Qgc = False,
+    viewer_port: ViewerPort = None,
+    viewer_host: ViewerHost = "127.0.0.1",
+    keys: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="Folder with the keys of the range, made by `skyrange keys`, for machines that join."
+        ),
+    ] = None,
+    netns: Annotated[
+        bool,
+        typer.Option(
+            "--netns",
+            help="Put every ground station and every aircraft in its own network namespace, for tools that act on "
+            "packets (tc, Scapy). Linux only; needs root.",
+        ),
+    ] = False,
+    allow_motion: Motion = False,
+    plugin: Plugins = None,
+    as_json: AsJson = False,
 ) -> None:
-    """`skyrange live`; `options` go to `prepare_range` as they are."""
+    """Run a scenario in real time, with its components as separate processes on real sockets."""
     from skyrange.cli.output.progress import compile_if_cold
     from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
     from skyrange.io.zeromq.curve_keys import load_range
@@ -45,16 +108,28 @@ def live(
     from skyrange.report import write_report
     from skyrange.runtime.live.range import prepare_range
     from skyrange.runtime.live.supervisor.supervisor import run_range
-    from skyrange.scenario.shipped import load
     from skyrange.twins.failed_missions import require_missions
 
-    scenario = load(name, changes, seed=seed, buildings=buildings)
+    load_plugins(plugin)
+    host = parse_ip_address("viewers", "--viewer-host", viewer_host)
+    chosen = ScenarioChoice(scenario, seed=seed, buildings=buildings, changes=changes or ()).load()
     compile_if_cold(quiet=as_json)
-    own = load_range(keys) if keys is not None else None
-    flown = prepare_range(scenario, out, outside=tuple(outside), port_offset=port_offset, keys=own, **options)
+    flown = prepare_range(
+        chosen,
+        out,
+        group=group.value if group is not None else None,
+        outside=tuple(external or ()),
+        port_offset=port_offset,
+        on_death=on_death.value if on_death is not None else None,
+        netns=netns,
+        motion=allow_motion,
+        viewer_port=find_first_port(viewer_port, port_offset, qgc=qgc),
+        viewer_host=host,
+        keys=load_range(keys) if keys is not None else None,
+    )
     print_open_ports(flown)
     failure: ShortfallError | ComponentError | None = None
-    with _show_progress(flown, quiet=as_json) as on_update:
+    with live_progress(flown, quiet=as_json) as on_update:
         try:
             run_range(flown, tell_when_up(flown, on_update))
         except (ShortfallError, ComponentError) as error:
@@ -87,139 +162,62 @@ def live(
     require_missions(record)
 
 
-def node(remote: str, key: Path, address: str | None, wait_s: float) -> None:
-    """`skyrange node`."""
+@commands.command(epilog="Example: skyrange node --join 10.0.0.1 --key lab2.key_secret")
+def node(
+    *,
+    range_: Annotated[
+        str,
+        typer.Option(
+            "--join",
+            metavar="ADDRESS",
+            help="IP address of the machine that starts the range, with :PORT if the port is not 14500.",
+        ),
+    ],
+    key: Annotated[Path, typer.Option(metavar="FILE", help="Secret key of this machine, made by `skyrange keys`.")],
+    address: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="IP address at which the other machines reach this one, as in `hosts` of the scenario. Default: the "
+            "address from which this machine connects to the range.",
+        ),
+    ] = None,
+    wait: Annotated[
+        float,
+        typer.Option(metavar="SECONDS", min=1, max=86_400, help="Longest time to wait for the start of the range."),
+    ] = 60.0,
+) -> None:
+    """Join this machine to a live range, and run the components that `hosts` in the scenario assigns to it."""
     from skyrange.io.zeromq.curve_keys import load_member
     from skyrange.runtime.live.node.host_agent import join_range
     from skyrange.runtime.live.range import CONTROL_PORT
 
     own = None if address is None else parse_ip_address("node", "--address", address)
-    at = parse_address("node", "--join", remote, CONTROL_PORT)
-    join_range(at, load_member(key), own, wait_s=wait_s, on_word=print_notice)
+    at = parse_address("node", "--join", range_, CONTROL_PORT)
+    join_range(at, load_member(key), own, wait_s=wait, on_word=print_notice)
 
 
-def keys(folder: Path, names: Sequence[str]) -> None:
-    """`skyrange keys`."""
-    from skyrange.io.zeromq.curve_keys import RANGE, make_range_keys
-
-    made = make_range_keys(folder, names)
-    if not made:
-        print_notice(f"{folder} already has the keys of a range; give the names of machines that may join")
-    for path in made:
-        use = "stays on this machine" if path.stem == RANGE else "copy it to that machine only"
-        print_text(f"{path}  {use}")
-
-
-def merge(folder: Path, out: Path | None, as_json: bool) -> None:
-    """`skyrange merge`."""
-    from skyrange.metrics.summary import summary
-    from skyrange.record import load as load_run
-    from skyrange.record.live_merge.recovery import recover_run
-    from skyrange.report import write_report
-
-    folder = folder.resolve()  # so that "." has a name
-    into = out if out is not None else folder.with_name(f"{folder.name}-merged")
-    recover_run(folder, into)
-    record = load_run(into)
-    write_report(record, into / "report.html")
-    facts = summary(record)
-    if as_json:
-        print_json(facts)
-    else:
-        print_summary(facts)
-
-
-@contextmanager
-def _show_progress(flown: LiveRange, *, quiet: bool) -> Iterator[OnUpdate | None]:
-    """Show the table on a terminal; elsewhere print a line at the start and every ten seconds."""
-    if quiet:
-        yield None
-    elif sys.stderr.isatty():
-        from rich.live import Live
-
-        with Live(_table(flown), console=terminal(stderr=True), refresh_per_second=4) as shown:
-            yield lambda now: shown.update(_table(now))
-    else:
-        printed, waited = -2, False
-
-        def tell(now: LiveRange) -> None:
-            nonlocal printed, waited
-            if now.waits_for and not waited:
-                waited = True
-                print_notice(_format_waiting(now))
-            tens = int(now.now_s // 10) if now.zero_ns else -1
-            if tens > printed and now.members:
-                printed = tens
-                states = [member.state for member in now.members.values()]
-                counted = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
-                at = _format_time(now)
-                print_notice(f"{now.built.scenario.name}: {at}; {counted}")
-
-        yield tell
-
-
-def _format_address(crossing: Crossing) -> str:
-    from skyrange.io.addresses import is_loopback
-
-    host, port = crossing.address
-    return f"{crossing.transport} {port}" if is_loopback(host) else f"{crossing.transport} {host}:{port}"
-
-
-def _format_time(flown: LiveRange) -> str:
-    """The time reached; processes end a moment after the scenario's end, and that is no more time of it."""
-    end_s = flown.built.scenario.duration_s
-    return f"{min(max(flown.now_s, 0.0), end_s):.0f} of {end_s:.0f} s"
-
-
-def _format_waiting(flown: LiveRange) -> str:
-    where = f"{flown.deployment.base}:{flown.control_port}"
-    return f"waiting for {', '.join(flown.waits_for)}: run `skyrange node --join {where} --key FILE` on each"
-
-
-def _table(flown: LiveRange) -> Table:
-    """A table with one row per node."""
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(title=f"{flown.built.scenario.name}: {_format_time(flown)}", title_justify="left", title_style="bold")
-    for column in ("node", "listens at", "state"):
-        table.add_column(column, no_wrap=column != "listens at")
-    for column in ("sent/s", "received/s", "lag", "core"):
-        table.add_column(column, justify="right", no_wrap=True)
-    seconds = max(flown.now_s, 1.0)
-    endpoints = {node.name: node.endpoints for node in flown.deployment.nodes}
-    for name, member in list(flown.members.items())[:MAX_ROWS]:
-        own = [one for one in flown.crossings if one.listener in endpoints[name]]
-        places = ", ".join(_format_address(one) for one in own[:4]) + (" …" if len(own) > 4 else "")
-        status = member.status
-        table.add_row(
-            name,
-            places,
-            Text(member.state, "red" if member.ended else ""),
-            f"{status.get('sent', 0) / seconds:.0f}",
-            f"{status.get('received', 0) / seconds:.0f}",
-            f"{status.get('lag_ns', 0) / NS_PER_MS:.0f} ms",
-            f"{status.get('cpu_s', 0.0) / seconds:.0%}",
-        )
-        for program in status.get("programs", ()):
-            state = program["state"] + (f", {len(program['ended'])} ended" if program["ended"] else "")
-            row = (f"  {program['name']}", f"pid {program['pid']}", Text(state, "red" if program["ended"] else ""))
-            table.add_row(*row, "", "", "", "")
-    for address in flown.waits_for:
-        table.add_row(f"at {address}", "", "awaited", "", "", "", "")
-    for name in sorted(flown.deployment.outside):
-        own = [one for one in flown.crossings if one.listener.startswith(name)]
-        table.add_row(name, ", ".join(_format_address(one) for one in own[:4]), "outside", "", "", "", "")
-    late = max((to_seconds(int(member.status.get("late_ns", 0))) for member in flown.members.values()), default=0.0)
-    if flown.waits_for:
-        table.caption = _format_waiting(flown)
-        return table
-    table.caption = f"at most {late:.2f} s behind real time" if late > 0.1 else None
-    return table
-
-
-def relay(run: str, vehicles: int, listen: str, wait_s: float) -> None:
-    """`skyrange relay`."""
+@commands.command("relay", epilog="Example: skyrange relay --from 10.0.0.1 --vehicles 5 --listen 0.0.0.0")
+def relay(
+    *,
+    run: Annotated[
+        str,
+        typer.Option(
+            "--from",
+            metavar="ADDRESS",
+            help="IP address of the run's --viewer-host, with :PORT of its first aircraft if that is not 5763.",
+        ),
+    ],
+    vehicles: Annotated[int, typer.Option(metavar="N", min=1, max=500, help="Number of aircraft of the run.")],
+    listen: Annotated[
+        str,
+        typer.Option(metavar="ADDRESS", help="IP address of this machine for viewers, with :PORT if not 5763."),
+    ] = "127.0.0.1",
+    wait: Annotated[
+        float, typer.Option(metavar="SECONDS", min=1, max=86_400, help="Longest time to wait for the run.")
+    ] = 60.0,
+) -> None:
+    """Relay the viewers' ports of a run to another network until the run ends. Nothing passes the other way."""
     from skyrange.cli.output.viewer_notices import viewer_counts_text
     from skyrange.runtime.viewer_relay import ViewerRelay
     from skyrange.runtime.viewers import FIRST_PORT
@@ -227,23 +225,76 @@ def relay(run: str, vehicles: int, listen: str, wait_s: float) -> None:
     source = parse_address("relay", "--from", run, FIRST_PORT)
     with ViewerRelay(source, parse_address("relay", "--listen", listen, FIRST_PORT), vehicles) as relaying:
         try:
-            relaying.serve(wait_s, print_notice)
+            relaying.serve(wait, print_notice)
         except KeyboardInterrupt:
             print_notice("relay: closed")
         print_notice(viewer_counts_text(relaying.counts))
 
 
-def tap(
-    link: str, listen: str, run: Path | None, hold_ms: float, fail: str, name: str, wait_s: float, as_json: bool
+@commands.command(epilog="Example: skyrange keys lab-keys lab2 lab3")
+def keys(
+    *,
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder for the keys of the range.")],
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="NAME", help="Name of a machine that may join. May be repeated."),
+    ] = None,
 ) -> None:
-    """`skyrange tap`."""
+    """Create the keys with which other machines join a live range."""
+    from skyrange.io.zeromq.curve_keys import RANGE, make_range_keys
+
+    made = make_range_keys(folder, names or [])
+    if not made:
+        print_notice(f"{folder} already has the keys of a range; give the names of machines that may join")
+    for path in made:
+        use = "stays on this machine" if path.stem == RANGE else "copy it to that machine only"
+        print_text(f"{path}  {use}")
+
+
+class Fail(StrEnum):
+    """Fates of a frame for which the program of an external tap returns no verdict."""
+
+    OPEN = "open"
+    CLOSED = "closed"
+
+
+@commands.command(epilog="Example: skyrange tap gcs:blue/b1 --listen 127.0.0.1:7000 --run runs/squares")
+def tap(
+    *,
+    link: Annotated[str, typer.Argument(metavar="LINK", help="A link of a live range, such as gcs:blue/b1.")],
+    listen: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS", help="Loopback address to which your program connects; port 0 selects a free port."
+        ),
+    ],
+    run: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Run folder of the live range. Default: the newest one under runs."),
+    ] = None,
+    hold_ms: Annotated[
+        float,
+        typer.Option(
+            metavar="MS", min=1, max=60_000, help="Longest time that a frame waits for your program's verdict."
+        ),
+    ] = 200.0,
+    fail: Annotated[
+        Fail, typer.Option(metavar="HOW", help="open: a frame without a verdict passes; closed: it is dropped.")
+    ] = Fail.OPEN,
+    name: Annotated[str, typer.Option(metavar="NAME", help="Name of the tap in labels.")] = "tap-process",
+    wait_s: Annotated[
+        float, typer.Option("--wait", metavar="S", min=0, max=3600, help="Longest time to wait for the range.")
+    ] = 60.0,
+    as_json: AsJson = False,
+) -> None:
+    """Connect your own program to a link of a live range, to alter, drop, delay and inject frames."""
     from pydantic import ValidationError
 
     from skyrange.core.errors import InputError
     from skyrange.runtime.live.taps.external_tap import TapTerms
     from skyrange.runtime.live.taps.tap_process import TapProcess, parse_loopback
 
-    given: dict[str, Any] = {"link": link, "name": name, "hold_ms": hold_ms, "fail": fail}
+    given: dict[str, Any] = {"link": link, "name": name, "hold_ms": hold_ms, "fail": fail.value}
     try:
         terms = TapTerms.model_validate(given)
     except ValidationError as error:
@@ -269,3 +320,30 @@ def newest_live_run() -> Path:
     if not found:
         raise InputError.one("tap", "--run", "no live range under runs", "the run folder of a live range")
     return found[-1].parent
+
+
+@commands.command(epilog="Example: skyrange merge runs/squares --out runs/squares-whole")
+def merge(
+    *,
+    run: RunFolder,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Empty or new folder. Default: RUN-merged, beside RUN.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Merge the records that the processes of a killed live range left behind."""
+    from skyrange.metrics.summary import summary
+    from skyrange.record import load as load_run
+    from skyrange.record.live_merge.recovery import recover_run
+    from skyrange.report import write_report
+
+    folder = run.resolve()  # so that "." has a name
+    into = out if out is not None else folder.with_name(f"{folder.name}-merged")
+    recover_run(folder, into)
+    record = load_run(into)
+    write_report(record, into / "report.html")
+    facts = summary(record)
+    if as_json:
+        print_json(facts)
+    else:
+        print_summary(facts)

@@ -6,29 +6,49 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
+from skyrange.cli.options import AsJson, Changes, Rates, ScenarioChoice, ScenarioName
 from skyrange.cli.output.console import print_json, print_notice, terminal
 
 if TYPE_CHECKING:
     from skyrange.parity.flights import FlightMeasures, Parity
 
 
-def flight(name: str, out: Path | None, changes: Sequence[str], as_json: bool) -> None:
-    """`skyrange parity flight`."""
+parity_app = typer.Typer(
+    help="Compare the builtin autopilot with ArduPilot: flights, missions and reactions to attacks.\n\n"
+    "Example: skyrange parity missions --count 60",
+    no_args_is_help=True,
+)
+
+
+@parity_app.command(epilog="Example: skyrange parity flight squares --set wind.speed_mps=8")
+def flight(
+    *,
+    scenario: ScenarioName,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for both runs. Default: runs/NAME-parity, then -2 …"),
+    ] = None,
+    changes: Changes = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run a scenario with each autopilot and compare modes, legs, heights, speeds, attitudes and deviations."""
     from skyrange.cli.output.progress import progress
     from skyrange.parity.flights import compare
     from skyrange.runtime.run import free_folder
-    from skyrange.scenario.shipped import load
 
-    scenario = load(name, changes)
-    folder = out if out is not None else free_folder(f"{scenario.name}-parity")
-    with progress(f"{scenario.name}, twice", quiet=as_json) as on_progress:
-        parity = compare(scenario, folder, on_progress=on_progress)
-    print_parity(scenario.name, parity, {"builtin": "the builtin", "ArduPilot": "ArduPilot"}, folder, as_json)
+    chosen = ScenarioChoice(scenario, changes=changes or ()).load()
+    folder = out if out is not None else free_folder(f"{chosen.name}-parity")
+    with progress(f"{chosen.name}, twice", quiet=as_json) as on_progress:
+        parity = compare(chosen, folder, on_progress=on_progress)
+    names = {"builtin": "the builtin", "ArduPilot": "ArduPilot"}
+    print_parity(chosen.name, parity, names, folder, as_json=as_json)
 
 
-def print_parity(scenario: str, parity: Parity, names: Mapping[str, str], folder: Path, as_json: bool) -> None:
+def print_parity(scenario: str, parity: Parity, names: Mapping[str, str], folder: Path, *, as_json: bool) -> None:
     """Print how two flights compare; `names` are the column headings with the names for sentences."""
     from rich.table import Table
 
@@ -76,8 +96,35 @@ def _finite(value: float) -> float | None:
     return None if isnan(value) else value
 
 
-def attacks(kinds: Sequence[str], out: Path | None, rates: str, seeds: int, page: Path | None, as_json: bool) -> None:
-    """`skyrange parity attacks`; `seeds` 0 is the seed of each example."""
+@parity_app.command("attacks", epilog="Example: skyrange parity attacks mavlink.command mavlink.guided")
+def attacks(
+    *,
+    kinds: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[KIND]...", help="Kinds of attack with an example. Default: all."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for the runs. Default: runs/attack-parity, then -2 …"),
+    ] = None,
+    rates: Annotated[
+        Rates,
+        typer.Option(
+            metavar="RATES", help="ArduPilot's loop rates: reduced, 100 Hz; full or single, 400 Hz, take longer."
+        ),
+    ] = Rates.REDUCED,
+    seeds: Annotated[
+        int,
+        typer.Option(
+            metavar="N", min=0, max=1000, help="Fly each example with the seeds 1 to N. Default: its own seed alone."
+        ),
+    ] = 0,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also renew the table in this Markdown page.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly the examples of attacks with both autopilots, attacked and muted, and compare reactions, times and places."""
     from rich.table import Table
 
     from skyrange.cli.output.progress import step_progress
@@ -85,15 +132,15 @@ def attacks(kinds: Sequence[str], out: Path | None, rates: str, seeds: int, page
     from skyrange.parity.attacks.flights import chosen_kinds, compare
     from skyrange.runtime.run import free_folder
 
-    chosen = chosen_kinds(kinds)
+    chosen = chosen_kinds(kinds or [])
     if page is not None:
         report.check_page(page, seeds=seeds > 0)
     folder = out if out is not None else free_folder("attack-parity")
     if seeds:
-        _attacks_over_seeds(chosen, folder, rates, seeds, page, as_json)
+        _compare_over_seeds(chosen, folder, rates.value, seeds, page, as_json=as_json)
         return
     with step_progress(quiet=as_json) as on_flight:
-        compared = compare(folder, chosen, rates, on_flight=on_flight)
+        compared = compare(folder, chosen, rates.value, on_flight=on_flight)
     if page is not None:
         report.renew_page(compared, page)
     if as_json:
@@ -112,8 +159,8 @@ def attacks(kinds: Sequence[str], out: Path | None, rates: str, seeds: int, page
     console.print(f"runs   {folder}", soft_wrap=True)
 
 
-def _attacks_over_seeds(
-    chosen: Sequence[str], folder: Path, rates: str, seeds: int, page: Path | None, as_json: bool
+def _compare_over_seeds(
+    chosen: Sequence[str], folder: Path, rates: str, seeds: int, page: Path | None, *, as_json: bool
 ) -> None:
     from rich.table import Table
 
@@ -141,14 +188,40 @@ def _attacks_over_seeds(
     console.print(f"runs   {folder}", soft_wrap=True)
 
 
+@parity_app.command(epilog="Example: skyrange parity missions --count 60 --out runs/missions")
 def missions(
-    files: Sequence[Path], count: int, first: int, out: Path | None, rates: str, shrink: bool, as_json: bool
+    *,
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[FILE]...", help="Mission files to fly, in calm air. Default: random missions."),
+    ] = None,
+    count: Annotated[
+        int, typer.Option(metavar="N", min=1, help="How many random missions to fly, in fleets of twenty.")
+    ] = 300,
+    first: Annotated[
+        int,
+        typer.Option(metavar="N", min=0, help="Number of the first mission: a mission is a function of its number."),
+    ] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for runs and results. Default: runs/mission-parity, then -2 …"),
+    ] = None,
+    rates: Annotated[
+        Rates,
+        typer.Option(
+            metavar="RATES", help="ArduPilot's loop rates: reduced, 100 Hz; full or single, 400 Hz, take longer."
+        ),
+    ] = Rates.REDUCED,
+    shrink: Annotated[
+        bool, typer.Option("--shrink/--no-shrink", help="Make each random mission that differs as simple as possible.")
+    ] = True,
+    as_json: AsJson = False,
 ) -> None:
-    """`skyrange parity missions`."""
+    """Fly missions with both autopilots and compare accepted items, order, times and paths."""
     from skyrange.parity.missions.comparison import compare, count_files, given_missions, page, results
     from skyrange.runtime.run import free_folder
 
-    given, refused = given_missions(files)
+    given, refused = given_missions(files or [])
     if files and not as_json:
         print_notice(count_files(len(given), refused))
         for one in refused:
@@ -160,7 +233,7 @@ def missions(
             print_notice(f"run {run}: {flown} missions")
 
     agreement = compare(
-        folder, count, first=first, given=given, refused=refused, rates=rates, shrink=shrink, on_fleet=on_fleet
+        folder, count, first=first, given=given, refused=refused, rates=rates.value, shrink=shrink, on_fleet=on_fleet
     )
     if as_json:
         print_json({"path": str(folder), **results(agreement)})

@@ -1,12 +1,15 @@
-"""Handlers of the commands `skyrange study`."""
+"""The commands `skyrange study`."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
+from skyrange.cli.options import AsJson, Plugins
 from skyrange.cli.output.console import print_json, print_notice, print_text, terminal
 
 if TYPE_CHECKING:
@@ -17,42 +20,160 @@ if TYPE_CHECKING:
     from skyrange.study.sweep.execution.study_run import StudyResult
     from skyrange.study.sweep.folder import StudyFolder
 
+study_app = typer.Typer(
+    help="Fly many runs of a scenario, by factors, arms and seeds, and measure them.\n\n"
+    "Example: skyrange study run study.toml",
+    no_args_is_help=True,
+)
+
+StudyFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="NAME|FILE", help="Name of a shipped study (detectors), or a TOML file.", show_default=False
+    ),
+]
+
+Folder = Annotated[Path, typer.Argument(metavar="STUDY", help="The folder of a study.", show_default=False)]
+
+Jobs = Annotated[
+    int | None, typer.Option(metavar="N", min=1, help="Runs at a time. Default: one for each CPU.", show_default=False)
+]
+
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="PATH=VALUE",
+        help="Change a value of the study's file, such as seeds=2 or factors.size.values=[1,2]; * in the path matches "
+        "all elements. May be repeated.",
+    ),
+]
+
+On = Annotated[
+    str | None,
+    typer.Option(
+        "--on",
+        metavar="ADDRESS",
+        help="Fly on a Ray cluster: auto, local or ray://HOST:PORT. Its nodes must see the folder of the study, or "
+        "--storage.",
+        show_default=False,
+    ),
+]
+
+Storage = Annotated[
+    str | None,
+    typer.Option(
+        "--storage",
+        metavar="URL",
+        help="Storage through which the nodes of a cluster return what they flew, if they do not see the folder of the "
+        "study: a URL that fsspec knows, such as s3://bucket/drift.",
+        show_default=False,
+    ),
+]
+
 _SHOWN = 10
 """Failed blocks that are listed on the terminal."""
 
 
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Who flies the blocks of a study: `jobs` processes of this machine, or the Ray cluster `cluster`, whose nodes may
+    return what they flew through the storage at `storage_url`.
+    """
+
+    jobs: int | None
+    cluster: str | None
+    storage_url: str | None
+
+    def count(self) -> int:
+        """Runs at a time on this machine."""
+        return (
+            self.jobs
+            if self.jobs is not None
+            else len(os.sched_getaffinity(0))
+            if hasattr(os, "sched_getaffinity")
+            else 1
+        )
+
+    def executor(self) -> Executor:
+        """What flies the blocks. Raises `InputError` for `jobs` of a cluster."""
+        from skyrange.core.errors import InputError
+        from skyrange.study.sweep.execution.local_pool import LocalPool
+        from skyrange.study.sweep.execution.ray_pool import RayPool
+
+        if self.cluster is None:
+            return LocalPool(self.count())
+        if self.jobs is not None:
+            raise InputError.one("study", "--jobs", str(self.jobs), "none with --on: the cluster says how many")
+        return RayPool(self.cluster)
+
+    def storage(self) -> BlockStorage | None:
+        """The storage between this machine and a cluster. Raises `InputError` without a cluster."""
+        from skyrange.core.errors import InputError
+        from skyrange.study.sweep.execution.storage import BlockStorage
+
+        if self.storage_url is None:
+            return None
+        if self.cluster is None:
+            expected = "none without --on: this machine writes to the study's folder"
+            raise InputError.one("study", "--storage", self.storage_url, expected)
+        return BlockStorage(self.storage_url)
+
+
+@study_app.command("run", epilog="Example: skyrange study run study.toml --dry-run")
 def run(
-    file: Path,
-    out: Path | None,
-    changes: Sequence[str],
-    jobs: int | None,
-    on: str | None,
-    storage: str | None,
-    dry_run: bool,
-    as_json: bool,
+    *,
+    file: StudyFile,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of the study. Default: studies/NAME.", show_default=False)
+    ] = None,
+    changes: Changes = None,
+    jobs: Jobs = None,
+    on: On = None,
+    storage: Storage = None,
+    dry_run: Annotated[
+        bool,
+        typer.Option("--dry-run", help="Check all scenarios, fly one block as a trial, and estimate time and disk."),
+    ] = False,
+    plugin: Plugins = None,
+    as_json: AsJson = False,
 ) -> None:
-    """`skyrange study run`."""
+    """Fly a study: every point of its design with every seed in every arm. A study that was begun is continued."""
     from skyrange.cli.output.progress import compile_if_cold, map_progress
     from skyrange.study.sweep.design.model import read_study
     from skyrange.study.sweep.execution.study_run import run_study
 
-    study = read_study(file, changes)
+    study = read_study(file, changes or [])
+    workers = Workers(jobs, on, storage)
     compile_if_cold(quiet=as_json)
     if dry_run:
-        _estimate(study, jobs, as_json)
+        _estimate(study, workers, as_json=as_json)
         return
-    place, executor = _storage(storage, on), _executor(jobs, on)
+    place, executor = workers.storage(), workers.executor()
     with map_progress(study.name, "blocks", quiet=as_json) as on_block:
         result = run_study(study, out, executor=executor, on_block=on_block, storage=place)
-    _print_result(result, as_json)
+    _print_result(result, as_json=as_json)
 
 
-def register(file: Path, out: Path | None, changes: Sequence[str], as_json: bool) -> None:
-    """`skyrange study register`."""
+@study_app.command("register", epilog="Example: skyrange study register study.toml")
+def register(
+    *,
+    file: StudyFile,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of the study. Default: studies/NAME.", show_default=False)
+    ] = None,
+    changes: Changes = None,
+    plugin: Plugins = None,
+    as_json: AsJson = False,
+) -> None:
+    """Register a study before its flights: its question, measures and rule, with a hash to publish.
+
+    The report of the study says what was registered; all else is exploratory.
+    """
     from skyrange.study.sweep.design.model import read_study
     from skyrange.study.sweep.registration import register_study
 
-    folder, registered = register_study(read_study(file, changes), out)
+    folder, registered = register_study(read_study(file, changes or []), out)
     if as_json:
         print_json({"folder": str(folder.path), **registered._asdict()})
         return
@@ -61,41 +182,56 @@ def register(file: Path, out: Path | None, changes: Sequence[str], as_json: bool
     print_text(f"to fly it: skyrange study run {file} --out {folder.path}")
 
 
+@study_app.command("resume", epilog="Example: skyrange study resume studies/drift")
 def resume(
-    path: Path, jobs: int | None, on: str | None, storage: str | None, other_version: bool, retry: bool, as_json: bool
+    *,
+    folder: Folder,
+    jobs: Jobs = None,
+    on: On = None,
+    storage: Storage = None,
+    other_version: Annotated[
+        bool,
+        typer.Option("--other-version", help="Go on with another version of skyrange than the one that began it."),
+    ] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Also fly the blocks with failed runs again.")] = False,
+    plugin: Plugins = None,
+    as_json: AsJson = False,
 ) -> None:
-    """`skyrange study resume`."""
+    """Fly the blocks of a study that are not finished."""
     from skyrange.study.sweep.execution.study_run import forget_failures
     from skyrange.study.sweep.folder import open_folder, require_unchanged
 
-    folder = open_folder(path)
-    require_unchanged(folder, other_version=other_version)
-    place = _storage(storage, on)
+    study = open_folder(folder)
+    require_unchanged(study, other_version=other_version)
+    workers = Workers(jobs, on, storage)
+    place = workers.storage()
     if retry:
-        forget_failures(folder, place)
-    _fly(folder, _executor(jobs, on), place, as_json)
+        forget_failures(study, place)
+    _fly(study, workers.executor(), place, as_json=as_json)
 
 
-def status(path: Path, as_json: bool) -> None:
-    """`skyrange study status`."""
+@study_app.command("status", epilog="Example: skyrange study status studies/drift")
+def status(*, folder: Folder, as_json: AsJson = False) -> None:
+    """Print how many blocks of a study are finished, and which runs failed."""
     from skyrange.study.sweep.execution.study_run import list_failures
     from skyrange.study.sweep.folder import open_folder
 
-    folder = open_folder(path)
-    finished, failures = len(folder.finished()), list_failures(folder)
+    opened = open_folder(folder)
+    finished, failures = len(opened.finished()), list_failures(opened)
     if as_json:
-        data: dict[str, Any] = {"study": folder.study.name, "blocks": len(folder.blocks), "finished": finished}
+        data: dict[str, Any] = {"study": opened.study.name, "blocks": len(opened.blocks), "finished": finished}
         print_json({**data, "failed": [{"block": block, "error": error} for block, error in failures]})
         return
-    arms = len(folder.study.arms)
-    print_text(f"{folder.study.name}: {finished} of {len(folder.blocks)} blocks of {arms} runs are finished")
+    arms = len(opened.study.arms)
+    print_text(f"{opened.study.name}: {finished} of {len(opened.blocks)} blocks of {arms} runs are finished")
     _print_failures(failures)
-    if finished < len(folder.blocks):
-        print_text(f"to go on: skyrange study resume {folder.path}")
+    if finished < len(opened.blocks):
+        print_text(f"to go on: skyrange study resume {opened.path}")
 
 
-def show(path: Path, as_json: bool) -> None:
-    """`skyrange study show`."""
+@study_app.command("show", epilog="Example: skyrange study show studies/drift")
+def show(*, folder: Folder, as_json: AsJson = False) -> None:
+    """Print what each arm measured at each point: means over the seeds, with 95 % confidence intervals."""
     from rich.table import Table
 
     from skyrange.study.sweep.folder import open_folder
@@ -103,58 +239,91 @@ def show(path: Path, as_json: bool) -> None:
     from skyrange.study.sweep.report.summary import read_samples, summarise_study, tells_something
     from skyrange.study.sweep.results import write_results
 
-    folder = open_folder(path)
-    write_results(folder)
-    cells = summarise_study(folder)
+    opened = open_folder(folder)
+    write_results(opened)
+    cells = summarise_study(opened)
     if as_json:
         rows = [
             {**cell._asdict(), "means": {name: mean._asdict() for name, mean in cell.means.items()}} for cell in cells
         ]
-        print_json({"study": folder.study.name, "cells": rows})
+        print_json({"study": opened.study.name, "cells": rows})
         return
-    samples = read_samples(path)
-    shown = [one for one in QUANTITIES if tells_something(one, samples)]
-    table = Table(title=folder.study.name, title_justify="left", title_style="bold")
-    names = [factor.name for factor in folder.study.factors]
+    samples = read_samples(folder)
+    shown = [quantity for quantity in QUANTITIES if tells_something(quantity, samples)]
+    table = Table(title=opened.study.name, title_justify="left", title_style="bold")
+    names = [factor.name for factor in opened.study.factors]
     for name in (*names, "arm", "runs", "measure", "mean", "95 % interval"):
         table.add_column(name)
     for cell in cells:
         runs = str(cell.runs) if not cell.failed else f"{cell.runs}, {cell.failed} failed"
         head = [*map(_short, cell.values.values()), cell.arm, runs]
-        for one in shown:
-            if one.name in cell.means:
-                what = f"{one.name}" if not one.unit else f"{one.name.removesuffix(f'_{one.unit}')}, {one.unit}"
-                table.add_row(*head, what, *_interval(cell.means[one.name]))
+        for quantity in shown:
+            if quantity.name in cell.means:
+                name, unit = quantity.name, quantity.unit
+                measure = f"{name.removesuffix(f'_{unit}')}, {unit}" if unit else name
+                table.add_row(*head, measure, *_interval(cell.means[name]))
                 head = [""] * len(head)
     terminal().print(table)
 
 
-def report(path: Path, pdf: bool) -> None:
-    """`skyrange study report`."""
+@study_app.command("report", epilog="Example: skyrange study report studies/drift")
+def report(
+    *,
+    folder: Folder,
+    pdf: Annotated[bool, typer.Option("--pdf", help="Write the figures as PDF as well, for papers.")] = False,
+) -> None:
+    """Write report.html: effects with intervals, dose-response curves, interactions, failures; and figures as SVG."""
     from skyrange.study.sweep.report.page import write_study_report
 
-    print_text(f"report {write_study_report(path, pdf=pdf)}")
+    print_text(f"report {write_study_report(folder, pdf=pdf)}")
 
 
+@study_app.command("score", epilog="Example: skyrange study score studies/detect --hold-out-family gnss_denial")
 def score(
-    path: Path,
-    rate: float,
-    families: Sequence[str],
-    cities: Sequence[str],
-    fleets: Sequence[int],
-    beside: Sequence[Path],
-    out: Path | None,
-    as_json: bool,
+    *,
+    folder: Folder,
+    rate: Annotated[
+        float,
+        typer.Option(metavar="N", min=1e-6, help="False alarms per aircraft-hour to choose thresholds for."),
+    ] = 1.0,
+    hold_out_family: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FAMILY", help="Family of attacks that only the test split has. May be repeated."),
+    ] = None,
+    hold_out_city: Annotated[
+        list[str] | None, typer.Option(metavar="CITY", help="City that only the test split has. May be repeated.")
+    ] = None,
+    hold_out_fleet: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, help="Number of aircraft that only the test split has. May be repeated."),
+    ] = None,
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="Result file of others to put beside these. May be repeated."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Result file. Default: scores.json in the folder of the study.")
+    ] = None,
+    as_json: AsJson = False,
 ) -> None:
-    """`skyrange study score`."""
+    """Score the detectors of a study, print a leaderboard, and write the result file.
+
+    Options --hold-out-… replace all that the study's file holds out.
+    """
     from skyrange.cli.output.score_tables import tabulate_scores
     from skyrange.scoring.result_file import ScoreSettings, read_scores, write_scores
     from skyrange.study.sweep.scores.score_tables import score_study
 
-    others = [read_scores(file) for file in beside]
+    others = [read_scores(file) for file in beside or ()]
     settings = ScoreSettings(target_per_h=rate)
-    scores = score_study(path, settings, families=families, cities=cities, fleet_sizes=fleets)
-    file = out if out is not None else path / "scores.json"
+    scores = score_study(
+        folder,
+        settings,
+        families=hold_out_family or (),
+        cities=hold_out_city or (),
+        fleet_sizes=hold_out_fleet or (),
+    )
+    file = out if out is not None else folder / "scores.json"
     write_scores(scores, file)
     if as_json:
         print_json(scores.model_dump(mode="json"))
@@ -164,11 +333,11 @@ def score(
     print_text(f"scores {file}")
 
 
-def _estimate(study: Study, jobs: int | None, as_json: bool) -> None:
+def _estimate(study: Study, workers: Workers, *, as_json: bool) -> None:
     from skyrange.study.sweep.design.blocks import list_blocks
     from skyrange.study.sweep.execution.estimate import estimate_study
 
-    found = estimate_study(study, list_blocks(study), _jobs(jobs))
+    found = estimate_study(study, list_blocks(study), workers.count())
     if as_json:
         print_json(found._asdict())
         return
@@ -180,16 +349,16 @@ def _estimate(study: Study, jobs: int | None, as_json: bool) -> None:
         print_notice(f"the trial failed: {error}")
 
 
-def _fly(folder: StudyFolder, executor: Executor, storage: BlockStorage | None, as_json: bool) -> None:
+def _fly(folder: StudyFolder, executor: Executor, storage: BlockStorage | None, *, as_json: bool) -> None:
     from skyrange.cli.output.progress import map_progress
     from skyrange.study.sweep.execution.study_run import run_blocks
 
     with map_progress(folder.study.name, "blocks", quiet=as_json) as on_block:
         result = run_blocks(folder, executor, on_block, storage)
-    _print_result(result, as_json)
+    _print_result(result, as_json=as_json)
 
 
-def _print_result(result: StudyResult, as_json: bool) -> None:
+def _print_result(result: StudyResult, *, as_json: bool) -> None:
     from skyrange.cli.output.warnings import print_failed_missions
     from skyrange.study.sweep.execution.study_run import list_failed_missions
     from skyrange.twins.failed_missions import require_baseline
@@ -225,33 +394,6 @@ def _print_failures(failures: Any) -> None:
         print_text(f"failed  {block}: {str(error).splitlines()[0]}")
     if len(failures) > _SHOWN:
         print_text(f"failed  {len(failures) - _SHOWN} more")
-
-
-def _executor(jobs: int | None, on: str | None) -> Executor:
-    from skyrange.core.errors import InputError
-    from skyrange.study.sweep.execution.local_pool import LocalPool
-    from skyrange.study.sweep.execution.ray_pool import RayPool
-
-    if on is None:
-        return LocalPool(_jobs(jobs))
-    if jobs is not None:
-        raise InputError.one("study", "--jobs", str(jobs), "none with --on: the cluster says how many")
-    return RayPool(on)
-
-
-def _storage(url: str | None, on: str | None) -> BlockStorage | None:
-    from skyrange.core.errors import InputError
-    from skyrange.study.sweep.execution.storage import BlockStorage
-
-    if url is None:
-        return None
-    if on is None:
-        raise InputError.one("study", "--storage", url, "none without --on: this machine writes to the study's folder")
-    return BlockStorage(url)
-
-
-def _jobs(jobs: int | None) -> int:
-    return jobs if jobs is not None else len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
 
 
 def _interval(found: Interval) -> tuple[str, str]:

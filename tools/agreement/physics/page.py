@@ -9,8 +9,14 @@ from typing import Final
 from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.parity.flights import TRUTH_HZ
-from tools.agreement.physics.comparison import FINE_STEPS, ComparedScenario, PhysicsComparison
-from tools.agreement.physics.flights import AircraftDifference, Collision, RunDifference
+from tools.agreement.physics.comparison import (
+    FINE_STEPS,
+    AircraftDifference,
+    Collision,
+    ComparedScenario,
+    PhysicsComparison,
+    RunDifference,
+)
 
 _MEASURES: Final = (
     ("lift_off_s", "lift-off", "s", 2, 1.0),

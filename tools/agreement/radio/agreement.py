@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.city.city import City
-from tools.agreement.radio.experiments import contention_trials, hidden_trials, reach_trials
+from tools.agreement.radio.experiments import Trial, contention_trials, hidden_trials, reach_trials, run_trial
 from tools.agreement.radio.own_losses import MODELS, PAIRS, PairLosses, add_model, draw_pairs
 from tools.agreement.radio.setups import BUILTIN, SWAPS, EngineSetup, Swap
-from tools.agreement.radio.trials import Trial, run_trial
 
 Floats = NDArray[np.float64]
 
@@ -100,7 +99,7 @@ class Comparison:
                 found.append((apart > WITHIN, len(swap.models) if apart <= WITHIN else 0, apart, swap))
         return min(found, key=lambda each: each[:3])[3] if found else None
 
-    def pairs(self, engine: str, swapped: bool) -> list[tuple[float, float]]:
+    def pairs(self, engine: str, *, swapped: bool) -> list[tuple[float, float]]:
         """For each cell the shares of the builtin and of an engine, by their defaults; if `swapped`, those of `best`
         where the defaults disagree.
         """

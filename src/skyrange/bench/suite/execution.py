@@ -29,7 +29,7 @@ def run_benchmarks(names: Sequence[str] = (), *, quick: bool = False, on_case: O
     `InputError` for an unknown name.
     """
     chosen = find_benchmarks(names)
-    reasons = {benchmark.name: _missing(benchmark, quick) for benchmark in chosen}
+    reasons = {benchmark.name: _missing(benchmark, quick=quick) for benchmark in chosen}
     planned = {one.name: () if reasons[one.name] else one.quick if quick else one.cases for one in chosen}
     total, done = sum(map(len, planned.values())), 0
     started = datetime.now(UTC)
@@ -42,9 +42,11 @@ def run_benchmarks(names: Sequence[str] = (), *, quick: bool = False, on_case: O
             yield run_case(benchmark, case)
             done += 1
 
-    found = [
-        BenchmarkResult(name=one.name, about=one.about, skipped=reasons[one.name], cases=tuple(run(one)))
-        for one in chosen
+    results = [
+        BenchmarkResult(
+            name=benchmark.name, about=benchmark.about, skipped=reasons[benchmark.name], cases=tuple(run(benchmark))
+        )
+        for benchmark in chosen
     ]
     if on_case is not None:
         on_case("benchmarks", total, total)
@@ -55,7 +57,7 @@ def run_benchmarks(names: Sequence[str] = (), *, quick: bool = False, on_case: O
         started=started,
         quick=quick,
         machine=describe_machine(),
-        benchmarks=tuple(found),
+        benchmarks=tuple(results),
     )
 
 
@@ -65,14 +67,14 @@ def run_case(benchmark: Benchmark, case: Case) -> CaseResult:
         compiled = list_compiled()
         rows: Sequence[Mapping[str, Any]] = ()
         failed = ""
-        with Observation() as seen:
+        with Observation() as observed:
             try:
                 rows = case.measure()
             except SkyrangeError as error:
                 failed = str(error)
         if list_compiled() == compiled:
             break
-    yardstick_us = 0.5 * (seen.load.yardstick_before_us + seen.load.yardstick_after_us)
+    yardstick_us = 0.5 * (observed.load.yardstick_before_us + observed.load.yardstick_after_us)
     return CaseResult(
         name=case.name,
         failed=failed,
@@ -84,12 +86,12 @@ def run_case(benchmark: Benchmark, case: Case) -> CaseResult:
             )
             for row in rows
         ),
-        load=seen.load,
-        memory=seen.memory,
+        load=observed.load,
+        memory=observed.memory,
     )
 
 
-def _missing(benchmark: Benchmark, quick: bool) -> str:
+def _missing(benchmark: Benchmark, *, quick: bool) -> str:
     """Why a benchmark cannot run here; "" if it can."""
     if quick and not benchmark.quick:
         return NOT_QUICK

@@ -12,6 +12,7 @@ from skyrange.cli.output.warnings import print_warnings
 from skyrange.core.ids import vehicle_id
 
 if TYPE_CHECKING:
+    from skyrange.cli.options import ViewerOptions
     from skyrange.io.mavlink.viewer_ports import ViewerCounts
     from skyrange.runtime.live.range import LiveRange, OnUpdate
     from skyrange.runtime.viewers import Address, Viewers
@@ -21,17 +22,18 @@ MAX_LINES = 60
 
 
 @contextmanager
-def open_viewers(scenario: Scenario, wanted: bool, first_port: int | None, host: str) -> Iterator[Viewers | None]:
-    """Open the viewers' ports for `fly` at the address `host`, if `wanted`. Messages go to standard error."""
+def open_viewers(scenario: Scenario, options: ViewerOptions) -> Iterator[Viewers | None]:
+    """Open the viewers' ports for `fly`, if they are wanted. Messages go to standard error."""
     for line in open_port_warning(scenario):
         print_notice(line)
-    if not wanted:
+    if not options.wanted:
         yield None
         return
     from skyrange.runtime.viewers import FIRST_PORT, Viewers
 
     system_ids = {vehicle_id(operator.id, vehicle.id): vehicle.system_id for operator, vehicle in scenario.fleet}
-    with Viewers(list(system_ids), FIRST_PORT if first_port is None else first_port, host) as viewers:
+    first_port = FIRST_PORT if options.first_port is None else options.first_port
+    with Viewers(list(system_ids), first_port, options.host) as viewers:
         for line in viewer_address_lines(viewers.addresses, system_ids):
             print_notice(line)
         yield viewers
@@ -88,7 +90,7 @@ def viewer_counts_text(counts: ViewerCounts) -> str:
     return text
 
 
-def first_port(qgc: bool, viewer_port: int | None, port_offset: int) -> int | None:
+def find_first_port(viewer_port: int | None, port_offset: int, *, qgc: bool) -> int | None:
     """The first viewer port that was requested; `None` if viewers were not requested."""
     from skyrange.runtime.viewers import FIRST_PORT
 
