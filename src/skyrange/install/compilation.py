@@ -48,6 +48,7 @@ def compile_sources(
     flags: Sequence[str],
     sources: Sequence[Path],
     try_it: Callable[[Path], Tried],
+    *,
     build: str = "",
 ) -> Compiled[Tried]:
     """Compile and link `sources` with `flags` into a file named `file`, try it, and keep it in the user's folder.
@@ -66,7 +67,7 @@ def compile_sources(
         try:
             tried = try_it(kept)
             kept.touch()  # the one that was installed last is taken
-            return Compiled(kept, tried, False)
+            return Compiled(kept, tried, compiled_now=False)
         except ComponentError:
             kept.unlink()  # the libraries that it was linked with have changed
     try:
@@ -87,7 +88,7 @@ def compile_sources(
         problem = (error.strerror or str(error)).lower()
         hint = "Set XDG_DATA_HOME to use another folder."
         raise InputError.one("data folder", str(folder), problem, "a writable folder", hint) from None
-    return Compiled(kept, tried, True)
+    return Compiled(kept, tried, compiled_now=True)
 
 
 def _run_compiler(compiler: Path, arguments: Sequence[str], who: str) -> None:

@@ -61,7 +61,7 @@ class DefenceCase:
     alerts: bool
     _flown: dict[str, Flight] = field(default_factory=dict)
 
-    def declared(self, attacked: bool = True, present: bool = True, muted: bool = False) -> Scenario:
+    def declared(self, *, attacked: bool = True, present: bool = True, muted: bool = False) -> Scenario:
         """The scenario with or without the attack and the defence."""
         table = DefenceTable(id=ID, kind=self.name, muted=muted, params=dict(self.params))
         attack = AttackTable.model_validate({"id": "foe", **self.attack})

@@ -110,7 +110,7 @@ def check_medium(
         case.close()
 
 
-def radios(far: bool = False) -> list[RadioSpec]:
+def radios(*, far: bool = False) -> list[RadioSpec]:
     """Six that move and one that stands; with `far` two more, 90 km off, before and after them by name."""
     near = [RadioSpec(f"blue/b{k}", listening=_EARS) for k in range(6)]
     near.append(RadioSpec("mast", (0.0, 0.0, 10.0), _EARS))
