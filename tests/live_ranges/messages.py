@@ -9,7 +9,7 @@ from skyrange.codec.mavlink.deframer import Piece
 from skyrange.io.mavlink.transports import LOOPBACK, Address, OnPiece
 from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.runtime.live.transport.control import Message, pack_message, unpack_message
-from skyrange.testing.live.network import Key, Owner, Pipe, VirtualNetwork
+from tests.live_ranges.network import Key, Owner, Pipe, VirtualNetwork
 
 RECONNECT_S: Final = 0.1
 """Between two attempts to reach a control socket."""

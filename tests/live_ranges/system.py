@@ -19,16 +19,16 @@ from skyrange.runtime.live.transport.control import ControlClient, ControlServer
 from skyrange.runtime.live.transport.credentials import Credentials
 from skyrange.runtime.live.transport.links import Transport, connect, listen
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.testing.live.event_loop import VirtualTime
-from skyrange.testing.live.messages import (
+from tests.live_ranges.event_loop import VirtualTime
+from tests.live_ranges.messages import (
     MemoryControlClient,
     MemoryControlServer,
     MessageConnector,
     MessageListener,
 )
-from skyrange.testing.live.network import VirtualNetwork
-from skyrange.testing.live.processes import VirtualProcess
-from skyrange.testing.live.sockets import SocketEventLoop
+from tests.live_ranges.network import VirtualNetwork
+from tests.live_ranges.processes import VirtualProcess
+from tests.live_ranges.sockets import SocketEventLoop
 
 T = TypeVar("T")
 _PPM = 1_000_000

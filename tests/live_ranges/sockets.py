@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, Final, cast
 
 from skyrange.io.addresses import is_loopback
-from skyrange.testing.live.event_loop import VirtualEventLoop, VirtualTime
-from skyrange.testing.live.network import Address, Key, Owner, Pipe, VirtualNetwork
-from skyrange.testing.live.processes import create_task
+from tests.live_ranges.event_loop import VirtualEventLoop, VirtualTime
+from tests.live_ranges.network import Address, Key, Owner, Pipe, VirtualNetwork
+from tests.live_ranges.processes import create_task
 
 HIGH_WATER: Final = 1 << 16
 """Default limit of a stream's write buffer, in bytes, above which the writer is paused."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from skyrange.io.addresses import is_loopback
-from skyrange.testing.live.processes import CURRENT, VirtualProcess
+from tests.live_ranges.processes import CURRENT, VirtualProcess
 
 Address = tuple[str, int]
 Key = tuple[str, str, int]

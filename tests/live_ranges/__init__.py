@@ -7,10 +7,10 @@ clock is set to the next timer as soon as every task waits. A flight of a minute
 
 from __future__ import annotations
 
-from skyrange.testing.live.event_loop import DeadlockError, VirtualEventLoop, VirtualTime
-from skyrange.testing.live.network import VirtualNetwork
-from skyrange.testing.live.processes import VirtualProcess
-from skyrange.testing.live.system import VirtualSystem
+from tests.live_ranges.event_loop import DeadlockError, VirtualEventLoop, VirtualTime
+from tests.live_ranges.network import VirtualNetwork
+from tests.live_ranges.processes import VirtualProcess
+from tests.live_ranges.system import VirtualSystem
 
 __all__ = [
     "DeadlockError",
