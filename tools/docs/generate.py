@@ -43,12 +43,12 @@ def commands() -> dict[str, Any]:
 
     from skyrange.cli.app import app
 
-    found: dict[str, Any] = {}
+    known: dict[str, Any] = {}
 
     def visit(command: Any, words: tuple[str, ...]) -> None:
         below = getattr(command, "commands", None)
         if below is None:
-            found[" ".join(words)] = command
+            known[" ".join(words)] = command
             return
         for name, child in below.items():
             visit(child, (*words, name))
@@ -56,7 +56,7 @@ def commands() -> dict[str, Any]:
     root = get_command(app)
     assert hasattr(root, "commands")
     visit(root, ())
-    return found
+    return known
 
 
 def cli() -> str:
@@ -448,7 +448,7 @@ def learned_features() -> str:
     """The features of windows that learned detectors read."""
     from skyrange.detect.window_features import FEATURES
 
-    return table(("feature", "meaning"), [(f"`{one.name}`", one.about) for one in FEATURES])
+    return table(("feature", "meaning"), [(f"`{feature.name}`", feature.about) for feature in FEATURES])
 
 
 def score_tables() -> str:
@@ -528,7 +528,8 @@ def study_measures() -> str:
     from skyrange.study.variants.run_measures import QUANTITIES
 
     return table(
-        ("column", "unit", "meaning"), [(f"`{column_of(one.name)}`", one.unit, one.about) for one in QUANTITIES]
+        ("column", "unit", "meaning"),
+        [(f"`{column_of(quantity.name)}`", quantity.unit, quantity.about) for quantity in QUANTITIES],
     )
 
 
@@ -554,8 +555,8 @@ def packages() -> str:
             place = root / "src" / "skyrange" / name
             file = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
             first = (ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "").partition("\n")[0]
-            below = sorted(one.name for one in place.glob("*/") if (one / "__init__.py").exists())
-            rows.append((len(layers) - number, f"`{name}`", first, ", ".join(f"`{one}`" for one in below)))
+            below = sorted(folder.name for folder in place.glob("*/") if (folder / "__init__.py").exists())
+            rows.append((len(layers) - number, f"`{name}`", first, ", ".join(f"`{folder}`" for folder in below)))
     return table(("layer", "package", "contents", "subpackages"), rows)
 
 
@@ -606,8 +607,8 @@ COUNTED["mechanisms"] = count_mechanisms
 
 def renewed(text: str) -> str:
     """A page with every generated block and every count as it should be."""
-    text = BLOCK.sub(lambda found: found[1] + GENERATED[found[2]]().strip("\n") + "\n" + found[4], text)
-    return COUNT.sub(lambda found: f"{found[1]}{COUNTED[found[2]]()}{found[4]}", text)
+    text = BLOCK.sub(lambda block: block[1] + GENERATED[block[2]]().strip("\n") + "\n" + block[4], text)
+    return COUNT.sub(lambda block: f"{block[1]}{COUNTED[block[2]]()}{block[4]}", text)
 
 
 def add_family_pages() -> None:

@@ -102,21 +102,21 @@ def compare(rows: list[Row]) -> list[Row]:
     """The medians of the rows with equal numbers of cores; `speed_up` and `flight_speed_up` say how many times as fast
     as on one core all of it and the flight were, `None` without rows on one core.
     """
-    found = []
+    medians = []
     times = {}
     for cores in sorted({row["cores"] for row in rows}):
         same = [row for row in rows if row["cores"] == cores]
         times[cores] = median(row["total_s"] for row in same), median(row["wall_s"] for row in same)
-        one = times.get(1)
-        found.append(
+        alone = times.get(1)
+        medians.append(
             {
                 "cores": cores,
                 "runs": len(same),
                 "total_s": times[cores][0],
                 "wall_s": times[cores][1],
-                "speed_up": None if one is None else round(one[0] / times[cores][0], 3),
-                "flight_speed_up": None if one is None else round(one[1] / times[cores][1], 3),
+                "speed_up": None if alone is None else round(alone[0] / times[cores][0], 3),
+                "flight_speed_up": None if alone is None else round(alone[1] / times[cores][1], 3),
                 "same_fingerprint": len({row["fingerprint"] for row in rows}) == 1,
             }
         )
-    return found
+    return medians

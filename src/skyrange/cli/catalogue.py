@@ -39,14 +39,14 @@ def attacks(*, plugin: Plugins = None, as_json: AsJson = False) -> None:
     from skyrange.attack.techniques import list_techniques
     from skyrange.contracts.plugins.registry import ATTACKS, kinds
 
-    found = {name: AttackPlugin.find(name) for name in kinds(ATTACKS)}
+    installed = {name: AttackPlugin.find(name) for name in kinds(ATTACKS)}
     if as_json:
-        print_json([_describe_attack(name, one) for name, one in found.items()])
+        print_json([_describe_attack(name, kind) for name, kind in installed.items()])
         return
-    techniques = {name: "/".join(list_techniques(one.technique)) for name, one in found.items()}
-    width, columns = max(map(len, found), default=0), max(map(len, techniques.values()), default=0)
-    for name, one in found.items():
-        print_text(f"{name:<{width}}  {techniques[name]:<{columns}}  {', '.join(one.surface):<14}  {one.about}")
+    techniques = {name: "/".join(list_techniques(kind.technique)) for name, kind in installed.items()}
+    width, columns = max(map(len, installed), default=0), max(map(len, techniques.values()), default=0)
+    for name, kind in installed.items():
+        print_text(f"{name:<{width}}  {techniques[name]:<{columns}}  {', '.join(kind.surface):<14}  {kind.about}")
 
 
 def _describe_attack(name: str, kind: AttackPlugin) -> dict[str, Any]:
@@ -75,13 +75,13 @@ def faults(*, plugin: Plugins = None, as_json: AsJson = False) -> None:
     from skyrange.contracts.plugins.registry import FAULTS, kinds
     from skyrange.fault.contract import FaultPlugin
 
-    found = {name: FaultPlugin.find(name) for name in kinds(FAULTS)}
+    installed = {name: FaultPlugin.find(name) for name in kinds(FAULTS)}
     if as_json:
-        print_json([_describe_fault(name, one) for name, one in found.items()])
+        print_json([_describe_fault(name, kind) for name, kind in installed.items()])
         return
-    width = max(map(len, found), default=0)
-    for name, one in found.items():
-        print_text(f"{name:<{width}}  {', '.join(one.surface):<14}  {one.about}")
+    width = max(map(len, installed), default=0)
+    for name, kind in installed.items():
+        print_text(f"{name:<{width}}  {', '.join(kind.surface):<14}  {kind.about}")
 
 
 def _describe_fault(name: str, kind: FaultPlugin) -> dict[str, Any]:
@@ -104,13 +104,13 @@ def defences(*, plugin: Plugins = None, as_json: AsJson = False) -> None:
     from skyrange.contracts.plugins.registry import DEFENCES, kinds
     from skyrange.defence.contract import DefencePlugin
 
-    found = {name: DefencePlugin.find(name) for name in kinds(DEFENCES)}
+    installed = {name: DefencePlugin.find(name) for name in kinds(DEFENCES)}
     if as_json:
-        print_json([_describe_defence(name, one) for name, one in found.items()])
+        print_json([_describe_defence(name, kind) for name, kind in installed.items()])
         return
-    width = max(map(len, found), default=0)
-    for name, one in found.items():
-        print_text(f"{name:<{width}}  {', '.join(one.surface):<14}  {one.about}")
+    width = max(map(len, installed), default=0)
+    for name, kind in installed.items():
+        print_text(f"{name:<{width}}  {', '.join(kind.surface):<14}  {kind.about}")
 
 
 def _describe_defence(name: str, kind: DefencePlugin) -> dict[str, Any]:

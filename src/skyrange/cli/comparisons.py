@@ -91,11 +91,14 @@ def describe_pair(result: Pair) -> dict[str, Any]:
     """A pair as plain data, for `--json`."""
     from skyrange.twins.attribution.arms import HONEST
 
-    found = {vehicle: {key: one._asdict() for key, one in own.items()} for vehicle, own in result.intervals().items()}
+    intervals = {
+        vehicle: {key: interval._asdict() for key, interval in quantities.items()}
+        for vehicle, quantities in result.intervals().items()
+    }
     folder = {"path": str(result.path), "report": str(result.report)}
-    failed = [{**asdict(one), "reasons": dict(one.reasons)} for one in result.failed_missions]
+    failed = [{**asdict(interval), "reasons": dict(interval.reasons)} for interval in result.failed_missions]
     effects, attribution = result.effects.to_pylist(), result.attribution.to_pylist()
-    facts = {**result.manifest, **folder, "failed_missions": failed, "effects": effects, "intervals": found}
+    facts = {**result.manifest, **folder, "failed_missions": failed, "effects": effects, "intervals": intervals}
     facts["attribution"] = attribution
     return facts | ({"lie_and_truth": result.lie_and_truth.to_pylist()} if HONEST in result.arms else {})
 
@@ -139,11 +142,11 @@ def print_comparison(console: Console, result: Comparison) -> None:
     from skyrange.study.variants.sections import make_tables
 
     print_failed_missions(console, result.failed_missions)
-    for one in make_tables(result):
-        table = Table(title=one.title, title_justify="left", title_style="bold")
-        for number, text in enumerate(one.head):
+    for shown in make_tables(result):
+        table = Table(title=shown.title, title_justify="left", title_style="bold")
+        for number, text in enumerate(shown.head):
             table.add_column(text, justify="right" if number else "left")
-        for row in one.rows:
+        for row in shown.rows:
             table.add_row(*row)
         console.print(table)
 

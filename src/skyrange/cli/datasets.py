@@ -103,7 +103,7 @@ def audit(*, folder: Dataset, as_json: AsJson = False) -> None:
     from skyrange.dataset.audit.comparisons import audit_dataset
 
     findings = audit_dataset(folder)
-    rows = [{"name": one.name, "status": one.status, **asdict(one)} for one in findings]
+    rows = [{"name": finding.name, "status": finding.status, **asdict(finding)} for finding in findings]
     if as_json:
         print_json(rows)
     else:

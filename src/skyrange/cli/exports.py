@@ -34,10 +34,10 @@ def export_captures(
     if only != "remote_id":
         result["mavlink"] = packet_captures.mavlink(record, target / packet_captures.MAVLINK)
     if as_json:
-        print_json({name: {**one._asdict(), "path": str(one.path)} for name, one in result.items()})
+        print_json({name: {**capture._asdict(), "path": str(capture.path)} for name, capture in result.items()})
         return
-    for one in result.values():
-        print_text(f"{one.packets:>9,} packets  {one.path}")
+    for capture in result.values():
+        print_text(f"{capture.packets:>9,} packets  {capture.path}")
     if "remote_id" not in result and only is None:
         print_notice("no Remote ID: the run has no radio medium")
 

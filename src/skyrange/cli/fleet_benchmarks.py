@@ -298,8 +298,8 @@ def _range(row: Mapping[str, Any]) -> Table:
         "frames per second": f"{row['frames_per_s']:,.0f}, over sockets {row['crossings_per_s']:,.0f}",
         "time to start, time to end": f"{row['start_s']:.1f} s, {row['end_s']:.1f} s",
     }
-    for kind, own in row["added_ms"].items():
-        measures[f"added on {kind}"] = f"{own['median']:.1f} ms, 99 % within {own['p99']:.1f} ms"
+    for kind, added in row["added_ms"].items():
+        measures[f"added on {kind}"] = f"{added['median']:.1f} ms, 99 % within {added['p99']:.1f} ms"
     for name, value in measures.items():
         table.add_row(name, value)
     return table

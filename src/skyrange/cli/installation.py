@@ -118,8 +118,8 @@ def gazebo(
 
     folder = expand_user(prefix) if prefix is not None else None
     if not as_json:
-        found = find_installed(folder)
-        print_text(f"compiling the plugin for {found.title}, {found.path}")
+        simulator = find_installed(folder)
+        print_text(f"compiling the plugin for {simulator.title}, {simulator.path}")
     made, gazebo = install(folder)
     facts = {"flavour": gazebo.flavour, "version": gazebo.version, "gazebo": str(gazebo.path), "path": str(made.path)}
     if as_json:
@@ -178,17 +178,17 @@ def ns3(
     from skyrange.install.ns3 import TESTED, find_libraries, install
 
     if not as_json:
-        found = find_libraries(expand_user(prefix) if prefix is not None else None)
-        print_text(f"compiling the engine against ns-3 {found.release} from {found.origin}")
-    made, found = install(expand_user(prefix) if prefix is not None else None)
-    facts = {"release": found.release, "from": found.origin, "path": str(made.path)}
+        libraries = find_libraries(expand_user(prefix) if prefix is not None else None)
+        print_text(f"compiling the engine against ns-3 {libraries.release} from {libraries.origin}")
+    made, libraries = install(expand_user(prefix) if prefix is not None else None)
+    facts = {"release": libraries.release, "from": libraries.origin, "path": str(made.path)}
     if as_json:
         print_json(facts)
     else:
         print_text(f"{'compiled' if made.compiled_now else 'was compiled already'}: {made.path}")
         print_text('use it in a scenario with [radio] engine = "ns3"')
-    if found.release not in TESTED:
-        print_notice(f"ns-3 {found.release} is not a tested release; tested: {', '.join(TESTED)}")
+    if libraries.release not in TESTED:
+        print_notice(f"ns-3 {libraries.release} is not a tested release; tested: {', '.join(TESTED)}")
 
 
 @install_app.command(epilog="Example: skyrange install omnetpp --omnetpp ~/omnetpp-6.1 --inet ~/inet4.5")
@@ -210,21 +210,21 @@ def omnetpp(
     folders = [expand_user(folder) if folder is not None else None for folder in (omnetpp, inet)]
     if not as_json:
         print_text(f"compiling the engine against {find_installation(*folders).release}")
-    made, found = install(*folders)
+    made, installation = install(*folders)
     facts = {
-        "omnetpp": found.omnetpp_release,
-        "omnetpp_path": str(found.omnetpp),
-        "inet": found.inet_release,
-        "inet_path": str(found.inet),
+        "omnetpp": installation.omnetpp_release,
+        "omnetpp_path": str(installation.omnetpp),
+        "inet": installation.inet_release,
+        "inet_path": str(installation.inet),
         "path": str(made.path),
     }
     if as_json:
         print_json(facts)
     else:
         print_text(f"{'compiled' if made.compiled_now else 'was compiled already'}: {made.path}")
-        print_text(f"OMNeT++ {found.omnetpp_release}: {found.omnetpp}")
-        print_text(f"INET {found.inet_release}: {found.inet}")
+        print_text(f"OMNeT++ {installation.omnetpp_release}: {installation.omnetpp}")
+        print_text(f"INET {installation.inet_release}: {installation.inet}")
         print_text('use it in a scenario with [radio] engine = "omnetpp"')
     print_notice(LICENCE)
-    for line in found.untested:
+    for line in installation.untested:
         print_notice(line)

@@ -192,9 +192,9 @@ def node(
     from skyrange.runtime.live.node.host_agent import join_range
     from skyrange.runtime.live.range import CONTROL_PORT
 
-    own = None if address is None else parse_ip_address("node", "--address", address)
-    at = parse_address("node", "--join", range_, CONTROL_PORT)
-    join_range(at, load_member(key), own, wait_s=wait, on_word=print_notice)
+    reached_at = None if address is None else parse_ip_address("node", "--address", address)
+    range_at = parse_address("node", "--join", range_, CONTROL_PORT)
+    join_range(range_at, load_member(key), reached_at, wait_s=wait, on_word=print_notice)
 
 
 @commands.command("relay", epilog="Example: skyrange relay --from 10.0.0.1 --vehicles 5 --listen 0.0.0.0")
@@ -316,10 +316,10 @@ def newest_live_run() -> Path:
     from skyrange.core.errors import InputError
     from skyrange.record.folder import PARTS
 
-    found = sorted(Path("runs").glob(f"*/{PARTS}"), key=lambda path: path.stat().st_mtime)
-    if not found:
+    parts = sorted(Path("runs").glob(f"*/{PARTS}"), key=lambda path: path.stat().st_mtime)
+    if not parts:
         raise InputError.one("tap", "--run", "no live range under runs", "the run folder of a live range")
-    return found[-1].parent
+    return parts[-1].parent
 
 
 @commands.command(epilog="Example: skyrange merge runs/squares --out runs/squares-whole")

@@ -86,10 +86,10 @@ def _names(happened: str | Sequence[tuple[float, Any]]) -> str:
     return happened if isinstance(happened, str) else ", ".join(str(what) for _, what in happened)
 
 
-def _flight(one: FlightMeasures) -> dict[str, Any]:
-    facts = asdict(one)
+def _flight(measures: FlightMeasures) -> dict[str, Any]:
+    facts = asdict(measures)
     del facts["path"]
-    return facts | {"measures": {name: _finite(value) for name, value in one.measures.items()}}
+    return facts | {"measures": {name: _finite(value) for name, value in measures.measures.items()}}
 
 
 def _finite(value: float) -> float | None:
@@ -149,9 +149,13 @@ def attacks(
     table = Table(title="Attacks: builtin and ArduPilot", title_justify="left", title_style="bold")
     for column in ("attack", "builtin", "ArduPilot", "what shows it, ArduPilot", "agree"):
         table.add_column(column)
-    for one in compared:
+    for reaction in compared:
         table.add_row(
-            one.kind, report.words(one.first), report.words(one.second), report.signs(one.second), report.verdict(one)
+            reaction.kind,
+            report.words(reaction.first),
+            report.words(reaction.second),
+            report.signs(reaction.second),
+            report.verdict(reaction),
         )
     console = terminal()
     console.print(table)
@@ -180,9 +184,9 @@ def _compare_over_seeds(
     )
     for column in ("attack", "autopilot", "reactions", "first sign after the start", "farthest from its twin"):
         table.add_column(column)
-    for one in compared:
-        table.add_row(one.kind, "builtin", *report.seeds_words(one.first))
-        table.add_row("", "ArduPilot", *report.seeds_words(one.second))
+    for reaction in compared:
+        table.add_row(reaction.kind, "builtin", *report.seeds_words(reaction.first))
+        table.add_row("", "ArduPilot", *report.seeds_words(reaction.second))
     console = terminal()
     console.print(table)
     console.print(f"runs   {folder}", soft_wrap=True)
@@ -224,8 +228,8 @@ def missions(
     given, refused = given_missions(files or [])
     if files and not as_json:
         print_notice(count_files(len(given), refused))
-        for one in refused:
-            print_notice(f"not flown: {one.file}: {one.reason}")
+        for mission in refused:
+            print_notice(f"not flown: {mission.file}: {mission.reason}")
     folder = out if out is not None else free_folder("mission-parity")
 
     def on_fleet(run: int, flown: int) -> None:

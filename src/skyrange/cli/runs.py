@@ -155,10 +155,10 @@ def verify(folder: Path, *, as_json: bool) -> None:
     from skyrange.record.read.run import open_folder
     from skyrange.record.verification import verify_run
 
-    found = verify_run(open_folder(folder))
+    verification = verify_run(open_folder(folder))
     if as_json:
-        print_json(found.to_dict())
+        print_json(verification.to_dict())
     else:
-        print_text(found)
-    if not found.ok:
+        print_text(verification)
+    if not verification.ok:
         sys.exit(3)

@@ -337,15 +337,15 @@ def _estimate(study: Study, workers: Workers, *, as_json: bool) -> None:
     from skyrange.study.sweep.design.blocks import list_blocks
     from skyrange.study.sweep.execution.estimate import estimate_study
 
-    found = estimate_study(study, list_blocks(study), workers.count())
+    estimate = estimate_study(study, list_blocks(study), workers.count())
     if as_json:
-        print_json(found._asdict())
+        print_json(estimate._asdict())
         return
-    print_text(f"{study.name}: {found.points} points, {found.blocks} blocks, {found.runs} runs")
-    print_text(f"simulated   {found.aircraft_hours:.1f} aircraft-hours")
-    print_text(f"time        about {found.wall_s / 60.0:.1f} min with {found.jobs} at a time")
-    print_text(f"disk        about {found.disk_mb:.1f} MB")
-    for error in found.failed:
+    print_text(f"{study.name}: {estimate.points} points, {estimate.blocks} blocks, {estimate.runs} runs")
+    print_text(f"simulated   {estimate.aircraft_hours:.1f} aircraft-hours")
+    print_text(f"time        about {estimate.wall_s / 60.0:.1f} min with {estimate.jobs} at a time")
+    print_text(f"disk        about {estimate.disk_mb:.1f} MB")
+    for error in estimate.failed:
         print_notice(f"the trial failed: {error}")
 
 
@@ -396,9 +396,13 @@ def _print_failures(failures: Any) -> None:
         print_text(f"failed  {len(failures) - _SHOWN} more")
 
 
-def _interval(found: Interval) -> tuple[str, str]:
-    limits = found.without if found.low is None or found.high is None else f"{found.low:.3g} to {found.high:.3g}"
-    return f"{found.mean:.3g}", limits
+def _interval(interval: Interval) -> tuple[str, str]:
+    limits = (
+        interval.without
+        if interval.low is None or interval.high is None
+        else f"{interval.low:.3g} to {interval.high:.3g}"
+    )
+    return f"{interval.mean:.3g}", limits
 
 
 def _short(value: Any) -> str:

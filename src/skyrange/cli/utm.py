@@ -57,10 +57,10 @@ def _init_federation(folder: Path, uss: Sequence[str], port: int, *, tests: bool
     from skyrange.runtime.utm.initial_files import write_federation
 
     services: dict[str, list[str]] = {}
-    for one in uss:
-        name, _, operators = one.partition("=")
+    for given in uss:
+        name, _, operators = given.partition("=")
         if name in services:
-            raise InputError.one("utm init", "--uss", repr(one), "another name for each USS")
+            raise InputError.one("utm init", "--uss", repr(given), "another name for each USS")
         services[name] = [operator for operator in operators.split(",") if operator]
     written = write_federation(folder, services, port, tests=tests)
     print_text(f"{folder}: {', '.join(path.stem for path in written)}")
@@ -72,7 +72,7 @@ def _init_authority(folder: Path, operators: str, port: int) -> None:
     check_installed()
     from skyrange.runtime.utm.initial_files import write_authority
 
-    path = write_authority(folder, [one for one in operators.split(",") if one], port)
+    path = write_authority(folder, [operator for operator in operators.split(",") if operator], port)
     print_text(f"{folder}: {path.stem}")
     print_text(f"Start it with: skyrange utm serve {path}")
 

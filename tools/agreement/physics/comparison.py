@@ -121,12 +121,12 @@ def compare_runs(first: RunRecord, second: RunRecord) -> RunDifference:
     """How the aircraft of `second` flew differently from those of `first`. Both record truth at one rate."""
     collisions = read_collisions(first), read_collisions(second)
     mine, theirs = read_flights(first), read_flights(second)
-    found = []
-    for vehicle, one in mine.items():
+    aircraft = []
+    for vehicle, own in mine.items():
         if vehicle in theirs:
             hits_s = _first_hit_s(collisions[0], vehicle), _first_hit_s(collisions[1], vehicle)
-            found.append(compare_aircraft((one, theirs[vehicle]), hits_s))
-    return RunDifference(tuple(found), collisions)
+            aircraft.append(compare_aircraft((own, theirs[vehicle]), hits_s))
+    return RunDifference(tuple(aircraft), collisions)
 
 
 def _first_hit_s(collisions: Sequence[Collision], vehicle: str) -> float | None:
@@ -156,7 +156,10 @@ def read_flights(record: RunRecord) -> dict[str, FlownAircraft]:
     names = np.asarray(table.column("vehicle").to_pylist())
     time_s = table.column("time_ns").to_numpy() / NS_PER_S
     rows = np.stack([table.column(name).to_numpy().astype(np.float64) for name in _COLUMNS], axis=1)
-    return {one.id: _flown(one, record, time_s[names == one.id], rows[names == one.id]) for one in vehicles(record)}
+    return {
+        vehicle.id: _flown(vehicle, record, time_s[names == vehicle.id], rows[names == vehicle.id])
+        for vehicle in vehicles(record)
+    }
 
 
 def _flown(vehicle: Vehicle, record: RunRecord, time_s: Floats, rows: Floats) -> FlownAircraft:
@@ -180,28 +183,28 @@ def compare_aircraft(
     flown: tuple[FlownAircraft, FlownAircraft], hits_s: tuple[float | None, float | None]
 ) -> AircraftDifference:
     """How one aircraft flew in two runs; `hits_s` is the time of its first collision in each."""
-    one, other = flown
+    own, other = flown
     until_s = min((hit_s for hit_s in hits_s if hit_s is not None), default=None)
-    count = min(len(one.time_s), len(other.time_s))  # both begin at 0, at one rate
+    count = min(len(own.time_s), len(other.time_s))  # both begin at 0, at one rate
     if until_s is not None:
-        count = min(count, int(np.searchsorted(one.time_s, until_s)))
-    apart_m = np.linalg.norm(one.enu_m[:count] - other.enu_m[:count], axis=1)
-    aloft = ~(one.on_ground[:count] & other.on_ground[:count])
+        count = min(count, int(np.searchsorted(own.time_s, until_s)))
+    apart_m = np.linalg.norm(own.enu_m[:count] - other.enu_m[:count], axis=1)
+    aloft = ~(own.on_ground[:count] & other.on_ground[:count])
     farthest = int(np.argmax(np.where(aloft, apart_m, 0.0)))
-    gusts = one.air_mps[:count] - one.air_mps[:count].mean(axis=0)
+    gusts = own.air_mps[:count] - own.air_mps[:count].mean(axis=0)
     sides = [_measures(each, count, whole=until_s is None) for each in flown]
     return AircraftDifference(
-        vehicle=one.vehicle,
-        airframe=one.airframe,
-        outcomes=(one.outcome, other.outcome),
+        vehicle=own.vehicle,
+        airframe=own.airframe,
+        outcomes=(own.outcome, other.outcome),
         until_s=until_s,
         largest_m=float(apart_m[farthest]) if aloft.any() else 0.0,
-        largest_at_s=float(one.time_s[farthest]),
+        largest_at_s=float(own.time_s[farthest]),
         rms_m=float(np.sqrt((apart_m[aloft] ** 2).mean())) if aloft.any() else 0.0,
         end_apart_m=float(apart_m[-1]),
-        standing_drift_m=(one.standing_drift_m, other.standing_drift_m),
-        down_after_s=(_down_after(one, hits_s[0]), _down_after(other, hits_s[1])),
-        air_rms_mps=_rms(one.air_mps[:count] - other.air_mps[:count]),
+        standing_drift_m=(own.standing_drift_m, other.standing_drift_m),
+        down_after_s=(_down_after(own, hits_s[0]), _down_after(other, hits_s[1])),
+        air_rms_mps=_rms(own.air_mps[:count] - other.air_mps[:count]),
         gust_rms_mps=_rms(gusts),
         measures={name: (value, sides[1][name]) for name, value in sides[0].items() if name in sides[1]},
     )
@@ -221,10 +224,10 @@ def _measures(flown: FlownAircraft, count: int, *, whole: bool) -> dict[str, flo
     airborne_s = flown.time_s[:count][up_m > flown.home_m + AIRBORNE_M]
     if not len(airborne_s):
         return {}
-    found = {"lift_off_s": float(airborne_s[0])}
+    measures = {"lift_off_s": float(airborne_s[0])}
     if whole and flown.on_ground[-1]:
-        found["landed_s"] = float(flown.time_s[~flown.on_ground][-1])
-    return found | {
+        measures["landed_s"] = float(flown.time_s[~flown.on_ground][-1])
+    return measures | {
         "height_max_m": float(up_m.max()),
         "speed_max_mps": float(np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]).max()),
         "climb_max_mps": float(velocity_mps[:, 2].max()),
@@ -317,15 +320,15 @@ def compare(
     (engine,) = flown[names[0], "gazebo"].manifest["engines"]
     gazebo = engine["gazebo"]
     title = f"Gazebo {'Sim ' if gazebo['flavour'] == 'sim' else ''}{gazebo['version']}"
-    found = PhysicsComparison(compared, title, gazebo["physics"], engine["version"])
+    comparison = PhysicsComparison(compared, title, gazebo["physics"], engine["version"])
     with atomic_write(folder / RESULTS) as file:
-        file.write(json.dumps(results(found), indent=1).encode())
-    return found
+        file.write(json.dumps(results(comparison), indent=1).encode())
+    return comparison
 
 
-def results(found: PhysicsComparison) -> dict[str, Any]:
+def results(comparison: PhysicsComparison) -> dict[str, Any]:
     """All differences as plain data."""
-    return asdict(found)
+    return asdict(comparison)
 
 
 def _in_physics(scenario: Scenario, kind: str, steps: int) -> Scenario:

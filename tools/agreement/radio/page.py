@@ -112,8 +112,8 @@ def _best(comparison: Comparison, engine: str, row: int) -> str:
     swap = comparison.best(row, engine)
     if swap is None:
         return ""
-    said = f"{swap.text}: {comparison.shares[swap.setup.title][row]:.3f}"
-    return f"{said}, builtin {comparison.shares[swap.builtin.title][row]:.3f}" if swap.builtin.changes else said
+    text = f"{swap.text}: {comparison.shares[swap.setup.title][row]:.3f}"
+    return f"{text}, builtin {comparison.shares[swap.builtin.title][row]:.3f}" if swap.builtin.changes else text
 
 
 def _losses(comparison: Comparison) -> Iterator[str]:
@@ -123,21 +123,22 @@ def _losses(comparison: Comparison) -> Iterator[str]:
     count = f"{len(pairs.ends_m):,}"
     yield f"Loss of each model minus skyrange's in dB over {count} pairs: median (10th to 90th percentile)."
     yield ""
-    found = {title: residuals(pairs, title) for title in pairs.other_db}
-    yield "| heights | sight | pairs | " + " | ".join(found) + " |"
-    yield "|---|---|---|" + "---|" * len(found)
-    keys = list(dict.fromkeys(key for one in found.values() for key in one))
+    models = {title: residuals(pairs, title) for title in pairs.other_db}
+    yield "| heights | sight | pairs | " + " | ".join(models) + " |"
+    yield "|---|---|---|" + "---|" * len(models)
+    keys = list(dict.fromkeys(key for cells in models.values() for key in cells))
     for heights, sight in keys:
-        cells, number = [], 0
-        for one in found.values():
-            if (heights, sight) not in one:
-                cells.append("")
+        texts: list[str] = []
+        number = 0
+        for cells in models.values():
+            if (heights, sight) not in cells:
+                texts.append("")
                 continue
-            it = one[(heights, sight)]
-            number = max(number, it.pairs)
-            missing = f"; none for {it.missing}" if it.missing else ""
-            cells.append(f"{it.median_db:+.1f} ({it.low_db:+.1f} to {it.high_db:+.1f}{missing})")
-        yield f"| {heights} | {'yes' if sight else 'no'} | {number} | " + " | ".join(cells) + " |"
+            cell = cells[(heights, sight)]
+            number = max(number, cell.pairs)
+            missing = f"; none for {cell.missing}" if cell.missing else ""
+            texts.append(f"{cell.median_db:+.1f} ({cell.low_db:+.1f} to {cell.high_db:+.1f}{missing})")
+        yield f"| {heights} | {'yes' if sight else 'no'} | {number} | " + " | ".join(texts) + " |"
     yield ""
 
 
@@ -178,8 +179,8 @@ def results(comparison: Comparison) -> dict[str, Any]:
     if comparison.losses is not None:
         losses = {
             title: [
-                {"heights": heights, "sight": sight, **one._asdict()}
-                for (heights, sight), one in residuals(comparison.losses, title).items()
+                {"heights": heights, "sight": sight, **residual._asdict()}
+                for (heights, sight), residual in residuals(comparison.losses, title).items()
             ]
             for title in comparison.losses.other_db
         }
@@ -206,8 +207,8 @@ def write_figures(comparison: Comparison, folder: Path) -> None:
         panels[f"{title}, defaults or best swap"] = comparison.pairs(engine, swapped=True)
     draw_shares(comparison, BUILTIN.title, panels).save(folder / SHARES_SVG)
     if comparison.losses is not None and comparison.losses.other_db:
-        found = {title: residuals(comparison.losses, title) for title in comparison.losses.other_db}
-        draw_residuals(found).save(folder / LOSSES_SVG)
+        models = {title: residuals(comparison.losses, title) for title in comparison.losses.other_db}
+        draw_residuals(models).save(folder / LOSSES_SVG)
 
 
 def _read(page: Path) -> str:
@@ -261,8 +262,8 @@ def draw_shares(comparison: Comparison, first: str, others: Mapping[str, Sequenc
                 "cx": x0 + mine * _SIZE, "cy": _TOP + (1.0 - theirs) * _SIZE, "r": 2.6,
                 "fill": colours[experiment], "fill-opacity": ".8" if counts else ".15",
             }  # fmt: skip
-            said = f"{experiment}: {_describe(facts)}: {mine:.3f}, {theirs:.3f}"
-            body.append(svg.element("circle", dot, svg.title(said)))
+            text = f"{experiment}: {_describe(facts)}: {mine:.3f}, {theirs:.3f}"
+            body.append(svg.element("circle", dot, svg.title(text)))
     x = _LEFT
     for experiment, colour in colours.items():
         body.append(svg.element("circle", {"cx": x + 4, "cy": height - 10, "r": 4, "fill": colour}))
@@ -299,10 +300,10 @@ def draw_residuals(residuals: Mapping[str, Mapping[tuple[str, bool], Residual]])
 
     What is beyond `_BEYOND_DB` is an arrow at the edge.
     """
-    rows = list(dict.fromkeys(key for found in residuals.values() for key in found))
-    spans = [one for found in residuals.values() for one in found.values()]
-    low = max(min((one.low_db for one in spans), default=-10.0) - 2.0, -_BEYOND_DB)
-    high = min(max((one.high_db for one in spans), default=10.0) + 2.0, _BEYOND_DB)
+    rows = list(dict.fromkeys(key for cells in residuals.values() for key in cells))
+    spans = [residual for cells in residuals.values() for residual in cells.values()]
+    low = max(min((residual.low_db for residual in spans), default=-10.0) - 2.0, -_BEYOND_DB)
+    high = min(max((residual.high_db for residual in spans), default=10.0) + 2.0, _BEYOND_DB)
     step = 9.0 * len(residuals) + 12.0
     left, top, width = 170.0, 44.0, 680.0
     height = top + step * len(rows) + 40.0
@@ -317,20 +318,22 @@ def draw_residuals(residuals: Mapping[str, Mapping[tuple[str, bool], Residual]])
     for number, (heights, sight) in enumerate(rows):
         y = top + number * step + 6.0
         body.append(svg.label(left - 10, y + step / 2 - 2, f"{heights}, {'sight' if sight else 'no sight'}", "end"))
-        for turn, (model, found) in enumerate(residuals.items()):
-            one = found.get((heights, sight))
-            if one is None:
+        for turn, (model, cells) in enumerate(residuals.items()):
+            residual = cells.get((heights, sight))
+            if residual is None:
                 continue
             level = y + 9.0 * turn + 3.0
             a, middle, b = (
-                left + (min(max(value, low), high) - low) * scale for value in (one.low_db, one.median_db, one.high_db)
+                left + (min(max(value, low), high) - low) * scale
+                for value in (residual.low_db, residual.median_db, residual.high_db)
             )
             look: svg.Attributes = {"stroke": colours[model], "stroke-width": 3.0, "stroke-opacity": ".75"}
-            said = f"{model}: {one.median_db:+.1f} dB, {one.low_db:+.1f} to {one.high_db:+.1f}, {one.pairs} pairs"
-            body.append(svg.element("path", {"d": f"M{a:.1f} {level:.1f}H{b:.1f}", **look}, svg.title(said)))
-            if one.median_db > high:
+            span = f"{residual.low_db:+.1f} to {residual.high_db:+.1f}"
+            text = f"{model}: {residual.median_db:+.1f} dB, {span}, {residual.pairs} pairs"
+            body.append(svg.element("path", {"d": f"M{a:.1f} {level:.1f}H{b:.1f}", **look}, svg.title(text)))
+            if residual.median_db > high:
                 arrow = f"M{b - 7:.1f} {level - 4:.1f}L{b:.1f} {level:.1f}L{b - 7:.1f} {level + 4:.1f}Z"
-                body.append(svg.element("path", {"d": arrow, "fill": colours[model]}, svg.title(said)))
+                body.append(svg.element("path", {"d": arrow, "fill": colours[model]}, svg.title(text)))
                 continue
             body.append(svg.element("circle", {"cx": middle, "cy": level, "r": 3.4, "fill": colours[model]}))
     x = 20.0

@@ -187,7 +187,7 @@ def _on_cores(sizes: Sequence[tuple[int, float]], *, remote_id: bool) -> tuple[C
     def fly(count: int, seconds: float) -> list[RawRow]:
         options = FleetOptions(remote_id=remote_id, operators=4)
         rows = [cores.measure(count, seconds, number, options) for number in (1, 2)]
-        compared = {one["cores"]: one for one in cores.compare(rows)}
+        compared = {medians["cores"]: medians for medians in cores.compare(rows)}
         names = {1: "one core", 2: "two cores"}
         return [{**compared[row["cores"]], **row, "on": names[row["cores"]]} for row in rows]
 

@@ -30,7 +30,10 @@ def run_benchmarks(names: Sequence[str] = (), *, quick: bool = False, on_case: O
     """
     chosen = find_benchmarks(names)
     reasons = {benchmark.name: _missing(benchmark, quick=quick) for benchmark in chosen}
-    planned = {one.name: () if reasons[one.name] else one.quick if quick else one.cases for one in chosen}
+    planned = {
+        benchmark.name: () if reasons[benchmark.name] else benchmark.quick if quick else benchmark.cases
+        for benchmark in chosen
+    }
     total, done = sum(map(len, planned.values())), 0
     started = datetime.now(UTC)
 
@@ -105,9 +108,9 @@ def _missing(benchmark: Benchmark, *, quick: bool) -> str:
 def _plain(value: Any) -> JsonValue:
     """A value that JSON can hold; a number that is not finite is null."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value  # type: ignore[no-any-return]

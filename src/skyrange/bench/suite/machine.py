@@ -45,16 +45,16 @@ def describe_machine() -> Machine:
 
 def _processor() -> tuple[str, frozenset[str]]:
     """Model of the processor, and its flags where the system lists them."""
-    found: dict[str, str] = {}
+    facts: dict[str, str] = {}
     try:
         text = read_input(_CPUINFO, "bench all", max_bytes=MIB).decode(errors="replace")
         for line in text.splitlines():
             key, _, value = line.partition(":")
-            found.setdefault(key.strip(), value.strip())
+            facts.setdefault(key.strip(), value.strip())
     except InputError:
         pass  # another system
-    return found.get("model name") or platform.processor() or platform.machine(), frozenset(
-        found.get("flags", "").split()
+    return facts.get("model name") or platform.processor() or platform.machine(), frozenset(
+        facts.get("flags", "").split()
     )
 
 
@@ -127,7 +127,7 @@ class Observation:
 
 def list_descendants(pid: int) -> list[int]:
     """The children of a process, theirs and so on, without it; empty where the system does not list them (Linux)."""
-    found: list[int] = []
+    pids: list[int] = []
     waiting = [pid]
     while waiting:
         try:
@@ -135,9 +135,9 @@ def list_descendants(pid: int) -> list[int]:
         except OSError:  # it, or a thread of it, has ended
             continue
         children = [int(child) for text in listed for child in text.split()]
-        found += children
+        pids += children
         waiting += children
-    return found
+    return pids
 
 
 def resident_mb(pid: int) -> float:

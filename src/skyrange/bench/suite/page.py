@@ -42,7 +42,7 @@ def write_page(results: Results, path: Path, old: Results | None = None) -> None
 def make_page(results: Results, old: Results | None = None) -> str:
     """The page of the results as HTML, which loads nothing."""
     style = asset("style.css") + asset("bench.css")
-    before = {} if old is None else {(one.name, case.name): case.memory for one, case in old.cases()}
+    before = {} if old is None else {(benchmark.name, case.name): case.memory for benchmark, case in old.cases()}
     memories = [
         (
             benchmark.name,
@@ -141,17 +141,17 @@ def draw_speeds(results: Results, old: Results | None = None) -> Figure | None:
 
 def draw_changes(changes: Sequence[Change]) -> Figure | None:
     """Costs in yardsticks, new over old: a bar from 1 on a logarithmic axis for each; `None` without any."""
-    found = [
-        (f"{one.benchmark}, {name_case(one.case, one.row)}", one.ratio, one.verdict)
-        for one in changes
-        if one.new.unit == "yardsticks" and one.ratio
+    costs = [
+        (f"{change.benchmark}, {name_case(change.case, change.row)}", change.ratio, change.verdict)
+        for change in changes
+        if change.new.unit == "yardsticks" and change.ratio
     ]
-    if not found:
+    if not costs:
         return None
-    most = max(2.0, *(max(ratio, 1.0 / ratio) for _, ratio, _ in found if ratio)) * 1.05
+    most = max(2.0, *(max(ratio, 1.0 / ratio) for _, ratio, _ in costs if ratio)) * 1.05
     scale = (_WIDE - _LEFT - 2 * _RIGHT) / (2.0 * math.log(most))
     one_x = _LEFT + _RIGHT + math.log(most) * scale - 40
-    height = 8.0 + _ROW * len(found) + _FOOT
+    height = 8.0 + _ROW * len(costs) + _FOOT
     body: list[Element] = []
     for value in (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0):
         if 1.0 / most <= value <= most:
@@ -159,7 +159,7 @@ def draw_changes(changes: Sequence[Change]) -> Figure | None:
             look = {"stroke": "currentColor", "stroke-opacity": ".55"} if value == 1.0 else svg.GRID
             body.append(svg.element("path", {"d": f"M{format_number(x)} 8V{format_number(height - _FOOT)}", **look}))
             body.append(svg.label(x, height - _FOOT + 16, f"{value:g}"))
-    for n, (name, ratio, verdict) in enumerate(found):
+    for n, (name, ratio, verdict) in enumerate(costs):
         assert ratio is not None
         x, y = one_x + math.log(ratio) * scale, 8.0 + _ROW * n + 5
         body.append(svg.label(_LEFT - 12, y + 12, name, "end", 12))
@@ -167,17 +167,17 @@ def draw_changes(changes: Sequence[Change]) -> Figure | None:
         body += _bar(min(x, one_x), max(x, one_x, min(x, one_x) + 1), y, 15.0, look, f"{name}: {ratio:.2f}")
         anchor, shift = ("start", 6.0) if ratio >= 1.0 else ("end", -6.0)
         body.append(svg.label(x + shift, y + 12, f"{ratio:.2f}", anchor, 12, svg.BOLD))
-    said = "cost in yardsticks, new over old; left of 1 is cheaper"
-    body.append(svg.label(_LEFT, height - 8, said, "start", 11.5, _DIM))
+    caption = "cost in yardsticks, new over old; left of 1 is cheaper"
+    body.append(svg.label(_LEFT, height - 8, caption, "start", 11.5, _DIM))
     return svg.document(_WIDE, height, "Costs in yardsticks, new over old", body)
 
 
 def draw_memory(memory: Memory, title: str, old: Memory | None = None) -> Figure:
     """Resident memory of a case's processes over its wall time, that of the old results dashed."""
     width, height, left, above, below = 440.0, 172.0, 52.0, 22.0, 34.0
-    kept = [one for one in (memory, old) if one is not None and one.resident_mb]
-    last = max((len(one.resident_mb) * one.every_s for one in kept), default=1.0)
-    top = max((max(one.resident_mb) for one in kept), default=1.0) * 1.08
+    kept = [series for series in (memory, old) if series is not None and series.resident_mb]
+    last = max((len(series.resident_mb) * series.every_s for series in kept), default=1.0)
+    top = max((max(series.resident_mb) for series in kept), default=1.0) * 1.08
     x_scale, y_scale = (width - left - 12) / last, (height - above - below) / top
     foot = height - below
     body: list[Element] = []
@@ -191,17 +191,20 @@ def draw_memory(memory: Memory, title: str, old: Memory | None = None) -> Figure
     body += [svg.label(left + value * x_scale, foot + 15, svg.format_tick(value, step)) for value in values]
     body.append(svg.label(width - 12, height - 4, "wall time, s", "end", 10.5, _DIM))
     body.append(svg.label(left - 7, 12, "MB", "end", 10.5, _DIM))
-    for one in kept:
+    for series in kept:
         points = np.array(
-            [(left + (n + 1) * one.every_s * x_scale, foot - mb * y_scale) for n, mb in enumerate(one.resident_mb)]
+            [
+                (left + (n + 1) * series.every_s * x_scale, foot - mb * y_scale)
+                for n, mb in enumerate(series.resident_mb)
+            ]
         )
         line = svg.path_data(points)
-        if one is memory:
+        if series is memory:
             area = np.vstack([[points[0, 0], foot], points, [points[-1, 0], foot]])
             look = {"class": "area", "fill": OKABE_ITO[0], "fill-opacity": ".18"}
             body.append(svg.element("path", {"d": svg.path_data(area, close=True), **look}))
-        dashes = {} if one is memory else {"stroke-dasharray": "5 4"}
-        drawn = {"class": "trace" if one is memory else "trace old", "stroke": OKABE_ITO[0], "fill": "none"}
+        dashes = {} if series is memory else {"stroke-dasharray": "5 4"}
+        drawn = {"class": "trace" if series is memory else "trace old", "stroke": OKABE_ITO[0], "fill": "none"}
         body.append(svg.element("path", {"d": line, "stroke-width": "1.8", **drawn, **dashes}))
     return svg.document(width, height, f"Memory: {title}", body)
 
@@ -233,9 +236,9 @@ def _log_axis(low: int, high: int, place: Callable[[float], float], top: float, 
     return body
 
 
-def _bar(left: float, right: float, y: float, high: float, look: Mapping[str, str], said: str) -> list[Element]:
+def _bar(left: float, right: float, y: float, high: float, look: Mapping[str, str], text: str) -> list[Element]:
     place: svg.Attributes = {"x": left, "y": y, "width": max(right - left, 1.0), "height": high, "rx": 2}
-    return [svg.element("rect", {**place, **look}, svg.title(said))]
+    return [svg.element("rect", {**place, **look}, svg.title(text))]
 
 
 def _key(*entries: tuple[str, Mapping[str, str]]) -> list[Element]:

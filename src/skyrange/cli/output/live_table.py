@@ -79,8 +79,10 @@ def make_table(flown: LiveRange) -> Table:
     seconds = max(flown.now_s, 1.0)
     endpoints = {node.name: node.endpoints for node in flown.deployment.nodes}
     for name, member in list(flown.members.items())[:MAX_ROWS]:
-        own = [one for one in flown.crossings if one.listener in endpoints[name]]
-        places = ", ".join(_format_address(one) for one in own[:4]) + (" …" if len(own) > 4 else "")
+        crossings = [crossing for crossing in flown.crossings if crossing.listener in endpoints[name]]
+        places = ", ".join(_format_address(crossing) for crossing in crossings[:4]) + (
+            " …" if len(crossings) > 4 else ""
+        )
         status = member.status
         table.add_row(
             name,
@@ -98,8 +100,10 @@ def make_table(flown: LiveRange) -> Table:
     for address in flown.waits_for:
         table.add_row(f"at {address}", "", "awaited", "", "", "", "")
     for name in sorted(flown.deployment.outside):
-        own = [one for one in flown.crossings if one.listener.startswith(name)]
-        table.add_row(name, ", ".join(_format_address(one) for one in own[:4]), "outside", "", "", "", "")
+        crossings = [crossing for crossing in flown.crossings if crossing.listener.startswith(name)]
+        table.add_row(
+            name, ", ".join(_format_address(crossing) for crossing in crossings[:4]), "outside", "", "", "", ""
+        )
     late = max((to_seconds(int(member.status.get("late_ns", 0))) for member in flown.members.values()), default=0.0)
     if flown.waits_for:
         table.caption = _format_waiting(flown)

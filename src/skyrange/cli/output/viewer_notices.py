@@ -67,9 +67,11 @@ def open_port_warning(scenario: Scenario) -> list[str]:
 
     ports: list[str] = []
     for kind in scenario.autopilots.options:
-        own = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet if vehicle.autopilot == kind]
-        opened = AutopilotPlugin.find(kind).opened_ports(scenario.autopilots.params_of(kind), len(own))
-        ports += [f"  {vehicle} at port {port}" for vehicle, port in zip(own, opened, strict=False)]
+        vehicles = [
+            vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet if vehicle.autopilot == kind
+        ]
+        opened = AutopilotPlugin.find(kind).opened_ports(scenario.autopilots.params_of(kind), len(vehicles))
+        ports += [f"  {vehicle} at port {port}" for vehicle, port in zip(vehicles, opened, strict=False)]
     if not ports:
         return []
     return [
@@ -104,12 +106,12 @@ def tell_when_up(flown: LiveRange, on_update: OnUpdate | None) -> OnUpdate:
 
     The ports then listen. Before that, processes may compile for a minute.
     """
-    told = False
+    printed = False
 
     def update(now: LiveRange) -> None:
-        nonlocal told
-        if now.zero_ns and not told:
-            told = True
+        nonlocal printed
+        if now.zero_ns and not printed:
+            printed = True
             print_viewer_addresses(flown)
         if on_update is not None:
             on_update(now)

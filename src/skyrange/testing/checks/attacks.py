@@ -237,10 +237,10 @@ def check_attack(
     Raises `NonConformance` at the first broken rule, and `ValueError` for times that are not in order and for an
     unknown kind of act.
     """
-    own = plugin_of(kind)
+    plugin = plugin_of(kind)
     case = _case(
         "check_attack",
-        own,
+        plugin,
         params,
         scenario=scenario,
         start_s=start_s,
@@ -248,7 +248,7 @@ def check_attack(
         duration_s=duration_s,
         acts=acts,
     )
-    ATTACK.check(f"attack {own.params.__name__}", case)
+    ATTACK.check(f"attack {plugin.params.__name__}", case)
 
 
 def check_fault(
@@ -265,10 +265,10 @@ def check_fault(
 
     The arguments and errors are those of `check_attack`.
     """
-    own = plugin_of(kind)
+    plugin = plugin_of(kind)
     case = _case(
         "check_fault",
-        own,
+        plugin,
         params,
         scenario=scenario,
         start_s=start_s,
@@ -276,7 +276,7 @@ def check_fault(
         duration_s=duration_s,
         acts=acts,
     )
-    FAULT.check(f"fault {own.params.__name__}", case)
+    FAULT.check(f"fault {plugin.params.__name__}", case)
 
 
 def _case(
