@@ -1,4 +1,4 @@
-"""Where the code of the package is executed: functions, classes and constants, and the lines that refer to them.
+"""Places where code of the package is executed: functions, classes and constants, and the lines that refer to them.
 
 What coverage.py does not see is found through references by name: compiled functions through the functions and tests
 that call them, and what an import executes through the lines that use the class or the constant.
