@@ -40,7 +40,7 @@ class Flight(AttackFlight):
 
     def alerts(self) -> list[Row]:
         """Every alert."""
-        return [(one.time_ns, one.detector, *one.alert) for one in self.seen.alerts]
+        return [(row.time_ns, row.detector, *row.alert) for row in self.seen.alerts]
 
     def same_as(self, other: Flight, what: str) -> None:
         """`Broken` where two flights differ in a byte."""

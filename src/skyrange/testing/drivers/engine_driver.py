@@ -227,7 +227,7 @@ def check_finished(engine: Engine, finished: Finished) -> None:
         return
     expected = f"None, or an InstanceStatus for each of {count} vehicles"
     whole = isinstance(status, list | tuple) and len(status) == count
-    if not whole or not all(isinstance(one, InstanceStatus) for one in status):
+    if not whole or not all(isinstance(state, InstanceStatus) for state in status):
         raise Broken(f"status is {short(status)}", expected, "status")
 
 
