@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from skyrange.cli.options import ScenarioChoice
 from skyrange.cli.output.console import print_json, print_text, terminal
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from skyrange.twins.pair_folder import Pair
 
 
-@dataclass(frozen=True, slots=True)
-class PairOptions:
+class PairOptions(NamedTuple):
     """What `skyrange pair` was told; `arms` None are those that its number of attacks suggests."""
 
     scenario: ScenarioChoice
@@ -33,8 +32,7 @@ class PairOptions:
     jobs: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class VariantOptions:
+class VariantOptions(NamedTuple):
     """What `skyrange compare` was told."""
 
     scenario: ScenarioChoice
@@ -44,8 +42,7 @@ class VariantOptions:
     jobs: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class MatrixOptions:
+class MatrixOptions(NamedTuple):
     """What `skyrange matrix` was told; without `rows` or `columns` all of the file."""
 
     file: Path | None

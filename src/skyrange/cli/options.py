@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from ipaddress import ip_address
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -160,8 +159,7 @@ def parse_address(who: str, option: str, text: str, default_port: int) -> tuple[
     return parse_ip_address(who, option, host.strip("[]")), number
 
 
-@dataclass(frozen=True, slots=True)
-class ViewerOptions:
+class ViewerOptions(NamedTuple):
     """The viewers' ports of a run: whether they are opened, the first one (the usual one without), and their host."""
 
     wanted: bool
@@ -169,8 +167,7 @@ class ViewerOptions:
     host: str
 
 
-@dataclass(frozen=True, slots=True)
-class ScenarioChoice:
+class ScenarioChoice(NamedTuple):
     """The scenario of a command: its name or file, and what the command line changes of it."""
 
     name: str

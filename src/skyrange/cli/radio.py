@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -39,8 +38,7 @@ Height = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class MapRequest:
+class MapRequest(NamedTuple):
     """The arguments of `skyrange radio map`; empty heights are the defaults."""
 
     scenario: str | None
@@ -58,8 +56,7 @@ class MapRequest:
     samples: int
 
 
-@dataclass(frozen=True, slots=True)
-class PictureRequest:
+class PictureRequest(NamedTuple):
     """The picture to draw; none without a path."""
 
     path: Path | None

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from skyrange.cli.comparisons import describe_pair
 from skyrange.cli.options import ScenarioChoice, ViewerOptions, parse_ip_address
@@ -17,8 +16,7 @@ if TYPE_CHECKING:
     from skyrange.twins.pair_folder import Pair
 
 
-@dataclass(frozen=True, slots=True)
-class RunOptions:
+class RunOptions(NamedTuple):
     """What `skyrange run` was told."""
 
     scenario: ScenarioChoice
@@ -44,7 +42,7 @@ def run(options: RunOptions, *, as_json: bool) -> None:
     shortfall: ShortfallError | None = None
     compile_if_cold(quiet=as_json)
     host = parse_ip_address("viewers", "--viewer-host", options.viewers.host)
-    opened = open_viewers(scenario, replace(options.viewers, host=host))
+    opened = open_viewers(scenario, options.viewers._replace(host=host))
     with opened as viewers, progress(scenario.name, quiet=as_json) as on_progress:
         try:
             record = fly(

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -75,8 +74,7 @@ _SHOWN = 10
 """Failed blocks that are listed on the terminal."""
 
 
-@dataclass(frozen=True, slots=True)
-class Workers:
+class Workers(NamedTuple):
     """Who flies the blocks of a study: `jobs` processes of this machine, or the Ray cluster `cluster`, whose nodes may
     return what they flew through the storage at `storage_url`.
     """
@@ -85,7 +83,7 @@ class Workers:
     cluster: str | None
     storage_url: str | None
 
-    def count(self) -> int:
+    def at_a_time(self) -> int:
         """Runs at a time on this machine."""
         return (
             self.jobs
@@ -102,7 +100,7 @@ class Workers:
         from skyrange.study.sweep.execution.ray_pool import RayPool
 
         if self.cluster is None:
-            return LocalPool(self.count())
+            return LocalPool(self.at_a_time())
         if self.jobs is not None:
             raise InputError.one("study", "--jobs", str(self.jobs), "none with --on: the cluster says how many")
         return RayPool(self.cluster)
@@ -337,7 +335,7 @@ def _estimate(study: Study, workers: Workers, *, as_json: bool) -> None:
     from skyrange.study.sweep.design.blocks import list_blocks
     from skyrange.study.sweep.execution.estimate import estimate_study
 
-    estimate = estimate_study(study, list_blocks(study), workers.count())
+    estimate = estimate_study(study, list_blocks(study), workers.at_a_time())
     if as_json:
         print_json(estimate._asdict())
         return
