@@ -63,7 +63,7 @@ class Times:
         )
 
 
-def judge(steps: Sequence[Step], times: Times, minutes: float, cold: bool) -> tuple[list[str], bool]:
+def judge(steps: Sequence[Step], times: Times, minutes: float, *, cold: bool) -> tuple[list[str], bool]:
     """What to print at the end, and whether the steps kept the budget of `minutes` at the reference's yardstick."""
     yardstick_us = statistics.median(times.yardsticks_us) if times.yardsticks_us else REFERENCE_US
     spent_s = sum(step.cpu_s for step in steps)
@@ -81,21 +81,22 @@ def judge(steps: Sequence[Step], times: Times, minutes: float, cold: bool) -> tu
 
 
 def main(
+    *,
     targets: Annotated[list[str], typer.Argument(help="Targets of the Makefile, in order.")],
     minutes: Annotated[float, typer.Option(help="Minutes of processor time at the reference's yardstick.")],
     keep_going: Annotated[bool, typer.Option(help="Make the other targets when one has failed.")] = False,
 ) -> None:
     """Make targets within a budget of processor time."""
     began_s = time.time()
-    steps = list(_make(targets, keep_going))
+    steps = list(_make(targets, keep_going=keep_going))
     times = Times.read(TIMES, began_s)
     compiled_s = times.compiled_s + sum(step.cpu_s for step in steps if step.target == KERNELS)
-    lines, kept = judge(steps, times, minutes, compiled_s > COLD_S)
+    lines, kept = judge(steps, times, minutes, cold=compiled_s > COLD_S)
     print("\n".join(lines))
     raise typer.Exit(max([step.code for step in steps] + [0 if kept else 1]))
 
 
-def _make(targets: Sequence[str], keep_going: bool) -> Iterator[Step]:
+def _make(targets: Sequence[str], *, keep_going: bool) -> Iterator[Step]:
     for target in targets:
         before = os.times()
         code = subprocess.run(["make", "--no-print-directory", target], check=False).returncode  # noqa: S607

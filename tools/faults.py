@@ -209,12 +209,12 @@ class _Finder:
             yield self._fault("sign", statement, node, whole + self._slice(end, self._end(node)), scopes)
 
     def _swapped(self, node: ast.Call, statement: ast.stmt, scopes: Scopes) -> Iterator[Fault]:
-        for one, other in zip(node.args, node.args[1:], strict=False):
-            if isinstance(one, ast.Starred) or isinstance(other, ast.Starred) or self._of(one) == self._of(other):
+        for first, second in zip(node.args, node.args[1:], strict=False):
+            if isinstance(first, ast.Starred) or isinstance(second, ast.Starred) or self._of(first) == self._of(second):
                 continue
-            text = self._slice(self._start(node), self._start(one)) + self._of(other)
-            text += self._slice(self._end(one), self._start(other)) + self._of(one)
-            text += self._slice(self._end(other), self._end(node))
+            text = self._slice(self._start(node), self._start(first)) + self._of(second)
+            text += self._slice(self._end(first), self._start(second)) + self._of(first)
+            text += self._slice(self._end(second), self._end(node))
             yield self._fault("arguments", statement, node, text, scopes)
 
     def _never(self, test: ast.expr) -> str:

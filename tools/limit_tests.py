@@ -82,7 +82,7 @@ class Limits:
             file.write(json.dumps([test, outcome, round(seconds, 3)]) + "\n")
 
 
-def _read(attach: bool = False) -> float:
+def _read(*, attach: bool = False) -> float:
     """The processor time so far without compilation; only the main thread may attach the clock to numba."""
     if attach:
         CLOCK.read()

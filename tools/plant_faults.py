@@ -91,8 +91,8 @@ def find_again(rows: Iterable[Mapping[str, Any]], sources: Mapping[str, bytes]) 
     """The faults of an earlier result by their ids, wherever their lines are now; without those that are gone."""
     wanted = {tuple(row[name] for name in IDENTITY) for row in rows}
     paths = {identity[0] for identity in wanted if identity[0] in sources}
-    found = (fault for path in sorted(paths) for fault in find_faults(path, sources[path]))
-    return {fault.id: fault for fault in found if fault.identity in wanted}
+    faults = (fault for path in sorted(paths) for fault in find_faults(path, sources[path]))
+    return {fault.id: fault for fault in faults if fault.identity in wanted}
 
 
 def _row(fault: Fault) -> Row:

@@ -1,4 +1,4 @@
-"""Where the code of the package is executed: functions, classes and constants, and the lines that refer to them.
+"""Places where code of the package is executed: functions, classes and constants, and the lines that refer to them.
 
 What coverage.py does not see is found through references by name: compiled functions through the functions and tests
 that call them, and what an import executes through the lines that use the class or the constant.
@@ -145,20 +145,20 @@ def read_sources(root: Path = ROOT, package: str = PACKAGE) -> dict[str, bytes]:
 def find_places(path: str, text: bytes, lines: Iterable[int]) -> list[Place]:
     """The places of the statements that have any of these lines, without those of the statements in them."""
     wanted = set(lines)
-    found = []
+    places = []
 
     def walk(node: ast.AST, scopes: Scopes) -> None:
         if isinstance(node, ast.stmt):
             first, last = lines_of(node)
             if wanted.intersection(range(first, last + 1)):
-                found.append(scopes.place(path, node))
+                places.append(scopes.place(path, node))
         inside = scopes.inside(node) if isinstance(node, Function | ast.ClassDef) else scopes
         for child in ast.iter_child_nodes(node):
             if isinstance(child, ast.stmt | ast.excepthandler | ast.match_case):
                 walk(child, inside)
 
     walk(ast.parse(text), Scopes())
-    return found
+    return places
 
 
 class References:
@@ -222,9 +222,9 @@ class References:
 
     def _resolve(self, path: str, name: str) -> Symbol | None:
         """The module that defines a name which `path` defines, imports or offers again."""
-        seen = set()
-        while (path, name) not in seen:
-            seen.add((path, name))
+        followed = set()
+        while (path, name) not in followed:
+            followed.add((path, name))
             if name not in self._imports[path]:
                 return path, name
             path, name = self._imports[path][name]
@@ -234,22 +234,22 @@ class References:
         """The places that refer to a name of the module at `path`."""
         return self._places.get((path, name), [])
 
-    def tests_at(self, place: Place, contexts: Contexts, seen: set[Symbol] | None = None) -> set[int]:
+    def tests_at(self, place: Place, contexts: Contexts, visited: set[Symbol] | None = None) -> set[int]:
         """The tests that execute a place, by the record or through what refers to it."""
-        seen = set() if seen is None else seen
-        found: set[int] = set()
+        visited = set() if visited is None else visited
+        tests: set[int] = set()
         if place.kind == "test":
-            found |= contexts.named(place.path, place.symbols[0])
+            tests |= contexts.named(place.path, place.symbols[0])
         if place.kind == "function":
-            found |= contexts.executed(place.path, range(place.first, place.last + 1))
+            tests |= contexts.executed(place.path, range(place.first, place.last + 1))
         for first, last in place.bodies:
-            found |= contexts.executed(place.path, range(first, last + 1))
+            tests |= contexts.executed(place.path, range(first, last + 1))
         for name in place.symbols:
-            if (place.path, name) not in seen:
-                seen.add((place.path, name))
+            if (place.path, name) not in visited:
+                visited.add((place.path, name))
                 for other in self.places(place.path, name):
-                    found |= self.tests_at(other, contexts, seen)
-        if place.kind == "import" and not found:
+                    tests |= self.tests_at(other, contexts, visited)
+        if place.kind == "import" and not tests:
             for first, last in self._functions[place.path]:
-                found |= contexts.executed(place.path, range(first, last + 1))
-        return found
+                tests |= contexts.executed(place.path, range(first, last + 1))
+        return tests

@@ -35,10 +35,8 @@ DELIBERATE = {
         "_filename_base", "_lineno", "_locator", "_py_file", "get_cache_path", "get_disambiguator", "get_source_stamp",
     ),
     "Alembic's interface": ("down_revision", "downgrade", "revision"),
-    "asyncio's interface": (
-        "_extra", "can_write_eof", "create_unix_connection", "create_unix_server", "is_reading", "pause_reading",
-        "resume_reading", "set_protocol", "wait_closed",
-    ),
+    "asyncio's interface": ("data_received", "datagram_received"),
+    "frames that a slow peer costs, which a test counts": ("unsent",),
     "the list that engines and their tests are held against": ("AUTOPILOT_EVENTS",),
     "public in skyrange.analysis": ("first_frame", "first_truth"),
     "described in docs/reference/remote-id-bytes.md": ("apply_system_update", "from_mavlink", "missing_elements"),
@@ -52,7 +50,6 @@ DELIBERATE = {
     "the rule for one value that others apply to arrays": ("accuracy_code",),
     "a column of an array whose other columns have names too": ("down_m", "range_m"),
     "names of records in the list of kernels, runtime/compilation/kernels.json": ("SCURVE", "SPLINE"),
-    "what tests of live ranges do to the network": ("cut_connections",),
     "results that tests compare with an independent computation": ("round_of", "trusts"),
 }  # fmt: skip
 """Names that no program uses, by the reason why they stay."""

@@ -7,7 +7,7 @@ import re
 import sys
 import tempfile
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import KW_ONLY, asdict, dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ class Finding:
 
     subject: str
     found: str
+    _: KW_ONLY
     ok: bool = True
     hint: str = ""
     optional: bool = False
@@ -41,7 +42,7 @@ def examine(*, flying: bool = True) -> list[Finding]:
 
 
 def _python() -> Finding:
-    return Finding("python", f"{platform.python_version()} on {platform.platform()}", sys.version_info >= (3, 11))
+    return Finding("python", f"{platform.python_version()} on {platform.platform()}", ok=sys.version_info >= (3, 11))
 
 
 def _packages() -> list[Finding]:
@@ -57,10 +58,10 @@ def _packages() -> list[Finding]:
             findings.append(Finding(name, found, optional=bool(extra)))
         elif extra:
             findings.append(
-                Finding(name, "missing", False, f"Optional. pip install 'skyrange[{extra}]'", optional=True)
+                Finding(name, "missing", ok=False, hint=f"Optional. pip install 'skyrange[{extra}]'", optional=True)
             )
         else:
-            findings.append(Finding(name, "missing", False, f"pip install '{requirement}'"))
+            findings.append(Finding(name, "missing", ok=False, hint=f"pip install '{requirement}'"))
     return findings
 
 
@@ -77,7 +78,7 @@ def _plugins() -> list[Finding]:
         lacked = {kind: ", ".join(lacking[kind]) for kind in kinds(group) if kind in lacking}
         names = [f"{kind} (needs {lacked[kind]})" if kind in lacked else kind for kind in kinds(group)]
         hint = "; ".join(f"Optional. pip install 'skyrange[{kind}]'" for kind in lacked)
-        findings.append(Finding(group, ", ".join(names) or "none", not lacked, hint, optional=bool(lacked)))
+        findings.append(Finding(group, ", ".join(names) or "none", ok=not lacked, hint=hint, optional=bool(lacked)))
     return findings
 
 
@@ -114,7 +115,7 @@ def _ardupilot() -> Finding:
     except InputError as error:
         fault = error.problems[0]
         hint = f"Optional. {fault.hint or f'Expected {fault.expected}.'}"
-        return Finding("ardupilot", f"{fault.value} ({error.who}: {fault.where})", False, hint, optional=True)
+        return Finding("ardupilot", f"{fault.value} ({error.who}: {fault.where})", ok=False, hint=hint, optional=True)
     what = f"ArduCopter {binary.version} ({binary.source}: {binary.path}), SHA-256 {binary.sha256[:16]}…"
     can = ", ".join(binary.capabilities) or "none of the capabilities that skyrange uses"
     try:
@@ -122,7 +123,7 @@ def _ardupilot() -> Finding:
         check_help(str(binary.path), answer.ended, answer.text)
     except ComponentError as error:
         hint = f"Optional. {error}"
-        return Finding("ardupilot", f"{what}; does not run correctly", False, hint, optional=True)
+        return Finding("ardupilot", f"{what}; does not run correctly", ok=False, hint=hint, optional=True)
     least = ".".join(map(str, SUPPORTED_VERSION))
     hint = (
         ""
@@ -142,12 +143,12 @@ def _ns3() -> Finding:
     except InputError as error:
         fault = error.problems[0]
         hint = f"Optional. {fault.hint}. It needs g++ and ns-3: {HOW_TO_GET}"
-        return Finding("radio engine ns3", f"{fault.value}", False, hint, optional=True)
+        return Finding("radio engine ns3", f"{fault.value}", ok=False, hint=hint, optional=True)
     try:
         name, release = try_engine("radio engine ns3", [str(program)])
     except ComponentError as error:
         hint = f"Optional. {error}. Compile it again: {INSTALL}"
-        return Finding("radio engine ns3", f"{program}; does not run correctly", False, hint, optional=True)
+        return Finding("radio engine ns3", f"{program}; does not run correctly", ok=False, hint=hint, optional=True)
     return Finding("radio engine ns3", f"{name} {release}, {program}; runs", optional=True)
 
 
@@ -161,7 +162,7 @@ def _gazebo() -> list[Finding]:
         gazebo = find_gazebo()
     except InputError as error:
         found = "; ".join(f"{fault.value} ({fault.where})" for fault in error.problems)
-        return [Finding("gazebo", found, False, f"Optional. {error.problems[0].hint}", optional=True)]
+        return [Finding("gazebo", found, ok=False, hint=f"Optional. {error.problems[0].hint}", optional=True)]
     what = f"{gazebo.title} ({gazebo.source}: {gazebo.path})"
     try:
         library = find_plugin(gazebo)
@@ -170,15 +171,17 @@ def _gazebo() -> list[Finding]:
     except InputError as error:
         fault = error.problems[0]
         hint = f"Optional. {fault.hint}"
-        findings = [Finding("gazebo", f"{what}; plugin: {fault.value}", False, hint, optional=True)]
+        findings = [Finding("gazebo", f"{what}; plugin: {fault.value}", ok=False, hint=hint, optional=True)]
     except ComponentError as error:
         hint = f"Optional. {error}. Compile it again: {INSTALL}"
-        findings = [Finding("gazebo", f"{what}; does not load the plugin {library}", False, hint, optional=True)]
+        findings = [
+            Finding("gazebo", f"{what}; does not load the plugin {library}", ok=False, hint=hint, optional=True)
+        ]
     try:
         findings.append(Finding("gazebo window", find_window(gazebo), optional=True))
     except InputError as error:
         fault = error.problems[0]
-        findings.append(Finding("gazebo window", fault.value, False, f"Optional. {fault.hint}", optional=True))
+        findings.append(Finding("gazebo window", fault.value, ok=False, hint=f"Optional. {fault.hint}", optional=True))
     return findings
 
 
@@ -191,7 +194,7 @@ def _writable() -> Finding:
             return Finding("folder of runs", f"{folder} is writable")
     except OSError as error:
         hint = "Change to a writable folder, or set a writable folder with --out DIR of `skyrange run`."
-        return Finding("folder of runs", f"{folder}: {error.strerror}", False, hint)
+        return Finding("folder of runs", f"{folder}: {error.strerror}", ok=False, hint=hint)
 
 
 def _kernels() -> Finding:
@@ -202,14 +205,16 @@ def _kernels() -> Finding:
     folder = cache_folder()
     if not folder:
         hint = "Make a folder that XDG_CACHE_HOME names writable; until then each process compiles what it uses."
-        return Finding("kernels", "no writable folder for compiled kernels", False, hint, optional=True)
+        return Finding("kernels", "no writable folder for compiled kernels", ok=False, hint=hint, optional=True)
     cached, listed = count_kernels()
     hint = (
         ""
         if cached == listed
         else "Optional. `skyrange install kernels` compiles the rest; flights compile what they use."
     )
-    return Finding("kernels", f"{cached} of {listed} compiled, in {folder}", cached == listed, hint, optional=True)
+    return Finding(
+        "kernels", f"{cached} of {listed} compiled, in {folder}", ok=cached == listed, hint=hint, optional=True
+    )
 
 
 def _flight() -> Finding:
@@ -221,7 +226,9 @@ def _flight() -> Finding:
         with tempfile.TemporaryDirectory() as folder:
             fly(load("squares", ["duration_s=1"]), Path(folder) / "run")
     except SkyrangeError as error:
-        return Finding("flight", str(error), False, "Please report this with the output of `skyrange doctor --json`.")
+        return Finding(
+            "flight", str(error), ok=False, hint="Please report this with the output of `skyrange doctor --json`."
+        )
     return Finding(
         "flight",
         f"one second of squares, including loading of kernels, in {time.perf_counter() - began:.1f} s",

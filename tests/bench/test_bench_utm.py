@@ -7,7 +7,7 @@ import json
 import pytest
 
 from skyrange.bench import approval, planning, utm_services
-from skyrange.cli.handlers.measurement.benchmarks import bench_planning
+from skyrange.cli.part_benchmarks import planning_bench
 from skyrange.planning.limits import Limits
 from skyrange.planning.routes import find_route
 
@@ -40,7 +40,7 @@ def test_routes_are_planned_between_free_places() -> None:
 
 @pytest.mark.parametrize("iterations", [0, 500])
 def test_the_command_prints_json(iterations: int, capsys: pytest.CaptureFixture[str]) -> None:
-    bench_planning(None, 2, 200.0, [60.0], 60.0, iterations, as_json=True)
+    planning_bench(routes=2, length_m=200.0, alt_m=[60.0], ceiling_m=60.0, ompl=iterations, as_json=True)
     (row,) = json.loads(capsys.readouterr().out)
     assert row["alt_m"] == 60.0
     assert row["late"] >= row["detour"] >= 1.0

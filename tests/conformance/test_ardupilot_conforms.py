@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from skyrange.core.time import NS_PER_S
 from skyrange.testing import check_engine
-from skyrange.testing.drivers.default_fleet import FLEET
+from skyrange.testing.drivers.engine_driver import FLEET
 from tests.ardupilot import needs_arducopter
 from tests.catalogue import in_turn
 

@@ -16,7 +16,7 @@ from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.testing import InputMessage, NonConformance, check_engine
 from skyrange.testing.checks.engines import ENGINE
-from skyrange.testing.drivers.default_fleet import FLEET
+from skyrange.testing.drivers.engine_driver import FLEET
 from skyrange.vehicle.contract import VehicleSpec
 
 MAIL = [

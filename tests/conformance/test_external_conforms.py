@@ -11,7 +11,7 @@ import pytest
 from skyrange.contracts.components import Engine
 from skyrange.core.time import NS_PER_S
 from skyrange.testing import check_engine
-from skyrange.testing.drivers.default_fleet import FLEET, ORIGIN
+from skyrange.testing.drivers.engine_driver import FLEET, ORIGIN
 from skyrange.vehicle.contract import AutopilotContext, VehicleSpec
 from skyrange.vehicle.external.engine import EXTERNAL
 from skyrange.vehicle.external.options import Options

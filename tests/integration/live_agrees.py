@@ -21,8 +21,8 @@ from skyrange.runtime.live.supervisor.supervisor import run_range
 from skyrange.runtime.live.system import System
 from skyrange.runtime.run import Run
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.testing.live import VirtualNetwork, VirtualSystem
 from tests.integration.live_virtual import JITTER_S
+from tests.live_ranges import VirtualNetwork, VirtualSystem
 
 TOLERANCE_S: Final = 1.5
 """Of every note. Uploads are some thirty questions and answers, each through three programs that look at their mail 50

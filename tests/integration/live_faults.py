@@ -26,9 +26,9 @@ from typing import Any, NamedTuple, Protocol
 from skyrange.core.errors import ComponentError, SkyrangeError
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord, load
-from skyrange.testing.live import VirtualNetwork, VirtualSystem
 from tests.integration.live_programs import MAIN, nodes, until
 from tests.integration.live_virtual import JITTER_S, VirtualFlight, fly_virtual, prepared
+from tests.live_ranges import VirtualNetwork, VirtualSystem
 from tests.ports import OFFSET
 
 SCENARIO = """

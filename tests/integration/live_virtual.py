@@ -15,7 +15,7 @@ from skyrange.runtime.live.supervisor.launch import file_name_of
 from skyrange.runtime.live.supervisor.supervisor import supervise
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_reader import load_text
-from skyrange.testing.live import VirtualNetwork, VirtualProcess, VirtualSystem
+from tests.live_ranges import VirtualNetwork, VirtualProcess, VirtualSystem
 
 JITTER_S = 5e-4
 """The mean of what a hop takes in life (docs/explanation/live.md)."""

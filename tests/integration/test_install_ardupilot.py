@@ -427,13 +427,13 @@ def test_the_doctor_does_not_fail_for_what_is_optional(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from skyrange import doctor
-    from skyrange.cli.handlers import installation
+    from skyrange.cli import installation
 
-    findings = [doctor.Finding("ardupilot", "none", False, "get it", optional=True)]
+    findings = [doctor.Finding("ardupilot", "none", ok=False, hint="get it", optional=True)]
     monkeypatch.setattr(doctor, "examine", lambda **_: findings)
     installation.doctor(compiling=False, as_json=False)
     assert capsys.readouterr().out == "--  ardupilot: none\n    get it\n"
-    findings.append(doctor.Finding("numpy", "missing", False, "pip install numpy"))
+    findings.append(doctor.Finding("numpy", "missing", ok=False, hint="pip install numpy"))
     with pytest.raises(SystemExit) as ended:
         installation.doctor(compiling=False, as_json=False)
     assert ended.value.code == 3

@@ -20,9 +20,9 @@ from skyrange.runtime.live.range import CONTROL_PORT
 from skyrange.runtime.live.supervisor.supervisor import JOIN_S
 from skyrange.runtime.live.taps.external_tap import TapTerms
 from skyrange.runtime.live.taps.tap_process import TapProcess
-from skyrange.testing.live import VirtualNetwork, VirtualSystem
 from tests.integration.live_virtual import JITTER_S, VirtualFlight, fly_virtual, prepared
 from tests.integration.test_live_taps_virtual import Tool
+from tests.live_ranges import VirtualNetwork, VirtualSystem
 
 BASE, OTHER, THIRD = "10.199.0.1", "10.199.0.2", "10.199.0.3"
 AHEAD_S = {OTHER: 5000, THIRD: 900}

@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from skyrange.assembly.build import build
-from skyrange.cli.handlers.live import _table
+from skyrange.cli.output.live_table import make_table
 from skyrange.contracts.components import InstanceStatus
 from skyrange.contracts.medium import ProgramStatus
 from skyrange.core.errors import ComponentError, InputError
@@ -127,7 +127,7 @@ def test_the_table_of_nodes_shows_it(tmp_path: Path) -> None:
     program = ProgramStatus("radio engine ns3", 4711, InstanceStatus.READY, ("ended (signal SIGKILL)",))
     flown.members["world"] = SupervisedNode("world", LOOPBACK, "flying", status={"programs": [program._asdict()]})
     console = Console(width=120, record=True, file=io.StringIO())
-    console.print(_table(flown))
+    console.print(make_table(flown))
     (row,) = [line for line in console.export_text().splitlines() if "radio engine ns3" in line]
     assert "pid 4711" in row
     assert "ready, 1 ended" in row

@@ -17,9 +17,9 @@ from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
 from skyrange.runtime.live.taps.external_tap import TapTerms
 from skyrange.runtime.live.taps.tap_process import TapProcess
-from skyrange.testing.live import VirtualProcess
 from tests.integration.live_programs import ONE_AIRCRAFT, kinds
 from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared
+from tests.live_ranges import VirtualProcess
 
 LINK, TAP = "gcs:blue/b1", "tap-process@gcs:blue/b1.gcs"
 ARM, MISSION_START, DO_SET_MODE, AUTO, GUIDED = 400, 300, 176, 3, 4

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.time import NS_PER_S
-from skyrange.testing.live import VirtualSystem
 from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared
+from tests.live_ranges import VirtualSystem
 
 SCENARIO = """
 name = "triggered"

@@ -9,9 +9,8 @@ from skyrange.core.time import NS_PER_MS
 from skyrange.radio.phy.waveforms import airtime_ns
 from tests.radio_engines import needs_ns3, needs_omnetpp
 from tools.agreement.radio.agreement import PARTIAL, WITHIN
-from tools.agreement.radio.experiments import contention_trials, hidden_trials
+from tools.agreement.radio.experiments import FRAME_BYTES, Trial, contention_trials, hidden_trials, run_trial
 from tools.agreement.radio.setups import BUILTIN, SWAPS, EngineSetup, Swap
-from tools.agreement.radio.trials import FRAME_BYTES, Trial, run_trial
 
 
 def _swap(engine: str, *models: str) -> Swap:

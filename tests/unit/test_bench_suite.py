@@ -14,11 +14,13 @@ import pytest
 from typer.testing import CliRunner
 
 from skyrange.bench.isolation import run_in_process
-from skyrange.bench.suite import cases, execution, figures, observation
+from skyrange.bench.suite import cases, execution
+from skyrange.bench.suite import machine as observation
+from skyrange.bench.suite import page as figures
 from skyrange.bench.suite.cases import BENCHMARKS, Benchmark, Case, Quantity, find_benchmarks
 from skyrange.bench.suite.comparison import compare_results, list_differences, list_warnings
 from skyrange.bench.suite.execution import run_benchmarks
-from skyrange.bench.suite.observation import MAX_VALUES, Observation, list_descendants, make_series
+from skyrange.bench.suite.machine import MAX_VALUES, Observation, list_descendants, make_series
 from skyrange.bench.suite.page import make_markdown, make_page
 from skyrange.bench.suite.results import Results, read_results, write_results
 from skyrange.bench.suite.tables import format_value, make_tables

@@ -33,7 +33,7 @@ def times(yardstick_us: float) -> Times:
     ],
 )
 def test_the_budget_is_scaled(minutes: float, yardstick_us: float, cold: bool, kept: bool) -> None:
-    lines, held = judge(STEPS, times(yardstick_us), minutes, cold)
+    lines, held = judge(STEPS, times(yardstick_us), minutes, cold=cold)
     assert held is kept
     assert lines[:2] == ["check: 0.5 CPU-minutes", "test-fast: 10.0 CPU-minutes"]
     assert f"yardstick of {yardstick_us:.1f} µs" in lines[2]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from skyrange.cli.addresses import parse_address
+from skyrange.cli.options import parse_address
 from skyrange.core.errors import InputError
 from skyrange.io.mavlink.connections import ADDRESS_FORMS, Address
 from skyrange.runtime.live.taps.tap_process import parse_loopback

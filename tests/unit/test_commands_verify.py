@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-import skyrange.cli.handlers
+import skyrange.cli
 from skyrange.cli.output.console import print_unverified
 
-HANDLERS = Path(skyrange.cli.handlers.__file__).parent
+COMMANDS = Path(skyrange.cli.__file__).parent
 READS = {"load", "open_folder", "_open_pair"}
-"""What opens a record: of `skyrange.record` and its reader, and the pair's of the handlers."""
+"""What opens a record: of `skyrange.record` and its reader, and the pair's of the commands."""
 RECORD = {"skyrange.record", "skyrange.record.read.run"}
 VERIFIES = {"verify_run", "require_verified", "compare", "build_dataset"}
 """What verifies itself: `compare` is `skyrange.metrics.exact_difference.diff`."""
@@ -23,9 +23,9 @@ OTHERS = {"verify", "export_captures", "export_files", "show", "report", "diff"}
 
 
 def readers() -> dict[str, set[str]]:
-    """The functions of handlers that open a record, with the names of what each calls."""
+    """The functions of commands that open a record, with the names of what each calls."""
     found = {}
-    for file in sorted(HANDLERS.rglob("*.py")):
+    for file in sorted(COMMANDS.rglob("*.py")):
         for function in ast.walk(ast.parse(file.read_text())):
             if not isinstance(function, ast.FunctionDef) or function.name.startswith("_"):
                 continue

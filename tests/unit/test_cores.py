@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from skyrange.assembly.build import build
 from skyrange.bench import cores as bench_cores
-from skyrange.bench.fleet import fleet_scenario
+from skyrange.bench.fleet import FleetOptions, fleet_scenario
 from skyrange.contracts.frames.blocks import DirectedLinkName, FrameBlock, LinkTable
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.frames.payloads import Payloads
@@ -231,7 +231,7 @@ def test_what_arrives_ahead_is_there_before_the_exchange_begins(served_ns: int, 
 
 
 def test_broadcasts_of_a_scenario_arrive_ahead() -> None:
-    wiring = build(fleet_scenario(2, 1.0, remote_id=True, operators=2)).wiring
+    wiring = build(fleet_scenario(2, 1.0, FleetOptions(remote_id=True, operators=2))).wiring
     everywhere = {end for spec in wiring.links for end in (spec.a, spec.b)}
     assert "oracle" in everywhere
     assert arrive_ahead(wiring, everywhere - {"oracle"})
@@ -450,7 +450,7 @@ def test_the_benchmark_is_divided_before_it_is_pinned(monkeypatch: pytest.Monkey
     monkeypatch.setattr(os, "sched_setaffinity", lambda *cpus: pinned.append(cpus))
     monkeypatch.setattr(bench_cores, "divide", note)
     with pytest.raises(StopHere):
-        bench_cores._flown(4, 1.0, 2, 2, "light", False, "builtin", {}, [0, 1])
+        bench_cores._flown(4, 1.0, FleetOptions(operators=2), [0, 1])
 
 
 def test_each_repetition_of_the_benchmark_begins_with_another_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -465,5 +465,5 @@ def test_each_repetition_of_the_benchmark_begins_with_another_cpu(monkeypatch: p
     monkeypatch.setattr(bench_cores, "run_in_process", note)
     for turn in range(4):
         for cores in (1, 2):
-            bench_cores.measure(4, 1.0, 2, cores, turn=turn)
+            bench_cores.measure(4, 1.0, cores, FleetOptions(operators=2), turn=turn)
     assert used == [[2], [2, 5], [5], [5, 7], [7], [7, 2], [2], [2, 5]]

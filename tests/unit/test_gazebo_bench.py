@@ -155,7 +155,7 @@ def test_command_prints_and_writes_the_document(monkeypatch: pytest.MonkeyPatch,
         given.append((vehicles, more))
         return row(vehicles, 2.0 / vehicles)
 
-    monkeypatch.setattr(fleets, "require_gazebo", lambda window: None)
+    monkeypatch.setattr(fleets, "require_gazebo", lambda *, window: None)
     monkeypatch.setattr(fleets, "measure", measure)
     monkeypatch.setattr(collision, "measure", lambda physics, window: collided(physics))
     output = tmp_path / "gazebo.json"

@@ -238,7 +238,7 @@ def test_all_reading_passes_one_place() -> None:
         "runtime/live/node/process.py", "runtime/live/supervisor/launch.py", "runtime/live/supervisor/namespaces.py",
         "runtime/live/transport/file_chunks.py", "runtime/live/taps/tap_process.py", "install/ardupilot.py",
         "vehicle/ardupilot/program/arducopter_binary.py", "report/rendering.py", "bench/live.py",
-        "bench/suite/observation.py", "core/engine_sources.py", "runtime/compilation/signatures.py",
+        "bench/suite/machine.py", "core/engine_sources.py", "runtime/compilation/signatures.py",
         "runtime/compilation/cache_filling.py",
     }  # fmt: skip
     root = Path(input_files.__file__).parents[1]

@@ -31,7 +31,7 @@ from skyrange.runtime.live.transport.control import (
 from skyrange.runtime.live.transport.credentials import issue_credentials
 from skyrange.runtime.live.transport.file_chunks import list_files, path_inside, read_chunk, split_chunks, write_chunk
 from skyrange.scenario.shipped import load
-from skyrange.testing.live import VirtualSystem
+from tests.live_ranges import VirtualSystem
 
 MS = 1_000_000
 

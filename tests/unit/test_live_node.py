@@ -25,7 +25,7 @@ from skyrange.runtime.live.transport.addresses import Crossing, crossings
 from skyrange.runtime.live.transport.control import ControlClient, Message
 from skyrange.runtime.live.transport.credentials import issue_credentials
 from skyrange.scenario.toml_reader import load_data
-from skyrange.testing.live import VirtualSystem
+from tests.live_ranges import VirtualSystem
 
 SCENARIO = {
     "name": "alone",

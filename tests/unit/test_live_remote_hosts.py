@@ -14,7 +14,7 @@ from skyrange.core.errors import ComponentError
 from skyrange.record.folder import PARTS
 from skyrange.runtime.live.supervisor.remote_hosts import RemoteHost, RemoteHosts
 from skyrange.runtime.live.transport.control import CHUNK_BYTES, ControlServer, Message
-from skyrange.testing.live import VirtualSystem
+from tests.live_ranges import VirtualSystem
 
 WHERE = "10.9.0.2"
 NAME = f"@{WHERE}"

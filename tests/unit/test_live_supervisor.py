@@ -15,9 +15,9 @@ from skyrange.runtime.live.config import NodeConfig
 from skyrange.runtime.live.node.node import Node
 from skyrange.runtime.live.supervisor.supervisor import END_S, START_S, run_range
 from skyrange.runtime.live.transport.control import Message
-from skyrange.testing.live import VirtualProcess, VirtualSystem
-from skyrange.testing.live.messages import MemoryControlServer
 from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared
+from tests.live_ranges import VirtualProcess, VirtualSystem
+from tests.live_ranges.messages import MemoryControlServer
 
 SCENARIO = """
 name = "supervised"

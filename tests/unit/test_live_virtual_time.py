@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from skyrange.runtime.garbage_collection import collect_seldom
-from skyrange.testing.live import DeadlockError, VirtualNetwork, VirtualSystem
+from tests.live_ranges import DeadlockError, VirtualNetwork, VirtualSystem
 
 Runs = Callable[[Coroutine[Any, Any, Any]], Any]
 

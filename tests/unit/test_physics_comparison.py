@@ -14,10 +14,11 @@ from typer.testing import CliRunner
 
 from tools.agreement.__main__ import app
 from tools.agreement.physics import comparison
-from tools.agreement.physics.comparison import ComparedScenario, PhysicsComparison
-from tools.agreement.physics.flights import (
+from tools.agreement.physics.comparison import (
     Collision,
+    ComparedScenario,
     FlownAircraft,
+    PhysicsComparison,
     RunDifference,
     compare_aircraft,
     compare_runs,

@@ -13,12 +13,23 @@ from skyrange.city.downtown import downtown_grid
 from skyrange.core.errors import InputError
 from tools.agreement.radio import agreement, page
 from tools.agreement.radio.agreement import Comparison
-from tools.agreement.radio.experiments import FRAMES, contention_trials, hidden_trials, reach_trials
-from tools.agreement.radio.figures import draw_residuals, draw_shares
+from tools.agreement.radio.experiments import (
+    ABOVE_ROOF_M,
+    CLASSES,
+    FLIGHT_M,
+    FRAMES,
+    STREET_M,
+    Shares,
+    Trial,
+    contention_trials,
+    draw_places,
+    hidden_trials,
+    reach_trials,
+    run_trial,
+)
 from tools.agreement.radio.own_losses import PairLosses, residuals
-from tools.agreement.radio.places import ABOVE_ROOF_M, CLASSES, FLIGHT_M, STREET_M, draw_places
+from tools.agreement.radio.page import draw_residuals, draw_shares
 from tools.agreement.radio.setups import BUILTIN, LOCK_DBM, SWAPS, EngineSetup, Swap
-from tools.agreement.radio.trials import Shares, Trial, run_trial
 
 NS3 = EngineSetup("ns3")
 SWAP = Swap(("error model",), EngineSetup("ns3", "a swap", {"error_model": "nist"}))
@@ -166,7 +177,9 @@ def test_residuals_are_by_heights_and_sight() -> None:
 def test_figures_are_well_formed() -> None:
     made = _comparison((0.5, 0.52, math.nan), (0.5, 0.7, 0.53))
     for figure in (
-        draw_shares(made, BUILTIN.title, {"ns-3": made.pairs("ns3", False), "swap": made.pairs("ns3", True)}),
+        draw_shares(
+            made, BUILTIN.title, {"ns-3": made.pairs("ns3", swapped=False), "swap": made.pairs("ns3", swapped=True)}
+        ),
         draw_residuals({"ns-3, free space": residuals(_pairs(), "ns-3, free space")}),
     ):
         ElementTree.fromstring(figure.svg)

@@ -14,7 +14,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mav
 from typer.testing import CliRunner
 
-from skyrange.cli import addresses
+from skyrange.cli import options as addresses
 from skyrange.cli.app import app
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.io.mavlink.viewer_ports import ViewerPorts

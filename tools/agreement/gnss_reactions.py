@@ -285,10 +285,10 @@ class ReactionAgreement:
 
 def agreement(compared: Sequence[ComparedReaction]) -> ReactionAgreement:
     """The agreement of all compared settings."""
-    apart_s = [abs(one.reset_apart_s) for one in compared if one.reset_apart_s is not None]
+    apart_s = [abs(reaction.reset_apart_s) for reaction in compared if reaction.reset_apart_s is not None]
     return ReactionAgreement(
         settings=len(compared),
-        alike=sum(one.alike for one in compared),
+        alike=sum(reaction.alike for reaction in compared),
         resets=len(apart_s),
         together=sum(each <= TIME_S for each in apart_s),
         reset_apart_max_s=max(apart_s, default=0.0),

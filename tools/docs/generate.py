@@ -1,4 +1,4 @@
-"""Which parts of the reference are written by the code itself? Makes them, and puts them where they belong.
+"""Parts of the reference that the code itself writes, put where they belong.
 
 `python -m tools.docs.generate` rewrites every block between `<!-- generated: NAME -->` and `<!-- end: NAME -->` in the
 pages beside it and above it, and every number between `<!-- count: NAME -->` and `<!-- /count -->`.
@@ -13,7 +13,32 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+from tools.docs.autopilot_reference import (
+    airframes,
+    autopilot_commands,
+    avoidance,
+    heard,
+    message_name,
+    messages,
+    mission_items,
+    modes,
+    parameters,
+    part89,
+    renamed,
+    tuning,
+)
 from tools.docs.markdown_tables import keys, table
+from tools.docs.measurement_reference import (
+    benchmark_format,
+    benchmark_results,
+    benchmark_sizes,
+    gazebo_benchmark,
+    learned_features,
+    score_format,
+    score_tables,
+    study_file,
+    study_measures,
+)
 from tools.docs.plugin_kinds import (
     approvals,
     attack_families,
@@ -43,12 +68,12 @@ def commands() -> dict[str, Any]:
 
     from skyrange.cli.app import app
 
-    found: dict[str, Any] = {}
+    known: dict[str, Any] = {}
 
     def visit(command: Any, words: tuple[str, ...]) -> None:
         below = getattr(command, "commands", None)
         if below is None:
-            found[" ".join(words)] = command
+            known[" ".join(words)] = command
             return
         for name, child in below.items():
             visit(child, (*words, name))
@@ -56,7 +81,7 @@ def commands() -> dict[str, Any]:
     root = get_command(app)
     assert hasattr(root, "commands")
     visit(root, ())
-    return found
+    return known
 
 
 def cli() -> str:
@@ -243,7 +268,7 @@ def routes() -> str:
         )
         for r in onboard_routes("blue/b1")
     ]
-    names = ", ".join(f"`{_message(number)}`" for number in sorted(RID_MESSAGES))
+    names = ", ".join(f"`{message_name(number)}`" for number in sorted(RID_MESSAGES))
     return (
         table(("endpoint", "from", "to", "frames", "forwarded"), rows) + f"\nThe messages for Remote ID are {names}.\n"
     )
@@ -253,283 +278,7 @@ def _ms(time_ns: int) -> str:
     return f"{time_ns / 1e6:g} ms"
 
 
-# ---------------------------------------------------------------- the builtin autopilot
-
-
-def _message(number: int) -> str:
-    from skyrange.codec.mavlink import dialect
-
-    return str(dialect.mavlink_map[number].msgname)
-
-
-def _command(number: int) -> str:
-    from skyrange.codec.mavlink import dialect
-
-    return str(dialect.enums["MAV_CMD"][number].name)
-
-
-def modes() -> str:
-    """Flight modes, and in which one may arm."""
-    from skyrange.vehicle.builtin.modes import Mode, allows_arming
-
-    rows = [
-        (
-            f"`{m.name}`",
-            int(m),
-            "yes" if allows_arming(m, 0) else "with bit 0 of `AUTO_OPTIONS`" if allows_arming(m, 1) else "no",
-        )
-        for m in Mode
-    ]
-    return table(("mode", "number", "can be armed in"), rows)
-
-
-def autopilot_commands() -> str:
-    """Commands that are obeyed."""
-    from skyrange.vehicle.builtin.commands import HANDLERS
-
-    return "".join(f"- `{_command(number)}` ({number})\n" for number in sorted(HANDLERS))
-
-
-def mission_items() -> str:
-    """Mission items that are flown."""
-    from skyrange.vehicle.builtin.mission.command_ids import SUPPORTED
-
-    return "".join(f"- `{_command(number)}` ({number})\n" for number in sorted(SUPPORTED))
-
-
-def messages() -> str:
-    """Messages that can be streamed or asked for, and the data stream that asks for each."""
-    from skyrange.vehicle.builtin.telemetry.streams import STREAMS
-    from skyrange.vehicle.builtin.telemetry.table import BUILDERS
-
-    stream = {number: name for name, numbers in STREAMS.values() for number in numbers}
-    rows = [(f"`{_message(number)}`", number, f"`{stream[number]}`" if number in stream else "") for number in BUILDERS]
-    return table(("message", "id", "rate at boot"), rows)
-
-
-def heard() -> str:
-    """Messages that the autopilot acts on."""
-    from skyrange.vehicle.builtin import engine
-
-    numbers = sorted({*engine._HANDLERS, *engine._COMMANDS})
-    others = re.findall(r"MAVLINK_MSG_ID_([A-Z_]+)", Path(engine.__file__).read_text().split("def _receive", 1)[1])
-    names = sorted({_message(number) for number in numbers} | set(others))
-    return "".join(f"- `{name}`\n" for name in names)
-
-
-def parameters() -> str:
-    """Parameters with range, default and meaning."""
-    from skyrange.vehicle.builtin.parameters.table import PARAMETERS
-
-    rows = [(f"`{p.name}`", f"{p.default:g}", f"{p.low:g} to {p.high:g}", p.meaning) for p in PARAMETERS]
-    return table(("parameter", "default", "range", "meaning and unit"), rows)
-
-
-def renamed() -> str:
-    """Parameters' names of ArduCopter 4.7."""
-    from skyrange.vehicle.builtin.parameters.renames import RENAMED
-    from skyrange.vehicle.builtin.parameters.table import INDEX
-
-    rows = [
-        (f"`{new}`", f"`{old}`", "inverse" if factor == 0.0 else f"{factor:g}")
-        for new, (old, factor) in sorted(RENAMED.items())
-        if old in INDEX
-    ]
-    return table(("name in 4.7", "name in 4.6", "times"), rows)
-
-
-def tuning() -> str:
-    """What an airframe changes of the defaults."""
-    from skyrange.vehicle.builtin.parameters.table import AIRFRAME_TUNING
-
-    rows = [
-        (airframe, f"`{name}`", f"{value:g}")
-        for airframe, values in AIRFRAME_TUNING.items()
-        for name, value in values.items()
-    ]
-    return table(("airframe", "parameter", "value"), rows)
-
-
-def airframes() -> str:
-    """The airframe table."""
-    from dataclasses import fields
-
-    from skyrange.world.airframes import AIRFRAMES
-
-    names = [f.name for f in fields(next(iter(AIRFRAMES.values()))) if f.name not in ("name", "rotors")]
-    rows = [(f"`{name}`", *(_number(getattr(a, name)) for a in AIRFRAMES.values())) for name in names]
-    rows.append(("rotors", *(str(len(a.rotors)) for a in AIRFRAMES.values())))
-    rows.append(("hover thrust, of full", *(f"{a.hover_thrust:.3f}" for a in AIRFRAMES.values())))
-    return table(("", *AIRFRAMES), rows)
-
-
-def _number(value: object) -> str:
-    return ", ".join(f"{part:g}" for part in value) if isinstance(value, tuple) else f"{value:g}"
-
-
-def part89() -> str:
-    """The rule's elements and the fields that carry them."""
-    from skyrange.codec.f3411.part89 import MODULE, STANDARD
-
-    return table(("14 CFR", "element", "carried by"), [(e.clause, e.what, e.fields) for e in (*STANDARD, *MODULE)])
-
-
-def avoidance() -> str:
-    """The parameters of every kind of avoidance."""
-    from skyrange.vehicle.avoidance.contract import AvoidanceLimits
-
-    rows = [
-        (f"`{name}`", f"{field.default:g}", field.description) for name, field in AvoidanceLimits.model_fields.items()
-    ]
-    return table(("parameter", "default", "meaning"), rows)
-
-
-# ---------------------------------------------------------------- benchmarks
-
-
-def benchmark_results() -> str:
-    """The shipped results of all benchmarks."""
-    from skyrange.bench.suite.page import make_markdown
-    from skyrange.bench.suite.results import read_results
-
-    return make_markdown(read_results(DOCS / "data" / "benchmarks.json"))
-
-
-def gazebo_benchmark() -> str:
-    """The shipped results of the benchmark of Gazebo, of each set-up that was measured."""
-    import json
-
-    from tools.agreement.gazebo_bench.page import make_markdown
-
-    parts = []
-    for file in sorted((DOCS / "data" / "gazebo").glob("*.json")):
-        data = json.loads(file.read_text())
-        first = data["rows"][0]
-        title = f"### {first['versions']['gazebo']}{', with its window' if first['window'] else ''}"
-        parts += [title, "", make_markdown(data, f"../images/gazebo-{file.stem}.svg"), ""]
-    return "\n".join(parts)
-
-
-def benchmark_sizes() -> str:
-    """Every benchmark with its cases, those of `--quick` beside them."""
-    from skyrange.bench.suite.cases import BENCHMARKS
-
-    rows = [
-        (
-            f"`{benchmark.name}`",
-            benchmark.about,
-            "; ".join(case.name for case in benchmark.cases),
-            "; ".join(case.name for case in benchmark.quick) or "none",
-        )
-        for benchmark in BENCHMARKS
-    ]
-    return table(("name", "what it measures", "cases", "cases with `--quick`"), rows)
-
-
-def benchmark_format() -> str:
-    """Every key of the JSON document of results."""
-    from skyrange.bench.suite import results as described
-
-    schema = described.Results.model_json_schema()
-    models = {"Results": schema, **schema["$defs"]}
-    names = ("Results", "Machine", "BenchmarkResult", "CaseResult", "Row", "Measure", "Load", "Memory")
-    assert set(names) == set(models) - {"JsonValue"}
-    places = ("the document", "`machine`", "`benchmarks`", "`cases`", "`rows`", "`measures`", "`load`", "`memory`")
-    return "\n".join(
-        f"### {place}\n\n{keys(models[name], getattr(described, name).model_fields)}"
-        for name, place in zip(names, places, strict=True)
-    )
-
-
-# ---------------------------------------------------------------- scores
-
-
-def learned_features() -> str:
-    """The features of windows that learned detectors read."""
-    from skyrange.detect.window_features import FEATURES
-
-    return table(("feature", "meaning"), [(f"`{one.name}`", one.about) for one in FEATURES])
-
-
-def score_tables() -> str:
-    """The columns of the tables that scoring reads."""
-    from skyrange.scoring.tables import ALERTS, ATTACKS, FLIGHTS, INTRUSIONS
-
-    about = {
-        "flights": "One row for each aircraft of each run.",
-        "attacks": "One row for each attack on each aircraft that it affects, or for each attack on a whole run.",
-        "intrusions": "One row for each harmless intrusion about each aircraft, or about a whole run.",
-        "alerts": "One row for each alert, of all detectors and with all scores: scoring applies the threshold.",
-    }
-    parts = []
-    for (name, text), schema in zip(about.items(), (FLIGHTS, ATTACKS, INTRUSIONS, ALERTS), strict=True):
-        rows = [(f"`{field.name}`", field.type, field.metadata[b"about"].decode()) for field in schema]
-        parts.append(f"### {name}\n\n{text}\n\n{table(('column', 'type', 'meaning'), rows)}")
-    return "\n".join(parts)
-
-
-def score_format() -> str:
-    """Every key of the result file of a scoring."""
-    from skyrange.scoring import result_file as described
-
-    schema = described.ScoreFile.model_json_schema()
-    models = {"ScoreFile": schema, **schema["$defs"]}
-    places = {
-        "ScoreFile": "the document",
-        "ScoreSettings": "`settings`",
-        "HeldOut": "`held_out`",
-        "DetectorScore": "`detectors`",
-        "Threshold": "`threshold`",
-        "SetScore": "`sets` and `effect_sets`",
-        "FalseAlarmsByFlights": "`false_alarms`",
-        "FalseAlarms": "`nominal`, `sham`, `fault`, `hostile`; `reached`",
-        "Claim": "`claim`",
-        "Detection": "`detection`",
-        "GroupDetection": "`kinds` and `families`",
-        "Delay": "`delay`",
-        "BeforeEffect": "`before_effect`",
-        "HarmlessIntrusions": "`harmless_intrusions`",
-        "Precision": "`precision`",
-        "EqualRate": "`equal_rate`",
-        "Estimate": "ratios: `per_h`, `recall`, `share`",
-    }
-    assert set(places) == set(models)
-    return "\n".join(
-        f"### {place}\n\n{keys(models[name], getattr(described, name).model_fields)}" for name, place in places.items()
-    )
-
-
 # ---------------------------------------------------------------- the Python API
-
-
-def study_file() -> str:
-    """The keys of a study's file."""
-    from skyrange.study.sweep.design import model as described
-    from skyrange.study.sweep.design.model import Study
-
-    schema = Study.model_json_schema()
-    places = {
-        "Study": "The file",
-        "Factor": "`[[factors]]` and `[[draws]]`",
-        "StudyArm": "`[[arms]]`",
-        "Registration": "`[registration]`",
-        "LearnedTable": "`[learned]`",
-        "HeldOutTraits": "`[held_out]`",
-    }
-    models = {"Study": schema, **{name: schema["$defs"][name] for name in list(places)[1:]}}
-    return "\n".join(
-        f"### {places[name]}\n\n{keys(part, getattr(described, name).model_fields)}" for name, part in models.items()
-    )
-
-
-def study_measures() -> str:
-    """The measures in the table `runs` of a study."""
-    from skyrange.study.sweep.columns import column_of
-    from skyrange.study.variants.run_measures import QUANTITIES
-
-    return table(
-        ("column", "unit", "meaning"), [(f"`{column_of(one.name)}`", one.unit, one.about) for one in QUANTITIES]
-    )
 
 
 def python_api() -> str:
@@ -554,8 +303,8 @@ def packages() -> str:
             place = root / "src" / "skyrange" / name
             file = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
             first = (ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "").partition("\n")[0]
-            below = sorted(one.name for one in place.glob("*/") if (one / "__init__.py").exists())
-            rows.append((len(layers) - number, f"`{name}`", first, ", ".join(f"`{one}`" for one in below)))
+            below = sorted(folder.name for folder in place.glob("*/") if (folder / "__init__.py").exists())
+            rows.append((len(layers) - number, f"`{name}`", first, ", ".join(f"`{folder}`" for folder in below)))
     return table(("layer", "package", "contents", "subpackages"), rows)
 
 
@@ -606,8 +355,8 @@ COUNTED["mechanisms"] = count_mechanisms
 
 def renewed(text: str) -> str:
     """A page with every generated block and every count as it should be."""
-    text = BLOCK.sub(lambda found: found[1] + GENERATED[found[2]]().strip("\n") + "\n" + found[4], text)
-    return COUNT.sub(lambda found: f"{found[1]}{COUNTED[found[2]]()}{found[4]}", text)
+    text = BLOCK.sub(lambda block: block[1] + GENERATED[block[2]]().strip("\n") + "\n" + block[4], text)
+    return COUNT.sub(lambda block: f"{block[1]}{COUNTED[block[2]]()}{block[4]}", text)
 
 
 def add_family_pages() -> None:

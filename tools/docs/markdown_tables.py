@@ -25,7 +25,7 @@ def keys(model: Mapping[str, Any], fields: Mapping[str, Any]) -> str:
 
 def _choices(value: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The alternatives of a value but for null."""
-    return [one for one in value.get("anyOf", [value]) if one.get("type") != "null"]
+    return [choice for choice in value.get("anyOf", [value]) if choice.get("type") != "null"]
 
 
 def _kind(value: Mapping[str, Any]) -> str:
@@ -54,17 +54,22 @@ def _one_kind(value: Mapping[str, Any]) -> str:
 
 def _range(field: Any) -> str:
     """A field's bounds; those of a list's elements where only they have some."""
-    found = _bounds(field.metadata)
-    if not found:
+    bounds = _bounds(field.metadata)
+    if not bounds:
         elements = [part for part in getattr(field.annotation, "__args__", ()) if hasattr(part, "__metadata__")]
         inner = [each for part in elements for data in part.__metadata__ for each in getattr(data, "metadata", ())]
-        found = list(dict.fromkeys(_bounds(inner)))
-    return " ".join(found)
+        bounds = list(dict.fromkeys(_bounds(inner)))
+    return " ".join(bounds)
 
 
 def _bounds(metadata: Iterable[Any]) -> list[str]:
     words = (("gt", "above"), ("ge", "from"), ("lt", "below"), ("le", "to"), ("pattern", ""))
-    return [_bound(word, getattr(one, key)) for one in metadata for key, word in words if hasattr(one, key)]
+    return [
+        _bound(word, getattr(constraint, key))
+        for constraint in metadata
+        for key, word in words
+        if hasattr(constraint, key)
+    ]
 
 
 def _bound(word: str, value: object) -> str:

@@ -86,7 +86,7 @@ def main(names: Sequence[str]) -> None:
         with tempfile.TemporaryDirectory() as folder:
             section = measure(kind, Path(folder) / kind)
         sections = {**dict(SECTION.findall(page.read_text(encoding="utf-8"))), kind: section}
-        write(page, {one: sections[one] for one in sorted(sections) if one in examples})
+        write(page, {kind: sections[kind] for kind in sorted(sections) if kind in examples})
         if page == PAGE:
             write_published(sections)
         print(kind, flush=True)
@@ -98,7 +98,9 @@ def write(page: Path, sections: Mapping[str, str]) -> None:
     head = text[: match.start()] if (match := SECTION.search(text)) else text
     if page == PAGE:
         sections = {kind: _with_arducopter(kind, section) for kind, section in sections.items()}
-    body = "\n".join(f"<!-- measured: {kind} -->\n{own}<!-- end: {kind} -->\n" for kind, own in sections.items())
+    body = "\n".join(
+        f"<!-- measured: {kind} -->\n{section}<!-- end: {kind} -->\n" for kind, section in sections.items()
+    )
     page.write_text(f"{head.rstrip()}\n\n{body}", encoding="utf-8")
 
 
@@ -144,7 +146,7 @@ def write_named(name: str) -> None:
 def write_published(sections: Mapping[str, str]) -> None:
     """Renew the table of the published attacks from the sections of the kinds."""
     pages = [(SCENARIO_PAGES / f"{name}.md").read_text(encoding="utf-8") for name in NAMED]
-    sections = {**sections, **dict(found for page in pages for found in SECTION.findall(page))}
+    sections = {**sections, **dict(section for page in pages for section in SECTION.findall(page))}
     rows = [
         "| published attack | link | kind or scenario | measured effect | reaction of ArduCopter |",
         "|---|---|---|---|---|",
@@ -164,8 +166,8 @@ def write_published(sections: Mapping[str, str]) -> None:
 def _first(sections: Mapping[str, str], kind: str) -> str:
     """The first differences of a section, in one line."""
     rows = [row.strip("| ").split(" | ") for row in sections.get(kind, "").splitlines() if row.startswith("| ")]
-    found = [f"{what} {mean} ({bounds})" for what, mean, bounds in (row for row in rows[1:] if len(row) == 3)]
-    return "; ".join(found[:2]) or "not measured"
+    effects = [f"{what} {mean} ({bounds})" for what, mean, bounds in (row for row in rows[1:] if len(row) == 3)]
+    return "; ".join(effects[:2]) or "not measured"
 
 
 def measure(kind: str, folder: Path) -> str:
@@ -211,19 +213,23 @@ def tell_story(source: Path) -> str:
 
 def _effects(flown: Pair, baseline: str) -> list[tuple[str, str, str]]:
     rows = [row for row in flown.effects.to_pylist() if row["against"] == baseline]
-    found = []
+    effects = []
     for vehicle in sorted({row["vehicle"] for row in rows}):
-        own = [row for row in rows if row["vehicle"] == vehicle]
-        done = sum(row["outcome"] == "complete" for row in own)
-        twin = sum(row["outcome_twin"] == "complete" for row in own)
+        flights = [row for row in rows if row["vehicle"] == vehicle]
+        done = sum(row["outcome"] == "complete" for row in flights)
+        twin = sum(row["outcome_twin"] == "complete" for row in flights)
         if done != twin:
-            found.append((f"{vehicle}: missions complete", f"{done} of {len(own)}", f"{twin} of {len(own)} without it"))
+            effects.append(
+                (f"{vehicle}: missions complete", f"{done} of {len(flights)}", f"{twin} of {len(flights)} without it")
+            )
         for column, (title, unit, factor) in MEASURES.items():
             samples = [
-                factor * (row[column] - (row.get(f"{column}_twin") or 0.0)) for row in own if row[column] is not None
+                factor * (row[column] - (row.get(f"{column}_twin") or 0.0))
+                for row in flights
+                if row[column] is not None
             ]
-            found += _row(f"{vehicle}: {title}", unit, estimate_mean(samples))
-    return found
+            effects += _row(f"{vehicle}: {title}", unit, estimate_mean(samples))
+    return effects
 
 
 def _row(what: str, unit: str, value: Interval | None) -> list[tuple[str, str, str]]:
@@ -280,10 +286,10 @@ def _events(run: RunRecord) -> Counter[str]:
 
 
 def _delivered(run: RunRecord) -> Counter[str]:
-    found: Counter[str] = Counter()
-    for one in link_statistics(run):
-        found[f"{one.kind}, {one.direction}"] += one.delivered
-    return found
+    delivered: Counter[str] = Counter()
+    for statistics in link_statistics(run):
+        delivered[f"{statistics.kind}, {statistics.direction}"] += statistics.delivered
+    return delivered
 
 
 if __name__ == "__main__":

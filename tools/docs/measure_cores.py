@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyrange.bench.cores import compare, measure
+from skyrange.bench.fleet import FleetOptions
 from skyrange.figures import svg
 from skyrange.figures.palette import OKABE_ITO
 from skyrange.figures.svg import Figure, format_number
@@ -41,25 +42,29 @@ FLEETS: Final = (
 def fly_fleets(cores: int, repeat: int) -> None:
     """Measure and write the file."""
     division.MIN_VEHICLES = division.MIN_ON_AIR = 1
-    found = []
+    fleets = []
     for load, remote_id, vehicles, seconds in FLEETS:
         rows = [
-            measure(vehicles, seconds, OPERATORS, count, load, remote_id, turn=turn)
+            measure(
+                vehicles, seconds, count, FleetOptions(load=load, remote_id=remote_id, operators=OPERATORS), turn=turn
+            )
             for turn in range(repeat)
             for count in (1, cores)
         ]
         assert len({row["fingerprint"] for row in rows}) == 1
-        one = {
+        fleet = {
             "load": load,
             "remote_id": remote_id,
             "vehicles": vehicles,
             "seconds": seconds,
             "compared": compare(rows),
         }
-        found.append({**one, "rows": rows})
-        print(json.dumps(one), flush=True)
+        fleets.append({**fleet, "rows": rows})
+        print(json.dumps(fleet), flush=True)
     machine = {"system": platform.platform(), "processor": _processor()}
-    DATA.write_text(json.dumps({"machine": machine, "cores": cores, "operators": OPERATORS, "fleets": found}, indent=1))
+    DATA.write_text(
+        json.dumps({"machine": machine, "cores": cores, "operators": OPERATORS, "fleets": fleets}, indent=1)
+    )
 
 
 def _processor() -> str:
@@ -119,20 +124,20 @@ def describe(data: dict[str, Any]) -> str:
         "|---|---|---|---|---|---|",
     ]
     for fleet in data["fleets"]:
-        one, several = fleet["compared"][0], fleet["compared"][-1]
+        alone, several = fleet["compared"][0], fleet["compared"][-1]
         name = f"{fleet['load']}, Remote ID" if fleet["remote_id"] else fleet["load"]
         lines.append(
-            f"| {name} | {fleet['vehicles']} | {one['total_s']:.1f} | {several['total_s']:.1f} | "
+            f"| {name} | {fleet['vehicles']} | {alone['total_s']:.1f} | {several['total_s']:.1f} | "
             f"{several['speed_up']:.2f} | {several['flight_speed_up']:.2f} |"
         )
     runs = data["fleets"][0]["compared"][0]["runs"]
     several = f"medians of {runs} runs each" if runs > 1 else "one run each"
-    said = f"30 s of pre-flight and 30 s flown, at operator load 10 s; {several}, in turn"
+    method = f"30 s of pre-flight and 30 s flown, at operator load 10 s; {several}, in turn"
     return "\n".join(
         [
             *lines,
             "",
-            f"{said}, on {data['machine']['processor']}.",
+            f"{method}, on {data['machine']['processor']}.",
             "",
         ]
     )

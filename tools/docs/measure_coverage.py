@@ -65,10 +65,14 @@ def main() -> None:
 def measure_mean(name: str, count: int) -> str:
     """A cell of the table of means."""
     chance, drawn = _chance(f"mean {name} {count}"), DISTRIBUTIONS[name]
-    found = [
+    intervals = [
         estimate_mean(drawn.draw(chance, count).tolist(), yes_or_no=name == "yes or no") for _ in range(REPLICATES)
     ]
-    limits = [(one.low, one.high) for one in found if one is not None and one.low is not None and one.high is not None]
+    limits = [
+        (interval.low, interval.high)
+        for interval in intervals
+        if interval is not None and interval.low is not None and interval.high is not None
+    ]
     shown = len(limits) / REPLICATES
     if shown < 0.005:
         return "none"

@@ -54,7 +54,9 @@ def measure(kind: str, folder: Path) -> str:
 
 def _table(muted: Pair, acting: Pair) -> list[str]:
     """Every difference that is not zero without the defence or with it, as lines of Markdown."""
-    first, second = ({what: (mean, bounds) for what, mean, bounds in describe_effects(one)} for one in (muted, acting))
+    first, second = (
+        {what: (mean, bounds) for what, mean, bounds in describe_effects(pair)} for pair in (muted, acting)
+    )
     rows = [what for what in dict.fromkeys([*first, *second]) if not what.startswith(("events", "frames"))]
     if not rows:
         return ["No aircraft flies otherwise, with the defence or without it."]
@@ -62,19 +64,19 @@ def _table(muted: Pair, acting: Pair) -> list[str]:
     return head + [f"| {what} | {_cell(first.get(what))} | {_cell(second.get(what))} |" for what in rows]
 
 
-def _cell(found: tuple[str, str] | None) -> str:
-    return "none" if found is None else f"{found[0]} ({re.sub(' without it$', '', found[1])})"
+def _cell(effect: tuple[str, str] | None) -> str:
+    return "none" if effect is None else f"{effect[0]} ({re.sub(' without it$', '', effect[1])})"
 
 
 def _describe_alarms(acting: Pair) -> str:
     """When the first alarm came, and how many came without an attack."""
     detectors = [row["id"] for row in acting.run(NOMINAL).manifest["defences"]]
     cell = measure_cell(acting, Cell("", ""), "departure_m", detectors)
-    told = [at for at in cell.alarms_s if at is not None]
-    mean = estimate_mean(told)
+    alarms_s = [at for at in cell.alarms_s if at is not None]
+    mean = estimate_mean(alarms_s)
     when = "No alarm"
     if mean is not None:
-        when = f"First alarm {mean.mean:.1f} s after the attack began, with {len(told)} of {SEEDS} seeds"
+        when = f"First alarm {mean.mean:.1f} s after the attack began, with {len(alarms_s)} of {SEEDS} seeds"
     hours = sum(cell.flown_h)
     return f"{when}. Without an attack: {sum(cell.false_alarms)} alarms in {60 * hours:.0f} minutes of flight."
 

@@ -74,7 +74,7 @@ ATTACKS: Final[Mapping[str, Case]] = {
     "unsigned ghost": Case("remote_id.spoof", {"at": AHEAD, "transmitter_m": BESIDE}),
     "live relay": Case("remote_id.replay", {"delay_s": 0.1, "transmitter_m": BESIDE}, "red/r1"),
     "replay within the validity": Case("remote_id.replay", {"delay_s": 20.0, "transmitter_m": BESIDE}, "red/r1"),
-    "registry out of reach": Case("", {}, "red/r1", 0.0, False, {"registry": "unknown"}),
+    "registry out of reach": Case("", {}, "red/r1", start_s=0.0, is_lie=False, red={"registry": "unknown"}),
     "page suppression": Case(
         "remote_id.suppress_pages", {"transmitter_m": BESIDE, "power_dbm": 36.0}, "red/r1", is_lie=False
     ),
@@ -82,8 +82,8 @@ ATTACKS: Final[Mapping[str, Case]] = {
         "remote_id.verification_flood",
         {"transmitter_m": BESIDE, "rate_hz": 200.0},
         "red/r1",
-        0.0,
-        False,
+        start_s=0.0,
+        is_lie=False,
         verify={"verifications_per_s": 20.0},
     ),
 }

@@ -22,8 +22,8 @@ def _shipped(group: str) -> list[tuple[str, Any]]:
     from skyrange.contracts.plugins.registry import find, kinds
 
     points = {point.name for point in entry_points(group=group) if point.value.startswith("skyrange.")}
-    found = [(name, find(group, name)) for name in kinds(group)]
-    return [(name, kind) for name, kind in found if name in points or " in skyrange." in kind.source]
+    plugins = [(name, find(group, name)) for name in kinds(group)]
+    return [(name, kind) for name, kind in plugins if name in points or " in skyrange." in kind.source]
 
 
 def count_shipped(group: str) -> int:
@@ -84,7 +84,7 @@ def _facts(kind: Any) -> str:
 
     threat, controls = kind.threat, kind.controls
     rows = [
-        ("acts on", ", ".join(f"`{one}`" for one in kind.surface)),
+        ("acts on", ", ".join(f"`{surface}`" for surface in kind.surface)),
         ("effect", kind.effect),
         ("technique", describe_technique(kind.technique)),
         *([("the same mechanism", f"[`{kind.mechanism}`](../{page_of(kind.mechanism)})")] if kind.mechanism else []),
@@ -110,7 +110,7 @@ def faults() -> str:
     parts = []
     for name, kind in _shipped(FAULTS):
         rows = [
-            ("acts on", ", ".join(f"`{one}`" for one in kind.surface)),
+            ("acts on", ", ".join(f"`{surface}`" for surface in kind.surface)),
             ("cause", kind.cause),
             ("effect", kind.effect),
             ("not modelled", kind.not_modelled),
@@ -129,11 +129,11 @@ def defences() -> str:
     parts = []
     for name, kind in _shipped(DEFENCES):
         rows = [
-            ("protects", ", ".join(f"`{one}`" for one in kind.surface)),
+            ("protects", ", ".join(f"`{name}`" for name in kind.surface)),
             ("place", kind.place),
             ("effect", kind.effect),
-            ("made against", ", ".join(f"`{one}`" for one in kind.against)),
-            ("alerts", ", ".join(f"`{one}`" for one in kind.alerts)),
+            ("made against", ", ".join(f"`{name}`" for name in kind.against)),
+            ("alerts", ", ".join(f"`{name}`" for name in kind.alerts)),
             ("an adversary who knows it", kind.evasion),
             ("cost while nobody attacks", kind.cost),
             ("acts while nobody attacks", ", ".join(kind.nominal) or "none"),
@@ -151,7 +151,7 @@ def firewall_profiles() -> str:
 
     heads = ("profile", "messages", "commands", "modes")
     rows = [
-        (f"`{name}`", *(", ".join(sorted(one)) for one in (profile.messages, profile.commands, profile.modes)))
+        (f"`{name}`", *(", ".join(sorted(names)) for names in (profile.messages, profile.commands, profile.modes)))
         for name, profile in PROFILES.items()
     ]
     return table(heads, rows)

@@ -104,17 +104,17 @@ def described() -> str:
     parts = []
     for name in FACADE:
         module = importlib.import_module(name)
-        public = [one for one in module.__all__ if not one.startswith("_")]
+        public = [member for member in module.__all__ if not member.startswith("_")]
         topics = TOPICS.get(name, {"": " ".join(public)})
-        listed = [one for names in topics.values() for one in names.split()]
+        listed = [member for members in topics.values() for member in members.split()]
         missing, gone = sorted(set(public) - set(listed)), sorted(set(listed) - set(public))
         assert not missing, f"give {missing} of {name} a topic"
         assert not gone, f"{gone} are not exported by {name}"
         parts.append(f"## `{name}`\n\n{_paragraphs(module.__doc__, 1)}\n")
-        for topic, names in topics.items():
+        for topic, members in topics.items():
             if topic:
                 parts.append(f"### {topic}\n")
-            parts += [_entry(name, one, getattr(module, one)) for one in names.split()]
+            parts += [_entry(name, member, getattr(module, member)) for member in members.split()]
     return "\n".join(parts)
 
 
@@ -146,13 +146,13 @@ def _doc(module: str, name: str, value: Any) -> str | None:
 
 def _documented(body: Sequence[ast.stmt]) -> dict[str, str]:
     """By name, the strings below the assignments of a module or a class."""
-    found = {}
-    for one, below in itertools.pairwise(body):
-        target: ast.expr | None = one.target if isinstance(one, ast.AnnAssign) else None
-        target = one.targets[0] if isinstance(one, ast.Assign) else target
+    documented = {}
+    for statement, below in itertools.pairwise(body):
+        target: ast.expr | None = statement.target if isinstance(statement, ast.AnnAssign) else None
+        target = statement.targets[0] if isinstance(statement, ast.Assign) else target
         if isinstance(target, ast.Name) and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
-            found[target.id] = str(below.value.value)
-    return found
+            documented[target.id] = str(below.value.value)
+    return documented
 
 
 def _stub(name: str, value: Any) -> str:
@@ -190,18 +190,18 @@ def _own(value: Any) -> set[str]:
 
 def _attributes(value: Any) -> dict[str, str]:
     """The attributes that a protocol asks for, those of its bases first."""
-    found: dict[str, str] = {}
+    attributes: dict[str, str] = {}
     for base in reversed(value.__mro__):
         if _is_protocol(base):
-            found |= {key: str(kind) for key, kind in inspect.get_annotations(base).items()}
+            attributes |= {key: str(kind) for key, kind in inspect.get_annotations(base).items()}
             properties = {key: each for key, each in vars(base).items() if isinstance(each, property)}
-            found |= {key: str(each.fget.__annotations__["return"]) for key, each in properties.items()}
-    return found
+            attributes |= {key: str(each.fget.__annotations__["return"]) for key, each in properties.items()}
+    return attributes
 
 
 def _methods(value: Any) -> dict[str, Any]:
     """The public methods of a class, those of its bases first."""
-    found: dict[str, Any] = {}
+    methods: dict[str, Any] = {}
     for base in reversed(value.__mro__):
         if base.__module__.startswith("skyrange."):
             for key, each in vars(base).items():
@@ -209,24 +209,24 @@ def _methods(value: Any) -> dict[str, Any]:
                 if key.startswith("_") or key in HIDDEN or isinstance(method, cached_property):
                     continue
                 if inspect.isroutine(method):
-                    found[key] = method
-    return found
+                    methods[key] = method
+    return methods
 
 
-def _signature(value: Any, wide: bool = False) -> str:
+def _signature(value: Any, *, wide: bool = False) -> str:
     """A signature without `self`; one parameter a line where it is long, unless it shall be `wide`."""
-    found = inspect.signature(value)
-    kept = [p.replace(annotation=_plain(p.annotation)) for p in found.parameters.values()]
+    signature = inspect.signature(value)
+    kept = [p.replace(annotation=_plain(p.annotation)) for p in signature.parameters.values()]
     kept = [p for p in kept if p.name not in ("self", "cls")]
-    returned = _plain(found.return_annotation) if not inspect.isclass(value) else inspect.Signature.empty
-    text = str(found.replace(parameters=kept, return_annotation=returned))
+    returned = _plain(signature.return_annotation) if not inspect.isclass(value) else inspect.Signature.empty
+    text = str(signature.replace(parameters=kept, return_annotation=returned))
     text = re.sub(r"(?<=: )'([^']*)'|(?<=-> )'([^']*)'", lambda match: match[1] or match[2], text)
     text = re.sub(r"\"ForwardRef\('(.*?)'\)\"", lambda match: match[1], text)
     text = re.sub(r"<[^>]*>", "…", text).replace(str(NEVER), "NEVER")
     if wide or len(text) <= 100 or not kept:
         return text
     inside, _, rest = text[1:].rpartition(")")
-    lines = "".join(f"    {one},\n" for one in _split(inside))
+    lines = "".join(f"    {parameter},\n" for parameter in _split(inside))
     return f"(\n{lines}){rest}"
 
 
@@ -239,33 +239,33 @@ def _plain(annotation: Any) -> Any:
 
 def _split(parameters: str) -> list[str]:
     """Parameters at the commas between them."""
-    found, depth, begin = [], 0, 0
+    parts, depth, begin = [], 0, 0
     for at, char in enumerate(parameters):
         depth += (char in "([{") - (char in ")]}")
         if char == "," and depth == 0:
-            found.append(parameters[begin:at].strip())
+            parts.append(parameters[begin:at].strip())
             begin = at + 1
-    return [*found, parameters[begin:].strip()]
+    return [*parts, parameters[begin:].strip()]
 
 
 def _members(value: Any) -> str:
     """Attributes and methods of a class with what is said of each."""
     if not _is_ours(value):
         return ""
-    told: dict[str, str] = {}
+    docs: dict[str, str] = {}
     for base in reversed(value.__mro__):
         if not base.__module__.startswith("skyrange.") or "<locals>" in base.__qualname__:
             continue
         tree = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0]
         assert isinstance(tree, ast.ClassDef)
-        told |= {key: doc for key, doc in _documented(tree.body).items() if key != "__slots__"}
+        docs |= {key: doc for key, doc in _documented(tree.body).items() if key != "__slots__"}
         methods = _methods(base)
         for key, each in vars(base).items():
             if not key.startswith("_") and isinstance(each, (property, cached_property)) and each.__doc__:
-                told[key] = each.__doc__
+                docs[key] = each.__doc__
             elif not key.startswith("_") and key in methods and methods[key].__doc__:
-                told[key] = methods[key].__doc__
+                docs[key] = methods[key].__doc__
     signed = {} if _is_protocol(value) else _methods(value)
-    shown = {key: _paragraphs(doc, 1) for key, doc in told.items() if not key.startswith("_")}
+    shown = {key: _paragraphs(doc, 1) for key, doc in docs.items() if not key.startswith("_")}
     named = {key: f"{key}{_signature(signed[key], wide=True)}" if key in signed else key for key in shown}
     return "".join(f"- `{named[key]}`: {doc}\n" for key, doc in shown.items() if doc)

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from skyrange.bench.fleet import WARM_UP_S, fleet_scenario, flying
+from skyrange.bench.fleet import WARM_UP_S, FleetOptions, fleet_scenario, flying
 from skyrange.bench.isolation import run_in_process
 from skyrange.core.time import to_seconds
 from skyrange.io.ardupilot.sitl import LockstepSitl, Sitl, wall_s
@@ -37,6 +37,7 @@ BARE_S = 10.0
 def measure(
     vehicles: int,
     seconds: float,
+    *,
     load: str = "light",
     rates: str = "full",
     physics: str = "shared",
@@ -54,23 +55,21 @@ def measure(
     `loop_hz` and `exchanges_hz` (0: none) are the rates that ran; `flying` is as in `bench fleet`. Raises `InputError`
     for rates that native physics does not have.
     """
-    return run_in_process(
-        f"bench with {vehicles} ArduPilots", _flown, vehicles, seconds, load, rates, physics, speedup, remote_id
-    )
-
-
-def _flown(
-    vehicles: int, seconds: float, load: str, rates: str, physics: str, speedup: float, remote_id: bool
-) -> dict[str, Any]:
     native = physics == "native"
     options = {"rates": rates, **({"physics": "native", "speedup": speedup} if native else {})}
-    scenario = fleet_scenario(vehicles, seconds, load, remote_id, "ardupilot", options)
+    fleet = FleetOptions(load=load, remote_id=remote_id, autopilot="ardupilot", options=options)
+    return run_in_process(f"bench with {vehicles} ArduPilots", _flown, vehicles, seconds, fleet)
+
+
+def _flown(vehicles: int, seconds: float, fleet: FleetOptions) -> dict[str, Any]:
+    rates, speedup = fleet.options["rates"], fleet.options.get("speedup")  # a speed only of native physics
+    scenario = fleet_scenario(vehicles, seconds, fleet)
     binary = find_binary()
     listed = list_parameters(binary.path, binary.sha256)
     values = start_values("bench", AIRFRAMES["iris"], {}, listed, 120, rates)
     per_tick, ticks = exchange_steps(values, listed, QUANTUM_S)
     text = defaults_text(values)
-    if native:
+    if speedup is not None:
         bare_s = _alone(vehicles, text, speedup)
     else:
         bare_s = _bare(vehicles, text, per_tick / ticks, per_tick * moments_per_iteration(values, listed, QUANTUM_S))
@@ -90,12 +89,12 @@ def _flown(
         return {
             "vehicles": vehicles,
             "seconds": seconds,
-            "load": load,
-            "remote_id": remote_id,
-            "physics": physics,
-            "speedup": speedup if native else None,
+            "load": fleet.load,
+            "remote_id": fleet.remote_id,
+            "physics": fleet.options.get("physics", "shared"),
+            "speedup": speedup,
             "loop_hz": values.get(LOOP_RATE, listed.get(LOOP_RATE)),
-            "exchanges_hz": 0.0 if native else round(per_tick / ticks / QUANTUM_S, 1),
+            "exchanges_hz": 0.0 if speedup is not None else round(per_tick / ticks / QUANTUM_S, 1),
             "real_time_factor": round(seconds / took_s, 3),
             "autopilots_cpu_s": round(theirs, 2),
             "ours_cpu_s": round(ours, 2),

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-from skyrange.bench.fleet import WARM_UP_S, fleet_scenario, flying
+from skyrange.bench.fleet import LIGHT, WARM_UP_S, FleetOptions, fleet_scenario, flying
 from skyrange.bench.isolation import run_in_process
 from skyrange.core.errors import InputError
 from skyrange.core.time import Time, to_seconds
@@ -30,18 +30,8 @@ def check_cores(numbers: Sequence[int]) -> None:
         raise InputError.one("bench", "--cores", str(max(numbers)), expected)
 
 
-def measure(
-    vehicles: int,
-    seconds: float,
-    operators: int,
-    cores: int,
-    load: str = "light",
-    remote_id: bool = False,
-    autopilot: str = "builtin",
-    options: Mapping[str, Any] | None = None,
-    turn: int = 0,
-) -> Row:
-    """One row: the fleet of `bench.fleet` with `operators` operators, flown on `cores` cores in a process of its own.
+def measure(vehicles: int, seconds: float, cores: int, fleet: FleetOptions = LIGHT, *, turn: int = 0) -> Row:
+    """One row: a fleet of `bench.fleet`, flown on `cores` cores in a process of its own.
 
     The processes are pinned to `cores` of the CPUs that this process may use, one each; with one core everything,
     ArduPilots included, has one CPU. The CPUs are counted from number `turn` on: with a turn for each repetition, the
@@ -56,19 +46,14 @@ def measure(
     check_cores([cores])
     cpus = [cpus[(turn + number) % len(cpus)] for number in range(cores)]
     began = time.perf_counter()
-    row = run_in_process(
-        f"bench on {cores} cores", _flown, vehicles, seconds, operators, cores, load, remote_id, autopilot,
-        dict(options or {}), cpus,
-    )  # fmt: skip
+    row = run_in_process(f"bench on {cores} cores", _flown, vehicles, seconds, fleet, cpus)
     total_s = time.perf_counter() - began - row.pop("evaluation_s")
     return {**row, "total_s": round(total_s, 3), "total_factor": round((WARM_UP_S + seconds) / total_s, 3)}
 
 
-def _flown(
-    vehicles: int, seconds: float, operators: int, cores: int, load: str, remote_id: bool, autopilot: str,
-    options: Mapping[str, Any], cpus: list[int],
-) -> Row:  # fmt: skip
-    scenario = fleet_scenario(vehicles, seconds, load, remote_id, autopilot, options, operators)
+def _flown(vehicles: int, seconds: float, fleet: FleetOptions, cpus: list[int]) -> Row:
+    cores = len(cpus)
+    scenario = fleet_scenario(vehicles, seconds, fleet)
     division = divide(scenario, cores)  # before this process is pinned, because it asks for the CPUs
     os.sched_setaffinity(0, cpus[:1])
     with tempfile.TemporaryDirectory() as scratch:
@@ -92,10 +77,10 @@ def _flown(
         row = {
             "vehicles": vehicles,
             "seconds": seconds,
-            "operators": operators,
-            "load": load,
-            "remote_id": remote_id,
-            "autopilot": autopilot,
+            "operators": fleet.operators,
+            "load": fleet.load,
+            "remote_id": fleet.remote_id,
+            "autopilot": fleet.autopilot,
             "cores": cores,
             "used": division.cores,
             "reason": division.reason,
@@ -117,21 +102,21 @@ def compare(rows: list[Row]) -> list[Row]:
     """The medians of the rows with equal numbers of cores; `speed_up` and `flight_speed_up` say how many times as fast
     as on one core all of it and the flight were, `None` without rows on one core.
     """
-    found = []
+    medians = []
     times = {}
     for cores in sorted({row["cores"] for row in rows}):
         same = [row for row in rows if row["cores"] == cores]
         times[cores] = median(row["total_s"] for row in same), median(row["wall_s"] for row in same)
-        one = times.get(1)
-        found.append(
+        alone = times.get(1)
+        medians.append(
             {
                 "cores": cores,
                 "runs": len(same),
                 "total_s": times[cores][0],
                 "wall_s": times[cores][1],
-                "speed_up": None if one is None else round(one[0] / times[cores][0], 3),
-                "flight_speed_up": None if one is None else round(one[1] / times[cores][1], 3),
+                "speed_up": None if alone is None else round(alone[0] / times[cores][0], 3),
+                "flight_speed_up": None if alone is None else round(alone[1] / times[cores][1], 3),
                 "same_fingerprint": len({row["fingerprint"] for row in rows}) == 1,
             }
         )
-    return found
+    return medians

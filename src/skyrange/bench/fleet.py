@@ -7,6 +7,7 @@ import os
 import tempfile
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ from skyrange.scenario.model.scenario import (
     path,
 )
 
-__all__ = ["PARTS", "WARM_UP_S", "fleet_scenario", "flying", "measure"]
+__all__ = ["LIGHT", "PARTS", "WARM_UP_S", "FleetOptions", "fleet_scenario", "flying", "measure"]
 
 WARM_UP_S = 30.0
 """Simulated seconds before measuring: plans are approved, uploaded, read back, and all are flying by then."""
@@ -48,22 +49,28 @@ HORIZON_M = 400.0
 """Horizon of the radio medium, the best range that opendroneid.org gives for Wi-Fi; some thirty aircraft are nearer."""
 
 
-def fleet_scenario(
-    vehicles: int,
-    seconds: float,
-    load: str = "light",
-    remote_id: bool = False,
-    autopilot: str = "builtin",
-    options: Mapping[str, Any] | None = None,
-    operators: int = 0,
-) -> Scenario:
-    """`vehicles` aircraft on a lattice, each flying laps of a square at 5 m/s for `seconds` after the warm-up.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetOptions:
+    """How a fleet flies, besides its size and time.
 
-    `load` is the telemetry that ground stations request, a profile of `gcs.streams`. With `remote_id` each goes round a
-    block of a downtown, broadcasts over Wi-Fi every second, receives the others and would avoid them. `options` are
-    those of the autopilot's kind. The aircraft belong to `operators` operators in equal parts; 0 is one for each
-    thousand.
+    `load` is the telemetry that ground stations request, a profile of `gcs.streams`. With `remote_id` each aircraft
+    goes round a block of a downtown, broadcasts over Wi-Fi every second, receives the others and would avoid them.
+    `options` are those of the autopilot's kind. The aircraft belong to `operators` operators in equal parts; 0 is one
+    for each thousand.
     """
+
+    load: str = "light"
+    remote_id: bool = False
+    autopilot: str = "builtin"
+    options: Mapping[str, Any] = field(default_factory=dict)
+    operators: int = 0
+
+
+LIGHT = FleetOptions()
+
+
+def fleet_scenario(vehicles: int, seconds: float, fleet: FleetOptions = LIGHT) -> Scenario:
+    """`vehicles` aircraft on a lattice, each flying laps of a square at 5 m/s for `seconds` after the warm-up."""
     # a third more than the time requires, because corners are cut
     path_m = 1.33 * SPEED_MPS * (WARM_UP_S + seconds)
     # at most ten laps, so that a long flight has no longer upload than a short one
@@ -74,23 +81,23 @@ def fleet_scenario(
     columns = math.ceil(math.sqrt(vehicles))
     spacing_m = side_m + APART_M
     first_m = -0.5 * (columns - 1) * spacing_m - 0.5 * side_m  # so that laps go round the blocks of a downtown
-    fleet = [
+    aircraft = [
         Vehicle(
             start=Start(
                 east_m=first_m + spacing_m * (index % columns), north_m=first_m + spacing_m * (index // columns)
             ),
             plan=path(points, alt_m=30.0, speed_mps=SPEED_MPS),
-            autopilot=autopilot,
+            autopilot=fleet.autopilot,
         )
         for index in range(vehicles)
     ]
-    each = PER_OPERATOR if operators == 0 else math.ceil(vehicles / operators)
+    each = PER_OPERATOR if fleet.operators == 0 else math.ceil(vehicles / fleet.operators)
     owners = [
         Operator(
             id=f"op{start // each + 1}",
-            streams=load,
-            avoidance=Avoidance(kind="geometric") if remote_id else None,
-            vehicles=tuple(fleet[start : start + each]),
+            streams=fleet.load,
+            avoidance=Avoidance(kind="geometric") if fleet.remote_id else None,
+            vehicles=tuple(aircraft[start : start + each]),
         )
         for start in range(0, vehicles, each)
     ]
@@ -99,9 +106,9 @@ def fleet_scenario(
         duration_s=WARM_UP_S + seconds,
         origin=Origin(lat=-35.3633280, lon=149.1652241),
         operators=tuple(owners),
-        city=_downtown(columns, side_m) if remote_id else None,
-        radio=Radio(horizon_m=HORIZON_M, city_busy=0.2) if remote_id else None,
-        autopilots=Autopilots().with_options(autopilot, options or {}, "bench"),
+        city=_downtown(columns, side_m) if fleet.remote_id else None,
+        radio=Radio(horizon_m=HORIZON_M, city_busy=0.2) if fleet.remote_id else None,
+        autopilots=Autopilots().with_options(fleet.autopilot, fleet.options, "bench"),
     )
 
 
@@ -111,9 +118,7 @@ def _downtown(columns: int, side_m: float) -> City:
     return City(grid=Grid(blocks=(columns, columns), street_m=side_m + APART_M - block_m, block_m=block_m))
 
 
-def measure(
-    vehicles: int, seconds: float, load: str = "light", remote_id: bool = False, detector: bool = False
-) -> dict[str, Any]:
+def measure(vehicles: int, seconds: float, fleet: FleetOptions = LIGHT, *, detector: bool = False) -> dict[str, Any]:
     """One row: fly `vehicles` for `seconds` simulated seconds in a process of its own.
 
     With `detector` a heartbeat gap detector listens at the ground stations' ends of all `gcs` links.
@@ -128,17 +133,18 @@ def measure(
     folder, `bytes_per_frame` that for each frame on each hop; `share` the share of CPU time per part.
     """
     began = time.perf_counter()
-    row = run_in_process(f"bench with {vehicles} aircraft", _flown, vehicles, seconds, load, remote_id, detector)
+    name = f"bench with {vehicles} aircraft"
+    row = run_in_process(name, _flown, vehicles, seconds, fleet, detector=detector)
     total_s = time.perf_counter() - began - row.pop("evaluation_s")
     return {**row, "total_s": round(total_s, 3), "total_factor": round((WARM_UP_S + seconds) / total_s, 3)}
 
 
-def _flown(vehicles: int, seconds: float, telemetry: str, remote_id: bool, detector: bool) -> dict[str, Any]:
+def _flown(vehicles: int, seconds: float, fleet: FleetOptions, *, detector: bool) -> dict[str, Any]:
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     base_mb = peak_memory_mb()
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        scenario = fleet_scenario(vehicles, seconds, telemetry, remote_id)
+        scenario = fleet_scenario(vehicles, seconds, fleet)
         run = Run.start(scenario, Path(folder) / "run", monitors=[_DETECTOR] if detector else ())
         run.advance(WARM_UP_S)
         setup_s = time.perf_counter() - began
@@ -158,8 +164,8 @@ def _flown(vehicles: int, seconds: float, telemetry: str, remote_id: bool, detec
         row = {
             "vehicles": vehicles,
             "seconds": seconds,
-            "load": telemetry,
-            "remote_id": remote_id,
+            "load": fleet.load,
+            "remote_id": fleet.remote_id,
             "detector": detector,
             "real_time_factor": round(seconds / wall_s, 3),
             "cpu_s": round(cpu_s, 3),

@@ -14,7 +14,7 @@ from skyrange.runtime.garbage_collection import collect_less
 Row = dict[str, Any]
 
 
-def run_in_process(name: str, function: Callable[..., Row], *arguments: Any) -> Row:
+def run_in_process(name: str, function: Callable[..., Row], *arguments: Any, **keywords: Any) -> Row:
     """Call `function` in a process of its own; its result.
 
     Raises the `SkyrangeError` that it raises, and `ComponentError` in the name of `name` if the process ends early.
@@ -22,7 +22,7 @@ def run_in_process(name: str, function: Callable[..., Row], *arguments: Any) -> 
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     named = function.__module__, function.__name__
-    process = context.Process(target=_send_result, args=(sender, *named, *arguments))
+    process = context.Process(target=_send_result, args=(sender, *named, *arguments), kwargs=keywords)
     process.start()
     sender.close()
     try:
@@ -36,10 +36,10 @@ def run_in_process(name: str, function: Callable[..., Row], *arguments: Any) -> 
     return answer
 
 
-def _send_result(answer: Connection, module: str, name: str, *arguments: Any) -> None:
+def _send_result(answer: Connection, module: str, name: str, *arguments: Any, **keywords: Any) -> None:
     collect_less()  # as the command does, before it imports what it runs
     try:
-        answer.send(getattr(import_module(module), name)(*arguments))
+        answer.send(getattr(import_module(module), name)(*arguments, **keywords))
     except SkyrangeError as error:
         answer.send(error)
     answer.close()

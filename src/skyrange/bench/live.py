@@ -63,8 +63,8 @@ def measure(
 
 def _row(live_range: LiveRange, record: RunRecord, vehicles: int, seconds: float) -> dict[str, Any]:
     took_s = WARM_UP_S + seconds
-    cores = sum(float(one.status.get("cpu_s", 0.0)) for one in live_range.members.values()) / took_s
-    late_s = {name: to_seconds(int(one.status.get("late_ns", 0))) for name, one in live_range.members.items()}
+    cores = sum(float(member.status.get("cpu_s", 0.0)) for member in live_range.members.values()) / took_s
+    late_s = {name: to_seconds(int(member.status.get("late_ns", 0))) for name, member in live_range.members.items()}
     behind = record.manifest["live"]["fell_behind"]
     return {
         "vehicles": vehicles,
@@ -86,16 +86,16 @@ def _row(live_range: LiveRange, record: RunRecord, vehicles: int, seconds: float
 
 def _busiest(live_range: LiveRange, took_s: float) -> dict[str, float]:
     """The five processes that use most processor time, in cores."""
-    shares = {name: float(one.status.get("cpu_s", 0.0)) / took_s for name, one in live_range.members.items()}
+    shares = {name: float(member.status.get("cpu_s", 0.0)) / took_s for name, member in live_range.members.items()}
     return {name: round(shares[name], 3) for name in sorted(shares, key=lambda name: -shares[name])[:5]}
 
 
 def added_ms(record: RunRecord, live_range: LiveRange) -> dict[str, dict[str, float]]:
     """By kind of link, the time of frames between processes beyond their channel's latency."""
-    crossing = {one.link.name for one in live_range.crossings}
+    crossing = {crossed.link.name for crossed in live_range.crossings}
     links = live_range.built.wiring.links
     latency_ns = {spec.name: spec.channel.latency_ns for spec in links if spec.name in crossing}
-    found: dict[str, list[NDArray[np.float64]]] = {}
+    delays: dict[str, list[NDArray[np.float64]]] = {}
     for batch in record.batches("frames", ["link", "sent_ns", "arrived_ns"]):
         rows = pa.Table.from_batches([batch])
         rows = rows.filter(pc.and_(pc.is_valid(rows.column("arrived_ns")), pc.greater_equal(rows.column("sent_ns"), 0)))
@@ -104,9 +104,9 @@ def added_ms(record: RunRecord, live_range: LiveRange) -> dict[str, dict[str, fl
         codes = names.indices.to_numpy(zero_copy_only=False)
         for code, link in enumerate(names.dictionary.to_pylist()):
             if link in latency_ns:
-                own = took_ns.to_numpy()[codes == code] - latency_ns[link]
-                found.setdefault(link.partition(":")[0], []).append(own)
-    added = {kind: np.concatenate(parts) / MS_NS for kind, parts in sorted(found.items())}
+                delay = took_ns.to_numpy()[codes == code] - latency_ns[link]
+                delays.setdefault(link.partition(":")[0], []).append(delay)
+    added = {kind: np.concatenate(parts) / MS_NS for kind, parts in sorted(delays.items())}
     return {
         kind: {
             "frames": len(values),

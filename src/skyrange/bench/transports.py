@@ -85,23 +85,23 @@ def _measured(transport: TransportKind, frames: int) -> dict[str, Any]:
         cpu_s = asyncio.run(_call(crossing, frames))
         if not ours.poll(PATIENCE_S):
             raise ComponentError(f"bench of {transport}", f"not all frames came within {PATIENCE_S:g} s")
-        said = ours.recv()
+        answer = ours.recv()
     except EOFError:
         raise ComponentError(f"bench of {transport}", "its listener ended") from None
     finally:
         listener.terminate()
         listener.join()
     crossed = 2 * frames if transport == "http" else frames
-    cpu_s += said["cpu_s"]
+    cpu_s += answer["cpu_s"]
     return {
         "transport": transport,
         "links": _carried(transport),
         "frames": crossed,
         "frame_bytes": len(frame(transport, time.monotonic_ns(), 1)),
-        "frames_per_s": round(crossed / said["took_s"]),
+        "frames_per_s": round(crossed / answer["took_s"]),
         "frames_per_core_s": round(crossed / cpu_s),
-        "added_ms": said["added_ms"],
-        "added_p99_ms": said["added_p99_ms"],
+        "added_ms": answer["added_ms"],
+        "added_p99_ms": answer["added_p99_ms"],
     }
 
 

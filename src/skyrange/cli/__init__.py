@@ -1,4 +1,4 @@
-"""Command line: declarations and handlers of the `skyrange` commands; the work is done by the library."""
+"""Command line: the `skyrange` commands, which call the library and print what it returns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Declaration of the commands with their arguments; the library is imported only when a command runs."""
+"""All commands: declarations of those that fly, compare and read runs, and the groups of the others."""
 
 from __future__ import annotations
 
@@ -8,10 +8,19 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli import live_app
-from skyrange.cli.dataset_app import dataset_app
-from skyrange.cli.handlers import exports, installation, matrices, runs, variants
-from skyrange.cli.measurement_app import bench_app, parity_app
+from skyrange.cli import (
+    benchmark_suite,
+    catalogue,
+    comparisons,
+    exports,
+    fleet_benchmarks,
+    installation,
+    live,
+    part_benchmarks,
+    runs,
+)
+from skyrange.cli.datasets import dataset_app
+from skyrange.cli.installation import install_app
 from skyrange.cli.options import (
     Arms,
     AsJson,
@@ -23,15 +32,19 @@ from skyrange.cli.options import (
     RunFolder,
     RunOrPairFolder,
     RunOut,
+    ScenarioChoice,
     ScenarioName,
     Seed,
     ViewerHost,
+    ViewerOptions,
     ViewerPort,
     complete_scenario,
+    load_plugins,
 )
-from skyrange.cli.radio_app import radio_app
-from skyrange.cli.study_app import study_app
-from skyrange.cli.utm_app import utm_app
+from skyrange.cli.parity import parity_app
+from skyrange.cli.radio import radio_app
+from skyrange.cli.studies import study_app
+from skyrange.cli.utm import utm_app
 from skyrange.core.errors import InputError
 
 app = typer.Typer(
@@ -42,22 +55,9 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-install_app = typer.Typer(
-    help="Install autopilots, radio engines and Gazebo's plugin in your data folder, and compile kernels.\n\n"
-    "Example: skyrange install ardupilot",
-    no_args_is_help=True,
-)
-app.add_typer(live_app.commands)
-app.add_typer(bench_app, name="bench")
-app.add_typer(dataset_app, name="dataset")
-app.add_typer(install_app, name="install")
-app.add_typer(parity_app, name="parity")
-app.add_typer(radio_app, name="radio")
-app.add_typer(study_app, name="study")
-app.add_typer(utm_app, name="utm")
 
 
-def _version(wanted: bool) -> None:
+def _version(*, wanted: bool) -> None:
     if wanted:
         from skyrange import __version__
         from skyrange.cli.output.console import print_text
@@ -68,6 +68,7 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _root(
+    *,
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
@@ -77,6 +78,7 @@ def _root(
 
 @app.command(epilog="Example: skyrange run squares --seed 7 --set 'operators.*.vehicles.*.plan.square.alt_m=8'")
 def run(
+    *,
     scenario: ScenarioName,
     out: RunOut = None,
     seed: Seed = None,
@@ -106,13 +108,21 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Run a scenario and write a run folder with a report."""
-    runs.load_plugins(plugin)
-    given = changes or []
-    runs.run(scenario, out, seed, speed, buildings, given, qgc, viewer_port, viewer_host, allow_motion, cores, as_json)
+    load_plugins(plugin)
+    options = runs.RunOptions(
+        scenario=ScenarioChoice(scenario, seed=seed, buildings=buildings, changes=changes or ()),
+        out=out,
+        speed=speed,
+        viewers=ViewerOptions(wanted=qgc or viewer_port is not None, first_port=viewer_port, host=viewer_host),
+        allow_motion=allow_motion,
+        cores=cores,
+    )
+    runs.run(options, as_json=as_json)
 
 
 @app.command(epilog="Example: skyrange pair attacked.toml --seeds 5 --out runs/study")
 def pair(
+    *,
     scenario: Annotated[
         str,
         typer.Argument(
@@ -162,25 +172,23 @@ def pair(
     as_json: AsJson = False,
 ) -> None:
     """Run a scenario with and without its attacks and faults, compare the runs, and name what caused each effect."""
-    runs.load_plugins(plugin)
-    runs.pair(
-        scenario,
-        out,
-        arms.value if arms is not None else None,
-        honest,
-        seeds,
-        jobs,
-        seed,
-        buildings,
-        changes or [],
-        as_json,
+    load_plugins(plugin)
+    options = comparisons.PairOptions(
+        scenario=ScenarioChoice(scenario, seed=seed, buildings=buildings, changes=changes or ()),
+        out=out,
+        arms=arms.value if arms is not None else None,
+        honest=honest,
+        seeds=seeds,
+        jobs=jobs,
     )
+    comparisons.pair(options, as_json=as_json)
 
 
 @app.command(
     epilog='Example: skyrange compare corridor-rush --variant "federated:operators.*.approval=federated" --seeds 5'
 )
 def compare(
+    *,
     scenario: Annotated[
         str,
         typer.Argument(
@@ -217,18 +225,26 @@ def compare(
     as_json: AsJson = False,
 ) -> None:
     """Run a scenario and variants of it with the same seeds, and compare missions, separation, approvals and delays."""
-    runs.load_plugins(plugin)
-    variants.compare(scenario, variant, out, seeds, jobs, seed, buildings, changes or [], as_json)
+    load_plugins(plugin)
+    options = comparisons.VariantOptions(
+        scenario=ScenarioChoice(scenario, seed=seed, buildings=buildings, changes=changes or ()),
+        variants=variant,
+        out=out,
+        seeds=seeds,
+        jobs=jobs,
+    )
+    comparisons.compare(options, as_json=as_json)
 
 
 @app.command(epilog="Example: skyrange show runs/squares")
-def show(run: RunOrPairFolder, as_json: AsJson = False) -> None:
+def show(*, run: RunOrPairFolder, as_json: AsJson = False) -> None:
     """Summarise a run or a pair. Killed and unfinished runs are accepted too."""
-    runs.show(run, as_json)
+    runs.show(run, as_json=as_json)
 
 
 @app.command(epilog="Example: skyrange report runs/squares --out squares.html")
 def report(
+    *,
     run: RunOrPairFolder,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The file to write. Default: report.html in the folder.")
@@ -236,7 +252,7 @@ def report(
     as_json: AsJson = False,
 ) -> None:
     """Write the HTML report of a run or a pair, one file that can be read offline."""
-    runs.report(run, out, as_json)
+    runs.report(run, out, as_json=as_json)
 
 
 class Kind(StrEnum):
@@ -248,6 +264,7 @@ class Kind(StrEnum):
 
 @app.command(epilog="Example: skyrange export runs/rid-spoofing --only remote_id --receiver green/g1")
 def export(
+    *,
     run: RunFolder,
     only: Annotated[
         Kind | None,
@@ -293,13 +310,14 @@ def export(
         if only is not None or receiver:
             hint = "Captures and other files are written by two commands."
             raise InputError.one("export", ", ".join(chosen), "with --only or --receiver", "one of both", hint)
-        exports.export_files(run, [option.removeprefix("--") for option in chosen], out, as_json)
+        exports.export_files(run, [option.removeprefix("--") for option in chosen], out, as_json=as_json)
         return
-    exports.export_captures(run, only.value if only is not None else None, receiver or [], out, as_json)
+    exports.export_captures(run, only.value if only is not None else None, receiver or [], out, as_json=as_json)
 
 
 @app.command(epilog="Example: skyrange diff runs/squares runs/squares-2")
 def diff(
+    *,
     a: Annotated[Path, typer.Argument(metavar="A", help="A run's folder.", show_default=False)],
     b: Annotated[Path, typer.Argument(metavar="B", help="Another run's folder.", show_default=False)],
     tolerance: Annotated[
@@ -313,11 +331,12 @@ def diff(
     as_json: AsJson = False,
 ) -> None:
     """Compare two runs: first frame and first row of truth that differ, then a summary. The exit code is always 0."""
-    runs.diff(a, b, tolerance, as_json)
+    runs.diff(a, b, tolerance, as_json=as_json)
 
 
 @app.command(epilog="Example: skyrange matrix --column firewall --seeds 2 --out runs/firewall")
 def matrix(
+    *,
     file: Annotated[
         Path | None,
         typer.Argument(metavar="[FILE]", help="Matrix file. Default: the shipped matrix.", show_default=False),
@@ -347,143 +366,34 @@ def matrix(
     as_json: AsJson = False,
 ) -> None:
     """Fly every attack against every defence: effects, times to alarm, false alarms, costs. Each cell is a pair."""
-    runs.load_plugins(plugin)
-    matrices.matrix(file, out, row or [], column or [], seeds, jobs, page, as_json)
+    load_plugins(plugin)
+    options = comparisons.MatrixOptions(
+        file=file, out=out, rows=row or (), columns=column or (), seeds=seeds, jobs=jobs, page=page
+    )
+    comparisons.matrix(options, as_json=as_json)
 
 
 @app.command(epilog="Example: skyrange verify runs/squares")
-def verify(run: RunFolder, as_json: AsJson = False) -> None:
+def verify(*, run: RunFolder, as_json: AsJson = False) -> None:
     """Compare a run's files and tables with its manifest: hashes, counts, digests. The exit code is 3 if any differ."""
-    runs.verify(run, as_json)
+    runs.verify(run, as_json=as_json)
 
 
-@app.command(epilog="Example: skyrange scenarios --json")
-def scenarios(as_json: AsJson = False) -> None:
-    """List the shipped scenarios."""
-    runs.scenarios(as_json)
+bench_app = typer.Typer(
+    help="Measure how fast skyrange runs on this machine.\n\nExample: skyrange bench fleet --vehicles 100 --seconds 30",
+    no_args_is_help=True,
+)
+for benchmarks in (fleet_benchmarks, part_benchmarks, benchmark_suite):
+    bench_app.add_typer(benchmarks.commands)
 
-
-@app.command(epilog="Example: skyrange attacks --plugin lag.py")
-def attacks(plugin: Plugins = None, as_json: AsJson = False) -> None:
-    """List the installed kinds of attacks with a description of each."""
-    runs.load_plugins(plugin)
-    runs.attacks(as_json)
-
-
-@app.command(epilog="Example: skyrange faults --json")
-def faults(plugin: Plugins = None, as_json: AsJson = False) -> None:
-    """List the installed kinds of benign faults with a description of each."""
-    runs.load_plugins(plugin)
-    runs.faults(as_json)
-
-
-@app.command(epilog="Example: skyrange defences --json")
-def defences(plugin: Plugins = None, as_json: AsJson = False) -> None:
-    """List the installed kinds of defences with a description of each."""
-    runs.load_plugins(plugin)
-    runs.defences(as_json)
-
-
-@app.command(epilog="Example: skyrange schema > scenario.schema.json")
-def schema(plugin: Plugins = None) -> None:
-    """Print the JSON Schema of a scenario, with the meaning, unit and range of every key."""
-    runs.load_plugins(plugin)
-    runs.schema()
-
-
-@app.command(epilog="Example: skyrange doctor --json")
-def doctor(
-    compiling: Annotated[
-        bool,
-        typer.Option(
-            "--compile/--no-compile",
-            help="Compile missing kernels and fly for one second, or with --no-compile only look.",
-        ),
-    ] = True,
-    as_json: AsJson = False,
-) -> None:
-    """Check this installation, report what is missing, and compile the numeric kernels."""
-    installation.doctor(compiling, as_json)
-
-
-@install_app.callback()
-def _install() -> None:
-    """Install autopilots, radio engines and Gazebo's plugin in your data folder, and compile kernels."""
-
-
-@install_app.command(epilog="Example: skyrange install ardupilot --version 4.6.3")
-def ardupilot(
-    version: Annotated[
-        str | None,
-        typer.Option(
-            metavar="V",
-            help="Release to download, or required version of FILE. Default: 4.7.0, or any version with --from.",
-        ),
-    ] = None,
-    source: Annotated[
-        Path | None,
-        typer.Option("--from", metavar="FILE", help="Install this arducopter SITL binary instead; needs no network."),
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Install ArduPilot's official SITL binary of ArduCopter in your data folder, and check that it runs."""
-    installation.install_ardupilot(version, source, as_json)
-
-
-@install_app.command(epilog="Example: skyrange install gazebo --prefix /opt/gazebo")
-def gazebo(
-    prefix: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Folder in which Gazebo is installed, with bin/gz or bin/gzserver. Default: that of the variable "
-            "SKYRANGE_GAZEBO, else that on PATH.",
-        ),
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Compile the plugin for Gazebo in your data folder, and check that Gazebo loads it."""
-    installation.install_gazebo(prefix, as_json)
-
-
-@install_app.command(epilog="Example: skyrange install kernels")
-def kernels(
-    jobs: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Processes at once. Default: the number of cores.")
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Compile the numeric kernels that flights use, so that no flight has to."""
-    installation.install_kernels(jobs, as_json)
-
-
-@install_app.command(epilog="Example: skyrange install ns3")
-def ns3(
-    prefix: Annotated[
-        Path | None,
-        typer.Option(
-            "--ns3",
-            metavar="DIR",
-            help="Folder in which ns-3 is installed. Default: the Python package ns3, else the system's ns-3.",
-        ),
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Compile the radio engine of ns-3 in your data folder, and check that it runs."""
-    installation.install_ns3(prefix, as_json)
-
-
-@install_app.command(epilog="Example: skyrange install omnetpp --omnetpp ~/omnetpp-6.1 --inet ~/inet4.5")
-def omnetpp(
-    omnetpp: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Folder in which OMNeT++ was built. Default: that whose setenv was sourced."),
-    ] = None,
-    inet: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Folder in which INET was built. Default: that whose setenv was sourced."),
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Compile the radio engine of OMNeT++ and INET in your data folder, and check that it runs."""
-    installation.install_omnetpp(omnetpp, inet, as_json)
+# the help lists commands in this order, after those above
+app.add_typer(catalogue.commands)
+app.add_typer(installation.commands)
+app.add_typer(live.commands)
+app.add_typer(bench_app, name="bench")
+app.add_typer(dataset_app, name="dataset")
+app.add_typer(install_app, name="install")
+app.add_typer(parity_app, name="parity")
+app.add_typer(radio_app, name="radio")
+app.add_typer(study_app, name="study")
+app.add_typer(utm_app, name="utm")

@@ -1,12 +1,20 @@
-"""Arguments and options common to several commands."""
+"""Arguments and options common to several commands, and the addresses among them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
+from ipaddress import ip_address
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
+
+from skyrange.core.errors import InputError
+from skyrange.core.whole_numbers import parse_whole
+
+if TYPE_CHECKING:
+    from skyrange.scenario.model.scenario import Scenario
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.", show_default=False)]
@@ -105,6 +113,26 @@ Motion = Annotated[
 PortOffset = Annotated[int, typer.Option(metavar="N", min=-5000, max=35_000, help="Number added to every port.")]
 
 
+class Rates(StrEnum):
+    """Loop rates of ArduPilot, the values of `options.ardupilot.rates`."""
+
+    FULL = "full"
+    SINGLE = "single"
+    REDUCED = "reduced"
+
+
+class Load(StrEnum):
+    """Telemetry profiles of the benchmarks."""
+
+    LIGHT = "light"
+    OPERATOR = "operator"
+
+
+Telemetry = Annotated[
+    Load, typer.Option(metavar="LOAD", help="Telemetry profile: light, or operator (that of QGroundControl).")
+]
+
+
 class Grouping(StrEnum):
     """How the components of a live range share processes."""
 
@@ -112,3 +140,51 @@ class Grouping(StrEnum):
     OPERATOR = "operator"
     HOST = "host"
     ONE = "one"
+
+
+def parse_ip_address(who: str, option: str, text: str) -> str:
+    """The IP address `text`, in its usual form. Raises `InputError`, in the name of `who`, for anything else."""
+    try:
+        return str(ip_address(text))
+    except ValueError:
+        raise InputError.one(who, option, text, "an IP address") from None
+
+
+def parse_address(who: str, option: str, text: str, default_port: int) -> tuple[str, int]:
+    """IP address and TCP port of `text`: ADDRESS, ADDRESS:PORT or [ADDRESS]:PORT. Raises `InputError`."""
+    host, separator, port = text.rpartition(":") if text.count(":") == 1 or "]:" in text else (text, "", "")
+    number = parse_whole(port) if separator else default_port
+    if number is None or not 0 < number < 65_536:
+        raise InputError.one(who, option, text, "ADDRESS or ADDRESS:PORT")
+    return parse_ip_address(who, option, host.strip("[]")), number
+
+
+class ViewerOptions(NamedTuple):
+    """The viewers' ports of a run: whether they are opened, the first one (the usual one without), and their host."""
+
+    wanted: bool
+    first_port: int | None
+    host: str
+
+
+class ScenarioChoice(NamedTuple):
+    """The scenario of a command: its name or file, and what the command line changes of it."""
+
+    name: str
+    seed: int | None = None
+    buildings: Path | None = None
+    changes: Sequence[str] = ()
+
+    def load(self) -> Scenario:
+        """The scenario, checked."""
+        from skyrange.scenario.shipped import load
+
+        return load(self.name, self.changes, seed=self.seed, buildings=self.buildings)
+
+
+def load_plugins(files: Sequence[Path] | None) -> None:
+    """`--plugin` of several commands."""
+    if files:
+        from skyrange.contracts.plugins.registry import load_files
+
+        load_files(files)

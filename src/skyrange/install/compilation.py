@@ -13,6 +13,7 @@ from typing import Final, Generic, NamedTuple, TypeVar
 from skyrange.core.engine_sources import engine_folder, source_digest
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.io.processes.single_run import run_once
+from skyrange.radio.external.engine_trial import try_engine
 
 COMPILE_S: Final = 1_800.0
 """Wall time in which a compiler must end, in seconds."""
@@ -47,6 +48,7 @@ def compile_sources(
     flags: Sequence[str],
     sources: Sequence[Path],
     try_it: Callable[[Path], Tried],
+    *,
     build: str = "",
 ) -> Compiled[Tried]:
     """Compile and link `sources` with `flags` into a file named `file`, try it, and keep it in the user's folder.
@@ -65,7 +67,7 @@ def compile_sources(
         try:
             tried = try_it(kept)
             kept.touch()  # the one that was installed last is taken
-            return Compiled(kept, tried, False)
+            return Compiled(kept, tried, compiled_now=False)
         except ComponentError:
             kept.unlink()  # the libraries that it was linked with have changed
     try:
@@ -86,7 +88,7 @@ def compile_sources(
         problem = (error.strerror or str(error)).lower()
         hint = "Set XDG_DATA_HOME to use another folder."
         raise InputError.one("data folder", str(folder), problem, "a writable folder", hint) from None
-    return Compiled(kept, tried, True)
+    return Compiled(kept, tried, compiled_now=True)
 
 
 def _run_compiler(compiler: Path, arguments: Sequence[str], who: str) -> None:
@@ -95,3 +97,22 @@ def _run_compiler(compiler: Path, arguments: Sequence[str], who: str) -> None:
         output = result.text.splitlines()
         lines = [line for line in output if "error" in line or "undefined" in line] or output
         raise ComponentError(who, f"cannot be compiled ({result.ended}): {' | '.join(lines[:_MAX_LINES])}")
+
+
+class CompiledEngine(NamedTuple):
+    """An engine that was compiled and tried."""
+
+    path: Path
+    name: str
+    release: str
+    compiled_now: bool
+    """False if it was there already."""
+
+
+def compile_engine(name: str, who: str, flags: Sequence[str], sources: Sequence[Path]) -> CompiledEngine:
+    """Compile and link an engine with `flags`, try it, and keep it in the user's folder under the digest of both.
+
+    Raises `InputError` without a compiler, and `ComponentError` if it cannot be compiled or does not answer.
+    """
+    made = compile_sources(name, who, "engine", flags, sources, lambda program: try_engine(who, [str(program)]))
+    return CompiledEngine(made.path, *made.tried, made.compiled_now)

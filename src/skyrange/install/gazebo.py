@@ -52,7 +52,7 @@ def install(prefix: Path | None = None) -> tuple[Compiled[None], Gazebo]:
     if not any(source.suffix == ".cc" for source in sources):
         raise ComponentError("skyrange", f"has no sources of a plugin for {gazebo.title}", "Reinstall skyrange")
     made = compile_sources(
-        NAME, WHO, LIBRARY, flags, sources, lambda library: try_plugin(WHO, gazebo, library), gazebo.build
+        NAME, WHO, LIBRARY, flags, sources, lambda library: try_plugin(WHO, gazebo, library), build=gazebo.build
     )
     return made, gazebo
 

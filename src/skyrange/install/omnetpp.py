@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 from skyrange.core.engine_sources import source_files
 from skyrange.core.errors import InputError
 from skyrange.core.input_files import MIB, read_input
-from skyrange.install.compile_engine import CompiledEngine, compile_engine
+from skyrange.install.compilation import CompiledEngine, compile_engine
 
 WHO: Final = "OMNeT++"
 TESTED_OMNETPP: Final = ("6.1",)
@@ -47,12 +47,12 @@ class OmnetppInstallation(NamedTuple):
     @property
     def untested(self) -> list[str]:
         """What of it the engine is not tested with."""
-        found = []
+        lines = []
         if self.omnetpp_release not in TESTED_OMNETPP:
-            found.append(f"OMNeT++ {self.omnetpp_release} is not tested; tested: {', '.join(TESTED_OMNETPP)}")
+            lines.append(f"OMNeT++ {self.omnetpp_release} is not tested; tested: {', '.join(TESTED_OMNETPP)}")
         if self.inet_release not in TESTED_INET:
-            found.append(f"INET {self.inet_release} is not tested; tested: {', '.join(TESTED_INET)}")
-        return found
+            lines.append(f"INET {self.inet_release} is not tested; tested: {', '.join(TESTED_INET)}")
+        return lines
 
 
 def install(omnetpp: Path | None = None, inet: Path | None = None) -> tuple[CompiledEngine, OmnetppInstallation]:
@@ -61,17 +61,17 @@ def install(omnetpp: Path | None = None, inet: Path | None = None) -> tuple[Comp
     Raises `InputError` if one of them is not there or not built, or there is no compiler, and `ComponentError` if the
     engine does not compile or does not run.
     """
-    found = find_installation(omnetpp, inet)
+    installation = find_installation(omnetpp, inet)
     flags = [
         "-std=c++17", "-O2", "-w", "-DNDEBUG=1", "-DINET_IMPORT",
-        f'-DSKYRANGE_OMNETPP_RELEASE="{found.release}"', f'-DSKYRANGE_INET_NED="{found.inet / "src"}"',
-        "-isystem", str(found.omnetpp / "include"), "-isystem", str(found.inet / "src"),
+        f'-DSKYRANGE_OMNETPP_RELEASE="{installation.release}"', f'-DSKYRANGE_INET_NED="{installation.inet / "src"}"',
+        "-isystem", str(installation.omnetpp / "include"), "-isystem", str(installation.inet / "src"),
         "-Wl,--export-dynamic", "-Wl,--no-as-needed",
-        f"-L{found.inet / 'src'}", "-lINET", f"-L{found.omnetpp / 'lib'}", "-Wl,-u,_cmdenv_lib",
+        f"-L{installation.inet / 'src'}", "-lINET", f"-L{installation.omnetpp / 'lib'}", "-Wl,-u,_cmdenv_lib",
         *(f"-l{name}" for name in LIBRARIES),
-        f"-Wl,-rpath,{found.inet / 'src'}", f"-Wl,-rpath,{found.omnetpp / 'lib'}",
+        f"-Wl,-rpath,{installation.inet / 'src'}", f"-Wl,-rpath,{installation.omnetpp / 'lib'}",
     ]  # fmt: skip
-    return compile_engine("omnetpp", WHO, flags, source_files("omnetpp")), found
+    return compile_engine("omnetpp", WHO, flags, source_files("omnetpp")), installation
 
 
 def find_installation(omnetpp: Path | None = None, inet: Path | None = None) -> OmnetppInstallation:
@@ -100,8 +100,8 @@ def _folder(option: str, given: Path | None, variables: tuple[str, ...], title: 
 def _omnetpp_release(folder: Path) -> str:
     """The version of the OMNeT++ in a folder. Raises `InputError` unless it is built, in the release mode."""
     where = str(folder)
-    told = _read(folder / "Version")
-    release = re.fullmatch(r"omnet(?:pp|est)-(\d+(?:\.\d+)+\w*)", told.strip())
+    version = _read(folder / "Version")
+    release = re.fullmatch(r"omnet(?:pp|est)-(\d+(?:\.\d+)+\w*)", version.strip())
     if release is None or not (folder / "include" / "omnetpp.h").is_file():
         expected = "a folder of OMNeT++ with the files Version and include/omnetpp.h"
         raise InputError.one(WHO, "--omnetpp", where, expected, "Get OMNeT++ 6.1 from https://omnetpp.org/download.")

@@ -76,7 +76,7 @@ class RuleBook(Generic[C]):
                 raise NonConformance(who, broken_rule, broken.seen, broken.expected) from broken.__cause__
 
 
-def need(holds: bool, seen: str, expected: str) -> None:
+def need(holds: object, seen: str, expected: str) -> None:
     """Raise `Broken` unless `holds`."""
     if not holds:
         raise Broken(seen, expected)

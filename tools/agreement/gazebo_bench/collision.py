@@ -17,7 +17,7 @@ from skyrange.scenario.model.autopilots import Autopilots
 from skyrange.scenario.model.scenario import Operator, Origin, Record, Scenario, Sensors, Start, Vehicle, path
 from skyrange.world.world import World
 from tools.agreement.gazebo_bench.fleets import PHYSICS, versions
-from tools.agreement.physics.flights import read_collisions
+from tools.agreement.physics.comparison import read_collisions
 
 Row = dict[str, Any]
 
@@ -33,7 +33,7 @@ _BEFORE_S: Final = 0.1
 _AFTER_S: Final = (0.5, 1.0, 2.0)
 
 
-def collision_scenario(physics: str, window: bool = False) -> Scenario:
+def collision_scenario(physics: str, *, window: bool = False) -> Scenario:
     """Two aircraft of two operators, 60 m apart, that fly at 5 m/s toward each other 30 m high, and over each other's
     start. Their sensors are ideal and the air is still, so they meet.
     """
@@ -62,7 +62,7 @@ def collision_scenario(physics: str, window: bool = False) -> Scenario:
     )
 
 
-def measure(physics: str, window: bool = False, out: Path | None = None) -> Row:
+def measure(physics: str, *, window: bool = False, out: Path | None = None) -> Row:
     """The collision in Gazebo ("gazebo") or in the range's own physics ("range"), flown in a process of its own.
 
     `time_s` is that of the first contact, `speed_mps` the relative speed at it and `energy_j` ½ of the reduced mass
@@ -71,13 +71,13 @@ def measure(physics: str, window: bool = False, out: Path | None = None) -> Row:
     the ground, `None` if it still flew after 10 s; `crashed`; and `outcome`. With `out` the run folder is kept there.
     Raises `InputError` without Gazebo or ArduCopter, `ComponentError` if they did not meet.
     """
-    return run_in_process(f"bench of a collision, {physics}", _flown, physics, window, out)
+    return run_in_process(f"bench of a collision, {physics}", _flown, physics, out, window=window)
 
 
-def _flown(physics: str, window: bool, out: Path | None) -> Row:
+def _flown(physics: str, out: Path | None, *, window: bool) -> Row:
     with tempfile.TemporaryDirectory() as scratch:
         folder = out if out is not None else Path(scratch) / "run"
-        run = Run.start(collision_scenario(physics, window), folder)
+        run = Run.start(collision_scenario(physics, window=window), folder)
         try:
             lost = _meet(run)
             run.advance(min(to_seconds(run.now) + FALL_S, DURATION_S))

@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any, Final
 
-from skyrange.bench.fleet import WARM_UP_S, fleet_scenario, flying
+from skyrange.bench.fleet import WARM_UP_S, FleetOptions, fleet_scenario, flying
 from skyrange.bench.isolation import run_in_process
 from skyrange.bench.suite.machine import describe_machine
 from skyrange.record import load as load_record
@@ -33,7 +33,7 @@ PUBLISHED: Final = "on 24 cores and two graphics processors, with 3D rendering"
 """What it ran on."""
 
 
-def require_gazebo(window: bool = False) -> None:
+def require_gazebo(*, window: bool = False) -> None:
     """Raise `InputError` if Gazebo, skyrange's plugin for it or, with `window`, its window is missing."""
     gazebo = find_gazebo()
     find_plugin(gazebo)
@@ -42,7 +42,7 @@ def require_gazebo(window: bool = False) -> None:
 
 
 def measure(
-    vehicles: int, seconds: float, windows: int = 3, load: str = "light", rates: str = "full", window: bool = False
+    vehicles: int, seconds: float, *, windows: int = 3, load: str = "light", rates: str = "full", window: bool = False
 ) -> Row:
     """One row: fly `vehicles` in Gazebo and in the range's own physics, both in one process of its own, as fast as
     possible, each measured for `seconds` simulated seconds, `windows` times.
@@ -56,7 +56,7 @@ def measure(
     Gazebo. Raises `InputError` without Gazebo or ArduCopter.
     """
     name = f"bench with {vehicles} aircraft in Gazebo"
-    return run_in_process(name, _flown, vehicles, seconds, windows, load, rates, window)
+    return run_in_process(name, _flown, vehicles, seconds, windows=windows, load=load, rates=rates, window=window)
 
 
 @dataclass(slots=True)
@@ -90,16 +90,15 @@ def _processor_times_s(engine: Any) -> dict[str, float]:
     return {"gazebo_cpu_s": gazebo_s, "autopilots_cpu_s": engine.cpu_s - gazebo_s, "window_cpu_s": window_s}
 
 
-def _flown(vehicles: int, seconds: float, windows: int, load: str, rates: str, window: bool) -> Row:
+def _flown(vehicles: int, seconds: float, *, windows: int, load: str, rates: str, window: bool) -> Row:
     row: Row = {"vehicles": vehicles, "seconds": seconds, "windows": windows, "window": window, "load": load}
     for group in (("range",), ("gazebo",)) if window else (("gazebo", "range"),):
         with tempfile.TemporaryDirectory() as folder, ExitStack() as ending:
             flights = {}
             for physics in group:
                 options = {"rates": rates, **({"window": True} if window and physics == "gazebo" else {})}
-                scenario = fleet_scenario(
-                    vehicles, seconds * windows, load, autopilot=PHYSICS[physics], options=options
-                )
+                fleet = FleetOptions(load=load, autopilot=PHYSICS[physics], options=options)
+                scenario = fleet_scenario(vehicles, seconds * windows, fleet)
                 run = Run.start(scenario, Path(folder) / physics)
                 ending.callback(run.finish)  # ends its programs if an error interrupts it
                 (mount,) = run.built.wiring.engines

@@ -40,10 +40,11 @@ def _lines(data: Mapping[str, Any], picture: str) -> Iterator[str]:
     yield "| " + " | ".join(heads) + " |"
     yield "|---:" * len(heads) + "|"
     for row in rows:
-        one, other = row["gazebo"], row["range"]
+        there, here = row["gazebo"], row["range"]
         cells = [
-            one["real_time_factor"], one["inverse"], one["gazebo_cpu_s"], one["autopilots_cpu_s"], one["ours_cpu_s"],
-            *([one["window_cpu_s"]] if first["window"] else []), other["real_time_factor"], row["slower"],
+            there["real_time_factor"], there["inverse"], there["gazebo_cpu_s"], there["autopilots_cpu_s"],
+            there["ours_cpu_s"],
+            *([there["window_cpu_s"]] if first["window"] else []), here["real_time_factor"], row["slower"],
         ]  # fmt: skip
         yield f"| {row['vehicles']} | " + " | ".join(f"{cell:.2f}" for cell in cells) + " |"
     yield ""
@@ -67,14 +68,14 @@ def _lines(data: Mapping[str, Any], picture: str) -> Iterator[str]:
         yield from _collisions(data["collisions"])
 
 
-def _largest(found: Mapping[str, Any]) -> str:
-    if found["measured"] is None:
+def _largest(largest: Mapping[str, Any]) -> str:
+    if largest["measured"] is None:
         return "none of these numbers of aircraft runs in real time"
-    if found["interpolated"] is None:
-        return f"at least {found['measured']} aircraft run in real time, the largest number measured"
+    if largest["interpolated"] is None:
+        return f"at least {largest['measured']} aircraft run in real time, the largest number measured"
     return (
-        f"{found['measured']} aircraft run in real time, the largest such number measured; by interpolation of the "
-        f"inverse, {found['interpolated']:.0f}"
+        f"{largest['measured']} aircraft run in real time, the largest such number measured; by interpolation of the "
+        f"inverse, {largest['interpolated']:.0f}"
     )
 
 
@@ -87,14 +88,14 @@ def _collisions(collisions: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     )  # fmt: skip
     yield "| " + " | ".join(heads) + " |"
     yield "|---" * len(heads) + "|"
-    for one in collisions:
-        for vehicle, fell in one["aircraft"].items():
+    for collision in collisions:
+        for vehicle, fell in collision["aircraft"].items():
             cells = [
-                _NAMES[one["physics"]],
+                _NAMES[collision["physics"]],
                 vehicle.partition("/")[0],
-                f"{one['time_s']:.2f} s",
-                f"{one['speed_mps']:.2f} m/s",
-                f"{one['energy_j']:.1f} J",
+                f"{collision['time_s']:.2f} s",
+                f"{collision['speed_mps']:.2f} m/s",
+                f"{collision['energy_j']:.1f} J",
                 ", ".join(_MOTORS[motor] for motor in fell["lost_motors"]) or "none",
                 f"{fell['height_before_m']:.1f} m",
                 ", ".join(f"{height_m:.1f}" for height_m in fell["heights_after_m"]) + " m",
@@ -134,9 +135,11 @@ def draw(data: Mapping[str, Any]) -> Figure:
     x, y = place(published, 1.0)
     mark: svg.Attributes = {"cx": x, "cy": y, "r": 6.0, "fill": "none", "stroke": "currentColor", "stroke-width": "2"}
     body.append(svg.element("circle", mark, svg.title(f"published: about {published} aircraft in real time")))
-    said = f"published, about {published}"
+    caption = f"published, about {published}"
     body.append(
-        svg.label(x, y - 14, said, "middle", 12) if x > left + 62.0 else svg.label(x + 10, y - 8, said, "start", 12)
+        svg.label(x, y - 14, caption, "middle", 12)
+        if x > left + 62.0
+        else svg.label(x + 10, y - 8, caption, "start", 12)
     )
     for number, (physics, name) in enumerate(_NAMES.items()):
         ink = {"stroke": OKABE_ITO[(2, 0)[number]], "fill": "none", "stroke-width": "2"}

@@ -9,8 +9,14 @@ from typing import Final
 from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.parity.flights import TRUTH_HZ
-from tools.agreement.physics.comparison import FINE_STEPS, ComparedScenario, PhysicsComparison
-from tools.agreement.physics.flights import AircraftDifference, Collision, RunDifference
+from tools.agreement.physics.comparison import (
+    FINE_STEPS,
+    AircraftDifference,
+    Collision,
+    ComparedScenario,
+    PhysicsComparison,
+    RunDifference,
+)
 
 _MEASURES: Final = (
     ("lift_off_s", "lift-off", "s", 2, 1.0),
@@ -63,15 +69,15 @@ then the outcome is `unfinished`. After a collision nothing holds two flights to
 """
 
 
-def make_page(found: PhysicsComparison) -> str:
+def make_page(comparison: PhysicsComparison) -> str:
     """The whole page."""
-    return "\n".join([*_lines(found), ""])
+    return "\n".join([*_lines(comparison), ""])
 
 
-def write_page(found: PhysicsComparison, page: Path) -> None:
+def write_page(comparison: PhysicsComparison, page: Path) -> None:
     """Write it to the file `page`, whatever that was before. Raises `OSError`."""
     with atomic_write(page) as file:
-        file.write(make_page(found).encode())
+        file.write(make_page(comparison).encode())
 
 
 def check_page(page: Path) -> None:
@@ -80,27 +86,30 @@ def check_page(page: Path) -> None:
         raise InputError.one("gazebo-physics", "--page", str(page), "a file in a folder that exists")
 
 
-def tables(found: PhysicsComparison) -> Iterator[str]:
+def tables(comparison: PhysicsComparison) -> Iterator[str]:
     """The lines of all tables, each with its heading."""
-    for one in found.scenarios:
-        yield from _scenario(one)
-    yield from _overview(found.scenarios)
-    for one in found.scenarios:
-        if one.repeated is not None and one.fine is not None:
-            yield from _steps(one, one.repeated, one.fine)
+    for scenario in comparison.scenarios:
+        yield from _scenario(scenario)
+    yield from _overview(comparison.scenarios)
+    for scenario in comparison.scenarios:
+        if scenario.repeated is not None and scenario.fine is not None:
+            yield from _steps(scenario, scenario.repeated, scenario.fine)
 
 
-def _lines(found: PhysicsComparison) -> Iterator[str]:
-    versions = f"{found.gazebo} with the physics engine {found.physics}, and ArduCopter {found.arducopter}."
+def _lines(comparison: PhysicsComparison) -> Iterator[str]:
+    versions = (
+        f"{comparison.gazebo} with the physics engine {comparison.physics}, and ArduCopter {comparison.arducopter}."
+    )
     yield _HEAD.format(hz=TRUTH_HZ, versions=versions)
-    yield from tables(found)
+    yield from tables(comparison)
 
 
-def _scenario(one: ComparedScenario) -> Iterator[str]:
-    aircraft = one.difference.aircraft
-    yield f"## {one.title}"
+def _scenario(scenario: ComparedScenario) -> Iterator[str]:
+    aircraft = scenario.difference.aircraft
+    yield f"## {scenario.title}"
     yield ""
-    yield f"{len(aircraft)} aircraft, {one.duration_s:g} s, seed {one.seed}. Of pairs the first value is the range's."
+    flown = f"{len(aircraft)} aircraft, {scenario.duration_s:g} s, seed {scenario.seed}"
+    yield f"{flown}. Of pairs the first value is the range's."
     yield ""
     yield "| | " + " | ".join(each.vehicle for each in aircraft) + " |"
     yield "|---" * (1 + len(aircraft)) + "|"
@@ -121,8 +130,8 @@ def _scenario(one: ComparedScenario) -> Iterator[str]:
     if any(each.until_s is not None for each in aircraft):
         yield "Values of an aircraft that collides are up to its first collision in either run."
         yield ""
-    if any(one.difference.collisions):
-        yield from _collisions(one.difference.collisions)
+    if any(scenario.difference.collisions):
+        yield from _collisions(scenario.difference.collisions)
     gusts = [each for each in aircraft if each.gust_rms_mps > _CALM_MPS]
     if gusts:
         worst = max(gusts, key=lambda each: each.air_rms_mps)
@@ -176,11 +185,11 @@ def _overview(scenarios: Sequence[ComparedScenario]) -> Iterator[str]:
         + " | moved while standing |"
     )
     yield "|---" * (5 + len(_MEASURES)) + "|"
-    for one in scenarios:
-        airframes = dict.fromkeys(each.airframe for each in one.difference.aircraft)
+    for scenario in scenarios:
+        airframes = dict.fromkeys(each.airframe for each in scenario.difference.aircraft)
         for airframe in airframes:
-            chosen = [each for each in one.difference.aircraft if each.airframe == airframe]
-            yield "| " + " | ".join([one.title, airframe, *_largest(chosen)]) + " |"
+            chosen = [each for each in scenario.difference.aircraft if each.airframe == airframe]
+            yield "| " + " | ".join([scenario.title, airframe, *_largest(chosen)]) + " |"
     yield ""
     yield (
         "*Moved while standing* is how far an aircraft moved in the plane before its take-off or after its landing, "
@@ -210,18 +219,18 @@ def _signed(value: float, decimals: int) -> str:
     return f"{rounded:+.{decimals}f}" if rounded else f"{0.0:.{decimals}f}"
 
 
-def _steps(one: ComparedScenario, repeated: RunDifference, fine: RunDifference) -> Iterator[str]:
+def _steps(scenario: ComparedScenario, repeated: RunDifference, fine: RunDifference) -> Iterator[str]:
     yield "## Steps, and runs again"
     yield ""
     yield (
-        f"The same of `{one.name}` between runs in Gazebo: of two that are alike, which shows how far a run repeats "
-        f"itself, and of one with {FINE_STEPS} steps of the physics engine in each tick."
+        f"The same of `{scenario.name}` between runs in Gazebo: of two that are alike, which shows how far a run "
+        f"repeats itself, and of one with {FINE_STEPS} steps of the physics engine in each tick."
     )
     yield ""
     yield "| runs | largest distance | RMS distance | landed, largest difference | greatest tilt, largest difference |"
     yield "|---|---|---|---|---|"
     compared: tuple[tuple[str, RunDifference], ...] = (
-        ("range and Gazebo", one.difference),
+        ("range and Gazebo", scenario.difference),
         ("Gazebo twice", repeated),
         (f"Gazebo with 1 and {FINE_STEPS} steps in a tick", fine),
     )

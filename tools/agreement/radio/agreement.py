@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.city.city import City
-from tools.agreement.radio.experiments import contention_trials, hidden_trials, reach_trials
+from tools.agreement.radio.experiments import Trial, contention_trials, hidden_trials, reach_trials, run_trial
 from tools.agreement.radio.own_losses import MODELS, PAIRS, PairLosses, add_model, draw_pairs
 from tools.agreement.radio.setups import BUILTIN, SWAPS, EngineSetup, Swap
-from tools.agreement.radio.trials import Trial, run_trial
 
 Floats = NDArray[np.float64]
 
@@ -45,12 +44,12 @@ class Comparison:
 
     def select(self, experiment: str, title: str) -> NDArray[np.int64]:
         """Rows of the cells of an experiment that count for a setup: it or the builtin decodes part of the frames."""
-        found = []
+        rows = []
         for row, (name, _) in enumerate(self.cells):
             shares = self.shares[BUILTIN.title][row], self.shares[title][row]
             if name == experiment and any(PARTIAL[0] <= share <= PARTIAL[1] for share in shares):
-                found.append(row)
-        return np.array(found, dtype=np.int64)
+                rows.append(row)
+        return np.array(rows, dtype=np.int64)
 
     def differences(self, rows: NDArray[np.int64], title: str, builtin: str = BUILTIN.title) -> Floats:
         """Share of a setup minus that of a setup of the builtin, in these cells."""
@@ -93,25 +92,25 @@ class Comparison:
         """The swap that explains a cell best: of those that close it, one of the fewest models; else the nearest one.
         None if none was run there.
         """
-        found = []
+        swaps = []
         for swap in self.swaps[engine]:
             apart = abs(self.shares[swap.setup.title][row] - self.shares[swap.builtin.title][row])
             if math.isfinite(apart):
-                found.append((apart > WITHIN, len(swap.models) if apart <= WITHIN else 0, apart, swap))
-        return min(found, key=lambda each: each[:3])[3] if found else None
+                swaps.append((apart > WITHIN, len(swap.models) if apart <= WITHIN else 0, apart, swap))
+        return min(swaps, key=lambda each: each[:3])[3] if swaps else None
 
-    def pairs(self, engine: str, swapped: bool) -> list[tuple[float, float]]:
+    def pairs(self, engine: str, *, swapped: bool) -> list[tuple[float, float]]:
         """For each cell the shares of the builtin and of an engine, by their defaults; if `swapped`, those of `best`
         where the defaults disagree.
         """
-        found = list(zip(self.shares[BUILTIN.title], self.shares[EngineSetup(engine).title], strict=True))
+        shares = list(zip(self.shares[BUILTIN.title], self.shares[EngineSetup(engine).title], strict=True))
         if swapped:
             for experiment in self.experiments:
                 for row in self.gaps(experiment, engine).tolist():
                     swap = self.best(row, engine)
                     if swap is not None:
-                        found[row] = self.shares[swap.builtin.title][row], self.shares[swap.setup.title][row]
-        return found
+                        shares[row] = self.shares[swap.builtin.title][row], self.shares[swap.setup.title][row]
+        return shares
 
 
 OnStep = Callable[[str, int, int], None]
@@ -157,10 +156,10 @@ def _run(
         if number not in chosen:
             shares += [math.nan] * len(trial.cells)
             continue
-        found = run_trial(trial, setup, city)
-        shares += (found.decoded / found.offered).tolist()
+        decoding = run_trial(trial, setup, city)
+        shares += (decoding.decoded / decoding.offered).tolist()
         if setup == BUILTIN:
-            result.frames += found.offered.tolist()
+            result.frames += decoding.offered.tolist()
 
 
 def _swapped(result: Comparison, owner: NDArray[np.int64]) -> Iterator[tuple[EngineSetup, set[int]]]:

@@ -17,7 +17,7 @@ from skyrange.radio.external.medium import ExternalMedium
 from skyrange.radio.propagation.link_budget import MediumParams, received_power_dbm
 from skyrange.radio.propagation.loss_table import NO_TABLE
 from skyrange.radio.propagation.obstruction import has_line_of_sight, obstacle_index
-from tools.agreement.radio.places import CLASSES, draw_all
+from tools.agreement.radio.experiments import CLASSES, draw_all
 from tools.agreement.radio.setups import EngineSetup
 
 PAIRS: Final = 10_000
@@ -57,7 +57,16 @@ def draw_pairs(city: City, count: int = PAIRS, seed: int = 4) -> PairLosses:
     walls = obstacle_index(city.walls())
     radios = [RadioSpec("a"), RadioSpec("b")]
     arrays = radio_arrays(radios, Chance(1))
-    params = MediumParams(np.uint64(1), 1e9, False, 0.0, 0.0, False, False, NO_TABLE)
+    params = MediumParams(
+        seed=np.uint64(1),
+        horizon_m=1e9,
+        randomness=False,
+        background_share=0.0,
+        background_mean_mw=0.0,
+        every_pair=False,
+        tabled=False,
+        table=NO_TABLE,
+    )
     ends: list[tuple[float, ...]] = []
     heights: list[str] = []
     sight: list[bool] = []

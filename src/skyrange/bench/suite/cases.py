@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any, Final
 
 from skyrange.bench import approval, ardupilot, attacks, cores, fleet, live, planning, radio, transports
+from skyrange.bench.fleet import FleetOptions
 from skyrange.bench.isolation import run_in_process
 from skyrange.bench.suite.results import Better, Measure
 from skyrange.core.errors import InputError, nearest
@@ -175,17 +176,18 @@ def _aircraft(count: int, seconds: float) -> str:
     return f"{count:,} aircraft, {seconds:g} s"
 
 
-def _fleets(sizes: Sequence[tuple[int, float]], load: str, remote_id: bool = False) -> tuple[Case, ...]:
+def _fleets(sizes: Sequence[tuple[int, float]], options: FleetOptions) -> tuple[Case, ...]:
     def fly(count: int, seconds: float) -> list[RawRow]:
-        return [fleet.measure(count, seconds, load, remote_id)]
+        return [fleet.measure(count, seconds, options)]
 
     return tuple(Case(_aircraft(*size), partial(fly, *size)) for size in sizes)
 
 
-def _on_cores(sizes: Sequence[tuple[int, float]], remote_id: bool) -> tuple[Case, ...]:
+def _on_cores(sizes: Sequence[tuple[int, float]], *, remote_id: bool) -> tuple[Case, ...]:
     def fly(count: int, seconds: float) -> list[RawRow]:
-        rows = [cores.measure(count, seconds, 4, number, "light", remote_id) for number in (1, 2)]
-        compared = {one["cores"]: one for one in cores.compare(rows)}
+        options = FleetOptions(remote_id=remote_id, operators=4)
+        rows = [cores.measure(count, seconds, number, options) for number in (1, 2)]
+        compared = {medians["cores"]: medians for medians in cores.compare(rows)}
         names = {1: "one core", 2: "two cores"}
         return [{**compared[row["cores"]], **row, "on": names[row["cores"]]} for row in rows]
 
@@ -280,7 +282,7 @@ def _ranges(sizes: Sequence[tuple[int, float]]) -> tuple[Case, ...]:
 
 def _ardupilots(sizes: Sequence[tuple[int, float]], rates: str) -> tuple[Case, ...]:
     def fly(count: int, seconds: float) -> list[RawRow]:
-        return [ardupilot.measure(count, seconds, "light", rates)]
+        return [ardupilot.measure(count, seconds, rates=rates)]
 
     return tuple(Case(_aircraft(*size), partial(fly, *size)) for size in sizes)
 
@@ -296,29 +298,29 @@ BENCHMARKS: Final = (
         "fleet-light",
         "Fleets in virtual time at light load, 8 telemetry frames an aircraft and second, as in bench fleet.",
         _FLEET,
-        _fleets([(10, 20.0), (100, 20.0), (1000, 20.0)], "light"),
-        _fleets([(100, 10.0)], "light"),
+        _fleets([(10, 20.0), (100, 20.0), (1000, 20.0)], fleet.LIGHT),
+        _fleets([(100, 10.0)], fleet.LIGHT),
     ),
     Benchmark(
         "fleet-operator",
         "The same with the telemetry that QGroundControl requests, 103 frames an aircraft and second.",
         _FLEET,
-        _fleets([(10, 10.0), (100, 10.0), (500, 10.0)], "operator"),
-        _fleets([(30, 5.0)], "operator"),
+        _fleets([(10, 10.0), (100, 10.0), (500, 10.0)], FleetOptions(load="operator")),
+        _fleets([(30, 5.0)], FleetOptions(load="operator")),
     ),
     Benchmark(
         "fleet-remote-id",
         "The same at light load among buildings, with Remote ID over the radio medium, which all aircraft receive.",
         _FLEET,
-        _fleets([(100, 10.0), (500, 10.0)], "light", True),
-        _fleets([(50, 5.0)], "light", True),
+        _fleets([(100, 10.0), (500, 10.0)], FleetOptions(remote_id=True)),
+        _fleets([(50, 5.0)], FleetOptions(remote_id=True)),
     ),
     Benchmark(
         "cores",
         "One run of four operators on one core and on two, each pinned to a CPU of its own, as in bench cores.",
         _CORES,
-        (*_on_cores([(500, 20.0)], False), *_on_cores([(400, 10.0)], True)),
-        _on_cores([(100, 5.0)], False),
+        (*_on_cores([(500, 20.0)], remote_id=False), *_on_cores([(400, 10.0)], remote_id=True)),
+        _on_cores([(100, 5.0)], remote_id=False),
         row_key="on",
         require=_require_cores,
     ),

@@ -55,50 +55,52 @@ def list_warnings(results: Results) -> list[str]:
         for benchmark, case in results.cases()
         if case.load.elsewhere_cores is not None and case.load.elsewhere_cores > QUIET_CORES
     ]
-    found = []
+    warnings = []
     if busy:
         most, name = max(busy)
         total = sum(1 for _ in results.cases())
-        found.append(
+        warnings.append(
             f"Other programs used more than {QUIET_CORES:g} cores during {len(busy)} of {total} cases, "
             f"at most {most:.2f} cores ({name}). Read the ratios, not the times."
         )
-    return found + [f"Failed: {benchmark.name}, {case.name}: {case.failed}" for benchmark, case in results.failures()]
+    return warnings + [
+        f"Failed: {benchmark.name}, {case.name}: {case.failed}" for benchmark, case in results.failures()
+    ]
 
 
 def list_differences(old: Results, new: Results) -> list[str]:
     """Why two results may not be comparable: machines, versions, loads, speeds of the machine, sizes."""
     fields = ("processor", "cores", "memory_mb", "virtual", "system", "python", "numpy", "numba", "llvmlite")
-    found = [
+    differences = [
         f"{Machine.model_fields[name].description} Old: {before}; new: {after}."
         for name in fields
         if (before := getattr(old.machine, name)) != (after := getattr(new.machine, name))
     ]
-    found = [f"The machines differ. {' '.join(found)}"] if found else []
+    differences = [f"The machines differ. {' '.join(differences)}"] if differences else []
     if old.quick != new.quick:
-        found.append("One was measured with --quick, whose sizes are smaller: few cases are in both.")
+        differences.append("One was measured with --quick, whose sizes are smaller: few cases are in both.")
     pairs = list(_pairs(old, new))
     loads = [
         (abs(b.load.elsewhere_cores - a.load.elsewhere_cores), name, a.load.elsewhere_cores, b.load.elsewhere_cores)
         for name, a, b in pairs
         if a.load.elsewhere_cores is not None and b.load.elsewhere_cores is not None
     ]
-    far = [one for one in loads if one[0] > LOAD_DIFFERS_CORES]
+    far = [each for each in loads if each[0] > LOAD_DIFFERS_CORES]
     if far:
         _, name, before, after = max(far)
-        found.append(
+        differences.append(
             f"The loads differ in {len(far)} of {len(pairs)} cases. Other programs used {before:.2f} cores in the old "
             f"and {after:.2f} cores in the new results during {name}."
         )
     speeds = [(b.yardstick_us / a.yardstick_us, name) for name, a, b in pairs]
-    apart = [one for one in speeds if abs(one[0] - 1.0) > YARDSTICK_DIFFERS]
+    apart = [each for each in speeds if abs(each[0] - 1.0) > YARDSTICK_DIFFERS]
     if apart:
-        ratio, name = max(apart, key=lambda one: abs(one[0] - 1.0))
-        found.append(
+        ratio, name = max(apart, key=lambda each: abs(each[0] - 1.0))
+        differences.append(
             f"The machine was not equally fast in {len(apart)} of {len(pairs)} cases: the yardstick took {ratio:.2f} "
             f"times as long in the new results during {name}. Compare yardsticks, not times."
         )
-    return found
+    return differences
 
 
 def _pairs(old: Results, new: Results) -> Iterator[tuple[str, CaseResult, CaseResult]]:

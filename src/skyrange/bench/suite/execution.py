@@ -11,8 +11,7 @@ from typing import Any
 from pydantic import JsonValue
 
 from skyrange.bench.suite.cases import Benchmark, Case, find_benchmarks
-from skyrange.bench.suite.machine import describe_machine
-from skyrange.bench.suite.observation import Observation
+from skyrange.bench.suite.machine import Observation, describe_machine
 from skyrange.bench.suite.results import FORMAT, VERSION, BenchmarkResult, CaseResult, Results, Row
 from skyrange.core.compiled import list_compiled
 from skyrange.core.errors import SkyrangeError
@@ -30,8 +29,11 @@ def run_benchmarks(names: Sequence[str] = (), *, quick: bool = False, on_case: O
     `InputError` for an unknown name.
     """
     chosen = find_benchmarks(names)
-    reasons = {benchmark.name: _missing(benchmark, quick) for benchmark in chosen}
-    planned = {one.name: () if reasons[one.name] else one.quick if quick else one.cases for one in chosen}
+    reasons = {benchmark.name: _missing(benchmark, quick=quick) for benchmark in chosen}
+    planned = {
+        benchmark.name: () if reasons[benchmark.name] else benchmark.quick if quick else benchmark.cases
+        for benchmark in chosen
+    }
     total, done = sum(map(len, planned.values())), 0
     started = datetime.now(UTC)
 
@@ -43,9 +45,11 @@ def run_benchmarks(names: Sequence[str] = (), *, quick: bool = False, on_case: O
             yield run_case(benchmark, case)
             done += 1
 
-    found = [
-        BenchmarkResult(name=one.name, about=one.about, skipped=reasons[one.name], cases=tuple(run(one)))
-        for one in chosen
+    results = [
+        BenchmarkResult(
+            name=benchmark.name, about=benchmark.about, skipped=reasons[benchmark.name], cases=tuple(run(benchmark))
+        )
+        for benchmark in chosen
     ]
     if on_case is not None:
         on_case("benchmarks", total, total)
@@ -56,7 +60,7 @@ def run_benchmarks(names: Sequence[str] = (), *, quick: bool = False, on_case: O
         started=started,
         quick=quick,
         machine=describe_machine(),
-        benchmarks=tuple(found),
+        benchmarks=tuple(results),
     )
 
 
@@ -66,14 +70,14 @@ def run_case(benchmark: Benchmark, case: Case) -> CaseResult:
         compiled = list_compiled()
         rows: Sequence[Mapping[str, Any]] = ()
         failed = ""
-        with Observation() as seen:
+        with Observation() as observed:
             try:
                 rows = case.measure()
             except SkyrangeError as error:
                 failed = str(error)
         if list_compiled() == compiled:
             break
-    yardstick_us = 0.5 * (seen.load.yardstick_before_us + seen.load.yardstick_after_us)
+    yardstick_us = 0.5 * (observed.load.yardstick_before_us + observed.load.yardstick_after_us)
     return CaseResult(
         name=case.name,
         failed=failed,
@@ -85,12 +89,12 @@ def run_case(benchmark: Benchmark, case: Case) -> CaseResult:
             )
             for row in rows
         ),
-        load=seen.load,
-        memory=seen.memory,
+        load=observed.load,
+        memory=observed.memory,
     )
 
 
-def _missing(benchmark: Benchmark, quick: bool) -> str:
+def _missing(benchmark: Benchmark, *, quick: bool) -> str:
     """Why a benchmark cannot run here; "" if it can."""
     if quick and not benchmark.quick:
         return NOT_QUICK
@@ -104,9 +108,9 @@ def _missing(benchmark: Benchmark, quick: bool) -> str:
 def _plain(value: Any) -> JsonValue:
     """A value that JSON can hold; a number that is not finite is null."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value  # type: ignore[no-any-return]

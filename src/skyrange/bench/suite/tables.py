@@ -53,8 +53,10 @@ def make_overview(results: Results) -> Table:
     rows = []
     for benchmark, case in results.cases():
         for row in case.rows:
-            speed = next((one.value for one in row.measures if one.unit == "×" and "speed" in one.name), None)
-            cost = next((one for one in row.measures if one.unit == "yardsticks"), None)
+            speed = next(
+                (measure.value for measure in row.measures if measure.unit == "×" and "speed" in measure.name), None
+            )
+            cost = next((measure for measure in row.measures if measure.unit == "yardsticks"), None)
             load = list(_load(case))
             rows.append(
                 (
@@ -102,9 +104,9 @@ def name_case(case: str, row: str) -> str:
 
 
 def _measured(benchmark: BenchmarkResult) -> Table:
-    found = [(name_case(case.name, row.name), row.measures) for case in benchmark.cases for row in case.rows]
-    head = ["case", *(_head(measure) for measure in _sorted(found[0][1]))]
-    rows = [[name, *(format_value(measure.value) for measure in _sorted(measures))] for name, measures in found]
+    measured = [(name_case(case.name, row.name), row.measures) for case in benchmark.cases for row in case.rows]
+    head = ["case", *(_head(measure) for measure in _sorted(measured[0][1]))]
+    rows = [[name, *(format_value(measure.value) for measure in _sorted(measures))] for name, measures in measured]
     return Table(benchmark.name, benchmark.about, head, rows)
 
 
@@ -113,15 +115,15 @@ def _compared(name: str, about: str, changes: Sequence[Change]) -> Table:
     head = ("case", "measure", "old", "new", "new over old")
     rows = [
         (
-            name_case(one.case, one.row),
-            _head(one.new),
-            format_value(one.old.value),
-            format_value(one.new.value),
-            NONE if one.ratio is None else f"{one.ratio:.2f}",
+            name_case(change.case, change.row),
+            _head(change.new),
+            format_value(change.old.value),
+            format_value(change.new.value),
+            NONE if change.ratio is None else f"{change.ratio:.2f}",
         )
-        for one in ordered
+        for change in ordered
     ]
-    return Table(name, about, head, rows, 2, [one.verdict for one in ordered])
+    return Table(name, about, head, rows, 2, [change.verdict for change in ordered])
 
 
 def _sorted(measures: Sequence[Measure]) -> Iterator[Measure]:

@@ -42,7 +42,10 @@ def print_json(data: Any) -> None:
     unicode = "utf" in (sys.stdout.encoding or "").lower()
     text = json.dumps(data, indent=2, ensure_ascii=not unicode, allow_nan=False)
     if not text.replace("\n", "").isprintable():  # what is left of such characters stands inside strings
-        text = "".join(json.dumps(one)[1:-1] if one != "\n" and is_control(one) else one for one in text)
+        text = "".join(
+            json.dumps(character)[1:-1] if character != "\n" and is_control(character) else character
+            for character in text
+        )
     print(text, flush=True)
 
 

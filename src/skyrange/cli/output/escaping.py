@@ -14,7 +14,7 @@ def escape(text: str) -> str:
     r"""`text` without characters that control a terminal; each is shown as `\xNN`, `\uNNNN` or `\UNNNNNNNN`."""
     if text.isprintable():
         return text
-    return "".join(_escape_character(one) if is_control(one) else one for one in text)
+    return "".join(_escape_character(character) if is_control(character) else character for character in text)
 
 
 def is_control(character: str) -> bool:

@@ -27,7 +27,7 @@ def print_pair(result: Pair) -> None:
     console = terminal()
     print_failed_missions(console, map(str, result.failed_missions))
     rows = [row for row in result.effects.to_pylist() if row["against"] == result.reference]
-    own = [row for row in rows if row["seed"] == result.seeds[0] and row["departed_s"] is not None]
+    departed = [row for row in rows if row["seed"] == result.seeds[0] and row["departed_s"] is not None]
     table = Table(
         title=f"{result.manifest['name']}: attacked against {result.reference}, seed {result.seeds[0]}",
         title_justify="left", title_style="bold",
@@ -35,7 +35,7 @@ def print_pair(result: Pair) -> None:
     for column in ("aircraft", "mission", "departs", "by", "delay", "distance", "energy"):
         left = column in ("aircraft", "mission")
         table.add_column(column, justify="left" if left else "right", no_wrap=True)
-    for row in sorted(own, key=lambda row: -row["departure_m"])[:MAX_AIRCRAFT]:
+    for row in sorted(departed, key=lambda row: -row["departure_m"])[:MAX_AIRCRAFT]:
         table.add_row(
             row["vehicle"],
             row["outcome"],
@@ -45,15 +45,15 @@ def print_pair(result: Pair) -> None:
             f"{row['extra_distance_m']:+.1f} m",
             "–" if row["extra_energy_j"] is None else f"{row['extra_energy_j'] / 1000.0:+.2f} kJ",
         )
-    if own:
+    if departed:
         console.print(table)
     else:
         threshold_m = result.manifest["threshold_m"]
         console.print(f"no aircraft was farther than {threshold_m:g} m from its position in the twin")
-    for cause, vehicles in _causes(own).items():
+    for cause, vehicles in _causes(departed).items():
         shown = ", ".join(vehicles[:MAX_AIRCRAFT]) + (" …" if len(vehicles) > MAX_AIRCRAFT else "")
         console.print(f"{cause}: {shown}", markup=False)
-    for row in own:
+    for row in departed:
         if row["outcome"] != row["outcome_twin"]:
             console.print(f"{row['vehicle']}: {row['outcome_twin']} in the twin, {row['outcome']} attacked")
         for what in ("near_misses", "collisions"):
@@ -86,12 +86,12 @@ def _print_defences(console: Console, result: Pair) -> None:
     from skyrange.metrics.defence_acts import read_defences
 
     seed = result.seeds[0]
-    false_alarms = {one.id: one.alarms for one in read_defences(result.run(result.twin, seed))}
-    for one in read_defences(result.run("attacked", seed)):
-        acts = ", ".join(f"{count} {action}" for action, count in sorted(one.acts.items())) or "no act"
-        first = "" if one.first_alarm_s is None else f", the first at {one.first_alarm_s:.2f} s"
-        twin = f"{false_alarms.get(one.id, 0)} in the {result.twin} run"
-        console.print(f"defence {one.id}: {acts}; {one.alarms} alarms{first}; {twin}", markup=False)
+    false_alarms = {defence.id: defence.alarms for defence in read_defences(result.run(result.twin, seed))}
+    for defence in read_defences(result.run("attacked", seed)):
+        acts = ", ".join(f"{count} {action}" for action, count in sorted(defence.acts.items())) or "no act"
+        first = "" if defence.first_alarm_s is None else f", the first at {defence.first_alarm_s:.2f} s"
+        twin = f"{false_alarms.get(defence.id, 0)} in the {result.twin} run"
+        console.print(f"defence {defence.id}: {acts}; {defence.alarms} alarms{first}; {twin}", markup=False)
 
 
 def _print_lie_and_truth(console: Console, result: Pair) -> None:
@@ -112,18 +112,18 @@ def _print_lie_and_truth(console: Console, result: Pair) -> None:
     for column in ("aircraft", "", "lie", "truth"):
         table.add_column(column, justify="right" if column in ("lie", "truth") else "left", no_wrap=True)
     for row in sorted(shown, key=lambda row: -max(row["departure_m"], row[truth_name("departure_m")]))[:MAX_AIRCRAFT]:
-        for number, one in enumerate(REACTIONS):
-            table.add_row("" if number else row["vehicle"], one.title, *format_values(row, one))
+        for number, reaction in enumerate(REACTIONS):
+            table.add_row("" if number else row["vehicle"], reaction.title, *format_values(row, reaction))
     console.print(table)
 
 
 def _causes(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
     """The aircraft of these rows by what caused their effect."""
-    found: dict[str, list[str]] = {}
+    vehicles: dict[str, list[str]] = {}
     for row in rows:
-        authors = [*row["attacks"], *(f"fault {one}" for one in row.get("faults") or ())]
-        found.setdefault(_describe_cause(row["attribution"], authors), []).append(row["vehicle"])
-    return found
+        authors = [*row["attacks"], *(f"fault {fault}" for fault in row.get("faults") or ())]
+        vehicles.setdefault(_describe_cause(row["attribution"], authors), []).append(row["vehicle"])
+    return vehicles
 
 
 def _describe_cause(attribution: str | None, authors: Sequence[str]) -> str:
@@ -143,13 +143,13 @@ def _describe_cause(attribution: str | None, authors: Sequence[str]) -> str:
 
 def _print_intervals(console: Console, result: Pair, affected: set[str]) -> None:
     """Print means over seeds with their 95 % confidence intervals."""
-    for vehicle, own in result.intervals().items():
+    for vehicle, intervals in result.intervals().items():
         if vehicle not in affected:
             continue
         text = [
-            f"{key} {one.mean:+.2f} "
-            + (f"({one.without})" if one.low is None else f"[{one.low:+.2f}, {one.high:+.2f}]")
-            for key, one in own.items()
-            if one.mean or one.low is not None
+            f"{key} {interval.mean:+.2f} "
+            + (f"({interval.without})" if interval.low is None else f"[{interval.low:+.2f}, {interval.high:+.2f}]")
+            for key, interval in intervals.items()
+            if interval.mean or interval.low is not None
         ]
         console.print(f"{vehicle}, mean of {len(result.seeds)} seeds, 95 %: {'; '.join(text)}")

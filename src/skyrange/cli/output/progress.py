@@ -25,16 +25,23 @@ def progress(name: str, *, quiet: bool) -> Iterator[OnProgress | None]:
     elif sys.stderr.isatty():
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-        said, at = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[at]}")
-        columns = (said, BarColumn(), at, TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+        name_column, time_column = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[at]}")
+        columns = (
+            name_column,
+            BarColumn(),
+            time_column,
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+        )
         with Progress(*columns, console=terminal(stderr=True), transient=True) as bar:
             task = bar.add_task(name, total=None, at="starting")
 
             def show(now: Time, end: Time) -> None:
-                at = f"{to_seconds(now):.0f} of {to_seconds(end):.0f} s" if now < end else "writing the record"
+                time_column = f"{to_seconds(now):.0f} of {to_seconds(end):.0f} s" if now < end else "writing the record"
                 if now < 0:
-                    at = f"autopilots boot, {-to_seconds(now):.0f} simulated s left"
-                bar.update(task, total=end, completed=max(now, 0), at=at)
+                    time_column = f"autopilots boot, {-to_seconds(now):.0f} simulated s left"
+                bar.update(task, total=end, completed=max(now, 0), at=time_column)
 
             yield show
     else:
@@ -120,13 +127,13 @@ def step_progress(*, quiet: bool) -> Iterator[OnStep | None]:
 
             yield show
     else:
-        said = ""
+        shown = ""
 
         def tell(what: str, done: int, steps: int) -> None:
-            nonlocal said
-            if what != said:
+            nonlocal shown
+            if what != shown:
                 print_notice(what)
-            said = what
+            shown = what
 
         yield tell
 

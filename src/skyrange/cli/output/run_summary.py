@@ -174,11 +174,11 @@ def _print_mission_files(console: Console, files: Sequence[Mapping[str, Any]]) -
     """Print which mission files say something that no flight uses, up to `MAX_FILES`."""
     from skyrange.codec.mission.ignored_keys import describe_mission_file
 
-    told = [one for one in files if not all(key["harmless"] for key in one["ignored"])]
-    for one in told[:MAX_FILES]:
-        console.print(f"plan   {describe_mission_file(one)}", soft_wrap=True, markup=False, highlight=False)
-    if len(told) > MAX_FILES:
-        console.print(f"plan   {len(told) - MAX_FILES} more files; they are in manifest.json")
+    incomplete = [file for file in files if not all(key["harmless"] for key in file["ignored"])]
+    for file in incomplete[:MAX_FILES]:
+        console.print(f"plan   {describe_mission_file(file)}", soft_wrap=True, markup=False, highlight=False)
+    if len(incomplete) > MAX_FILES:
+        console.print(f"plan   {len(incomplete) - MAX_FILES} more files; they are in manifest.json")
 
 
 def print_placing(console: Console, moves: Sequence[Mapping[str, Any]] | None) -> None:
@@ -202,15 +202,15 @@ def _print_operators(console: Console, title: str, rows: Sequence[dict[str, Any]
     for column in ("operator", "aircraft", "complete", "last landed", "flown, mean", "highest"):
         table.add_column(column, justify="left" if column == "operator" else "right")
     for name in dict.fromkeys(row["operator"] for row in rows):
-        own = [row for row in rows if row["operator"] == name]
-        landed = [row["landed_s"] for row in own if row["landed_s"] is not None]
+        fleet = [row for row in rows if row["operator"] == name]
+        landed = [row["landed_s"] for row in fleet if row["landed_s"] is not None]
         table.add_row(
             name,
-            f"{len(own):,}",
-            f"{sum(row['outcome'] == 'complete' for row in own):,}",
+            f"{len(fleet):,}",
+            f"{sum(row['outcome'] == 'complete' for row in fleet):,}",
             f"{max(landed):.2f} s" if landed else "–",
-            _metres(_mean([row["distance_m"] for row in own]), 0),
-            _metres(max((row["highest_m"] for row in own if row["highest_m"] is not None), default=None), 1),
+            _metres(_mean([row["distance_m"] for row in fleet]), 0),
+            _metres(max((row["highest_m"] for row in fleet if row["highest_m"] is not None), default=None), 1),
         )
     console.print(table)
 

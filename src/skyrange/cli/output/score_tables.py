@@ -44,29 +44,29 @@ def tabulate_scores(files: Sequence[ScoreFile]) -> Iterator[Table]:
     table.caption_justify = "left"
     yield table
     yield _tabulate_effect_scores(first.study, rows)
-    scores = {(number, one.detector): one for number, file in enumerate(files) for one in file.detectors}
+    scores = {(number, detector.detector): detector for number, file in enumerate(files) for detector in file.detectors}
     ordered = [scores[row.file, row.detector] for row in rows]
     if any(on.harmless_intrusions.intrusions for detector in ordered if (on := detector.on(_ALL)) is not None):
         yield _tabulate_intrusions(first.study, ordered)
-    axes = [axis for axis in _AXES if any(one.on(f"{_HELD} {axis}") for one in ordered)]
+    axes = [axis for axis in _AXES if any(detector.on(f"{_HELD} {axis}") for detector in ordered)]
     if _AXES[0] in axes:
         axes = axes[:-1] if axes[-1] == _AXES[-1] else axes  # kinds of these families, and what the draw left out
     if not axes:
         return
     parts = [f"{part} {axis}" for axis in axes for part in (_HELD, _SEEN)]
     held = (first.held_out.families, first.held_out.cities, map(str, first.held_out.aircraft), first.held_out.kinds)
-    told = [f"{axis}: {', '.join(names)}" for axis, names in zip(_AXES, held, strict=True) if axis in axes]
-    table = _begin(f"{first.study}: recall, detected of attacks; new is held out: {'; '.join(told)}")
+    named = [f"{axis}: {', '.join(names)}" for axis, names in zip(_AXES, held, strict=True) if axis in axes]
+    table = _begin(f"{first.study}: recall, detected of attacks; new is held out: {'; '.join(named)}")
     _add_heads(table, parts)
-    for one in ordered:
-        table.add_row(_name(one), *(_recall(one.on(part)) for part in parts))
+    for detector in ordered:
+        table.add_row(_name(detector), *(_recall(detector.on(part)) for part in parts))
     yield table
     parts = [f"{part} {axis}" for axis in axes if axis in _BY_FLIGHT for part in (_HELD, _SEEN)]
     if parts:
         table = _begin(f"{first.study}: false alarms per aircraft-hour of nominal flight")
         _add_heads(table, parts)
-        for one in ordered:
-            table.add_row(_name(one), *(_false(one.on(part)) for part in parts))
+        for detector in ordered:
+            table.add_row(_name(detector), *(_false(detector.on(part)) for part in parts))
         yield table
 
 
@@ -92,15 +92,15 @@ def _tabulate_intrusions(study: str, detectors: Sequence[DetectorScore]) -> Tabl
     for detector in detectors:
         on = detector.on(_ALL)
         if on is not None:
-            found = on.harmless_intrusions
-            table.add_row(_name(detector), str(found.reported), str(found.intrusions))
+            intrusions = on.harmless_intrusions
+            table.add_row(_name(detector), str(intrusions.reported), str(intrusions.intrusions))
     return table
 
 
 def _describe(files: Sequence[ScoreFile]) -> str:
     """What a reader has to know of the numbers."""
     settings, first = files[0].settings, files[0]
-    told = [
+    sentences = [
         f"Rank, at equal rate: each detector with the threshold for at most {settings.target_per_h:g} per h on the "
         "nominal test flights. Other columns: with that of the validation flights, at the rates in the table.",
         f"Limits are {100 * settings.confidence:g} %, if the coefficient of variation of rates between clusters is "
@@ -108,13 +108,15 @@ def _describe(files: Sequence[ScoreFile]) -> str:
     ]
     on = first.detectors[0].on(_ALL) if first.detectors else None
     if on is not None:
-        told.append(f"The test split has {on.runs} runs in {on.clusters} independent clusters.")
+        sentences.append(f"The test split has {on.runs} runs in {on.clusters} independent clusters.")
     if first.repeated_runs:
-        told.append(f"{first.repeated_runs} runs are the same flight as another one, and do not count.")
+        sentences.append(f"{first.repeated_runs} runs are the same flight as another one, and do not count.")
     lacks = {one.detector: one.reduced for file in files for one in file.detectors if one.reduced}
     if lacks:
-        told.append(f"{_REDUCED}: not the method as published. " + " ".join(f"{one}: {lacks[one]}." for one in lacks))
-    return "\n".join(told)
+        sentences.append(
+            f"{_REDUCED}: not the method as published. " + " ".join(f"{one}: {lacks[one]}." for one in lacks)
+        )
+    return "\n".join(sentences)
 
 
 def _name(of: LeaderboardRow | DetectorScore) -> str:
@@ -146,8 +148,8 @@ def _add_heads(table: Table, parts: Sequence[str]) -> None:
 def _recall(score: SetScore | None) -> str:
     if score is None or score.detection.recall is None:
         return "–"
-    found = score.detection
-    return f"{_share(score.detection.recall.value)}\n{found.detected}/{found.attacks - found.unobservable}"
+    detection = score.detection
+    return f"{_share(score.detection.recall.value)}\n{detection.detected}/{detection.attacks - detection.unobservable}"
 
 
 def _false(score: SetScore | None) -> str:

@@ -11,6 +11,8 @@ from typing import Any, Final, TextIO
 _READER_GONE: Final = (errno.EPIPE, errno.EIO, errno.ENXIO, errno.EBADF)
 """Errors of a pipe whose reader has ended (`| head`), of a terminal that was closed, and of a closed descriptor."""
 
+_INHERITABLE: Final = True
+
 
 class _LossyFile(io.FileIO):
     """A descriptor that refers to the null device once its reader has gone."""
@@ -40,7 +42,8 @@ def open_standard_streams() -> None:
         try:
             os.fstat(number)
         except OSError:
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest number that is free: this one
+            opened = os.open(os.devnull, os.O_RDWR)  # the lowest number that is free: this one
+            os.set_inheritable(opened, _INHERITABLE)
     sys.stdout = _lossy_stream(sys.stdout, 1)
     sys.stderr = _lossy_stream(sys.stderr, 2)
 

@@ -1,4 +1,4 @@
-"""Messages about viewers of a run: addresses at the start, counts at the end."""
+"""Messages about viewers of a run or of a live range: addresses at the start, counts at the end."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from skyrange.cli.output.console import print_notice
+from skyrange.cli.output.warnings import print_warnings
 from skyrange.core.ids import vehicle_id
 
 if TYPE_CHECKING:
+    from skyrange.cli.options import ViewerOptions
     from skyrange.io.mavlink.viewer_ports import ViewerCounts
+    from skyrange.runtime.live.range import LiveRange, OnUpdate
     from skyrange.runtime.viewers import Address, Viewers
     from skyrange.scenario.model.scenario import Scenario
 
@@ -19,17 +22,18 @@ MAX_LINES = 60
 
 
 @contextmanager
-def open_viewers(scenario: Scenario, wanted: bool, first_port: int | None, host: str) -> Iterator[Viewers | None]:
-    """Open the viewers' ports for `fly` at the address `host`, if `wanted`. Messages go to standard error."""
+def open_viewers(scenario: Scenario, options: ViewerOptions) -> Iterator[Viewers | None]:
+    """Open the viewers' ports for `fly`, if they are wanted. Messages go to standard error."""
     for line in open_port_warning(scenario):
         print_notice(line)
-    if not wanted:
+    if not options.wanted:
         yield None
         return
     from skyrange.runtime.viewers import FIRST_PORT, Viewers
 
     system_ids = {vehicle_id(operator.id, vehicle.id): vehicle.system_id for operator, vehicle in scenario.fleet}
-    with Viewers(list(system_ids), FIRST_PORT if first_port is None else first_port, host) as viewers:
+    first_port = FIRST_PORT if options.first_port is None else options.first_port
+    with Viewers(list(system_ids), first_port, options.host) as viewers:
         for line in viewer_address_lines(viewers.addresses, system_ids):
             print_notice(line)
         yield viewers
@@ -63,9 +67,11 @@ def open_port_warning(scenario: Scenario) -> list[str]:
 
     ports: list[str] = []
     for kind in scenario.autopilots.options:
-        own = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet if vehicle.autopilot == kind]
-        opened = AutopilotPlugin.find(kind).opened_ports(scenario.autopilots.params_of(kind), len(own))
-        ports += [f"  {vehicle} at port {port}" for vehicle, port in zip(own, opened, strict=False)]
+        vehicles = [
+            vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet if vehicle.autopilot == kind
+        ]
+        opened = AutopilotPlugin.find(kind).opened_ports(scenario.autopilots.params_of(kind), len(vehicles))
+        ports += [f"  {vehicle} at port {port}" for vehicle, port in zip(vehicles, opened, strict=False)]
     if not ports:
         return []
     return [
@@ -84,3 +90,59 @@ def viewer_counts_text(counts: ViewerCounts) -> str:
     if counts.turned_away:
         text += f"; {counts.turned_away} more connections were refused"
     return text
+
+
+def find_first_port(viewer_port: int | None, port_offset: int, *, qgc: bool) -> int | None:
+    """The first viewer port that was requested; `None` if viewers were not requested."""
+    from skyrange.runtime.viewers import FIRST_PORT
+
+    if viewer_port is not None:
+        return viewer_port
+    return FIRST_PORT + port_offset if qgc else None
+
+
+def tell_when_up(flown: LiveRange, on_update: OnUpdate | None) -> OnUpdate:
+    """`on_update` that also prints where aircraft can be watched, as soon as every process is up.
+
+    The ports then listen. Before that, processes may compile for a minute.
+    """
+    printed = False
+
+    def update(now: LiveRange) -> None:
+        nonlocal printed
+        if now.zero_ns and not printed:
+            printed = True
+            print_viewer_addresses(flown)
+        if on_update is not None:
+            on_update(now)
+
+    return update
+
+
+def print_open_ports(flown: LiveRange) -> None:
+    """Warn of autopilots that listen on network ports themselves."""
+    for line in open_port_warning(flown.built.scenario):
+        print_notice(line)
+    print_warnings(flown.built.scenario)
+
+
+def print_viewer_addresses(flown: LiveRange) -> None:
+    """Print the address of each aircraft for viewers, if viewers were requested."""
+    lines: list[str] = []
+    if flown.watched:
+        fleet = flown.built.scenario.fleet
+        systems = {vehicle_id(operator.id, vehicle.id): vehicle.system_id for operator, vehicle in fleet}
+        lines = viewer_address_lines(flown.watched, systems)
+    for line in lines:
+        print_notice(line)
+
+
+def print_viewer_counts(flown: LiveRange) -> None:
+    """Print counts of viewers, if any connected."""
+    from skyrange.io.mavlink.viewer_ports import ViewerCounts
+
+    statuses = [member.status for member in flown.members.values() if member.status.get("viewing_viewers")]
+    for status in statuses:
+        prefix = "viewing_"
+        counts = {name.removeprefix(prefix): int(value) for name, value in status.items() if name.startswith(prefix)}
+        print_notice(viewer_counts_text(ViewerCounts(**counts)))

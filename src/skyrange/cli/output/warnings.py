@@ -1,9 +1,11 @@
-"""Warnings on the terminal: what of a scenario is without effect, and missions that failed without an attack."""
+"""Warnings on the terminal: what of a scenario is without effect, missions that failed without an attack, and motion
+that the interlock blocked.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.output.console import print_notice
 from skyrange.core.errors import MAX_LINES
@@ -33,3 +35,14 @@ def print_failed_missions(console: Console, lines: Iterable[str]) -> None:
     for line in lines:
         text = f"failed without an attack: {line}"
         console.print(text, style="yellow", soft_wrap=True, markup=False, highlight=False)
+
+
+def print_interlock_notice(manifest: Mapping[str, Any]) -> None:
+    """Print which external vehicles could not be armed or moved, and what is required to allow it."""
+    for engine in manifest.get("engines", ()):
+        lock = engine.get("interlock", {})
+        if lock.get("state") == "closed":
+            missing = [] if lock["scenario"] else ["allow_motion in the scenario"]
+            missing += [] if lock["command_line"] else ["--allow-motion"]
+            vehicles = ", ".join(engine["vehicles"])
+            print_notice(f"interlock closed: {vehicles} cannot be armed or moved without {' and '.join(missing)}")

@@ -28,7 +28,7 @@ class Clock(Protocol):
     """A machine's monotonic clock.
 
     Waiting is the event loop's, whose time passes with this clock: in a live range both are the system's, in virtual
-    time (`skyrange.testing.live`) both advance when every task waits.
+    time (`tests.live_ranges`) both advance when every task waits.
     """
 
     def monotonic_ns(self) -> int:

@@ -1,7 +1,7 @@
 """System interface of a live range: clock, sockets and processes of the machine that a part of the range runs on.
 
 Everything else in `runtime.live` is the same in real time and in virtual time. `RealSystem` is this machine;
-`skyrange.testing.live` has one with a virtual clock, transports in memory and processes that are tasks.
+`tests.live_ranges` has one with a virtual clock, transports in memory and processes that are tasks.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ DAY_S = 86_400
 
 APPROVAL: RuleBook[ApprovalCase] = RuleBook("approval")
 
-Asked = tuple[Time, OperationalIntent]
+TimedIntent = tuple[Time, OperationalIntent]
 
 
 @dataclass
@@ -29,12 +29,12 @@ class ApprovalCase:
     """A policy to be checked: how a fresh one is made, and what it is asked."""
 
     make: Callable[[], ApprovalPolicy]
-    asked: Sequence[Asked]
+    requests: Sequence[TimedIntent]
 
 
-def check_policy(make: Callable[[], ApprovalPolicy], asked: Sequence[Asked], name: str | None = None) -> None:
+def check_policy(make: Callable[[], ApprovalPolicy], requests: Sequence[TimedIntent], name: str | None = None) -> None:
     """Check that the policies which `make` returns keep every rule of `APPROVAL`; each call returns a fresh one."""
-    APPROVAL.check(f"approval {name or type(make()).__name__}", ApprovalCase(make, asked))
+    APPROVAL.check(f"approval {name or type(make()).__name__}", ApprovalCase(make, requests))
 
 
 def box(
@@ -51,7 +51,7 @@ def box(
     return Volume4D(ring, lower_m, lower_m + 40.0, start, start + 120 * NS_PER_S)
 
 
-def ordinary() -> list[Asked]:
+def ordinary() -> list[TimedIntent]:
     """Requests of two operators over one city: apart, overlapping in space, in time, in both; a second version."""
     lat, lon = 40.778, -73.955
     plans = [
@@ -62,15 +62,17 @@ def ordinary() -> list[Asked]:
         ("blue/b2", (box(lat, lon, lower_m=100.0),)),
         ("blue/b3", (box(lat, lon), box(lat, lon))),
     ]
-    asked = [
+    requests = [
         (number * NS_PER_S, OperationalIntent(intent_id(vehicle), vehicle.split("/")[0], vehicle, volumes))
         for number, (vehicle, volumes) in enumerate(plans)
     ]
-    asked.append((20 * NS_PER_S, OperationalIntent(intent_id("blue/b1", 1), "blue", "blue/b1", (box(lat, lon),), 100)))
-    return asked
+    requests.append(
+        (20 * NS_PER_S, OperationalIntent(intent_id("blue/b1", 1), "blue", "blue/b1", (box(lat, lon),), 100))
+    )
+    return requests
 
 
-def extreme() -> list[Asked]:
+def extreme() -> list[TimedIntent]:
     """Requests that are valid and unlikely: poles, antimeridian, slivers, knots, giants, long ago, far ahead, many."""
     rim = tuple(
         (40.0 + math.sin(2 * math.pi * k / MAX_VERTICES), -74.0 + math.cos(2 * math.pi * k / MAX_VERTICES))
@@ -100,12 +102,12 @@ def extreme() -> list[Asked]:
 
 @APPROVAL.rule("decides", "Answers every valid request with a Decision.")
 def _decides(case: ApprovalCase) -> None:
-    _ask(case.make(), case.asked)
+    _ask(case.make(), case.requests)
 
 
 @APPROVAL.rule("says-why", "Accepts with an OVN and no alternatives, or rejects with a reason.")
 def _says_why(case: ApprovalCase) -> None:
-    for decision in _ask(case.make(), case.asked):
+    for decision in _ask(case.make(), case.requests):
         if decision.accepted:
             need(bool(decision.ovn), f"accepted with {short(decision)}", "an OVN that names the accepted version")
             need(not decision.alternatives, f"accepted with {short(decision)}", "no alternatives to what is accepted")
@@ -115,7 +117,7 @@ def _says_why(case: ApprovalCase) -> None:
 
 @APPROVAL.rule("alternatives", "Offers alternatives that can be asked for: on the globe, and not over before now.")
 def _alternatives(case: ApprovalCase) -> None:
-    for (now, _), decision in zip(case.asked, _ask(case.make(), case.asked), strict=True):
+    for (now, _), decision in zip(case.requests, _ask(case.make(), case.requests), strict=True):
         for alternative in decision.alternatives:
             need(isinstance(alternative, Alternative), f"offered {short(alternative)}", "an Alternative")
         for volume in [volume for alternative in decision.alternatives for volume in alternative.volumes]:
@@ -127,7 +129,7 @@ def _alternatives(case: ApprovalCase) -> None:
 
 @APPROVAL.rule("sendable", "Makes decisions that go over the approval link and come out as they were.")
 def _sendable(case: ApprovalCase) -> None:
-    for (_, intent), decision in zip(case.asked, _ask(case.make(), case.asked), strict=True):
+    for (_, intent), decision in zip(case.requests, _ask(case.make(), case.requests), strict=True):
         try:
             response = Response.of(intent.id, decision, EPOCH)
             back = decode_response(encode(response)).body
@@ -139,14 +141,14 @@ def _sendable(case: ApprovalCase) -> None:
 
 @APPROVAL.rule("repeatable", "Gives the same answers in two fresh instances asked the same in the same order.")
 def _repeatable(case: ApprovalCase) -> None:
-    first, second = (_ask(case.make(), case.asked) for _ in range(2))
+    first, second = (_ask(case.make(), case.requests) for _ in range(2))
     same(first, second, "two instances differ", "the same from the same inputs")
 
 
 @APPROVAL.rule("idempotent", "Answers a request that comes again at once as before: an intent is not its own obstacle.")
 def _idempotent(case: ApprovalCase) -> None:
     approval = case.make()
-    for now, intent in case.asked:
+    for now, intent in case.requests:
         answers = _ask(approval, [(now, intent), (now, intent)])
         first, again = (replace(one, overruled=()) for one in answers)  # what it overrules, it overrules once
         same(first, again, f"{intent.vehicle} asks twice and gets two answers", "the same answer")
@@ -154,38 +156,38 @@ def _idempotent(case: ApprovalCase) -> None:
 
 @APPROVAL.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
 def _pure(case: ApprovalCase) -> None:
-    _ask(case.make(), case.asked)
-    _ask(case.make(), case.asked, watched)
+    _ask(case.make(), case.requests)
+    _ask(case.make(), case.requests, watched)
 
 
 @APPROVAL.rule("copies", "Deep-copied midway, goes on as it would have, and so does its copy: they share no state.")
 def _copies(case: ApprovalCase) -> None:
-    straight = _ask(case.make(), case.asked)
-    for middle in range(len(case.asked)):
+    straight = _ask(case.make(), case.requests)
+    for middle in range(len(case.requests)):
         trunk = case.make()
-        _ask(trunk, case.asked[:middle])
+        _ask(trunk, case.requests[:middle])
         branch = copied(trunk)
         rest, expected = straight[middle:], "a copy that goes on alike, and an original that does not notice"
-        same(rest, _ask(branch, case.asked[middle:]), "the straight run and the copy differ", expected)
-        same(rest, _ask(trunk, case.asked[middle:]), "the copy's life shows in the original", expected)
+        same(rest, _ask(branch, case.requests[middle:]), "the straight run and the copy differ", expected)
+        same(rest, _ask(trunk, case.requests[middle:]), "the copy's life shows in the original", expected)
 
 
 @APPROVAL.rule("extreme", "Decides on every valid volume, however unlikely, and goes on deciding afterwards.")
 def _extreme(case: ApprovalCase) -> None:
-    _ask(case.make(), [*extreme(), *case.asked])
+    _ask(case.make(), [*extreme(), *case.requests])
 
 
 @APPROVAL.rule("ends", "Ends an intent, known or not, and then decides as if it had never been.")
 def _ends(case: ApprovalCase) -> None:
     fresh, used = case.make(), case.make()
-    for now, intent in case.asked:
+    for now, intent in case.requests:
         _ask(used, [(now, intent)])
         for each in (intent.id, intent_id("nobody/n1")):
             try:
                 used.end(now, each)
             except Exception as error:
                 raise Broken(f"end({now}, {each!r}) raised {error!r}", "the end of an intent, known or not") from error
-    again = [(case.asked[-1][0], case.asked[0][1])]
+    again = [(case.requests[-1][0], case.requests[0][1])]
     same(
         _ask(fresh, again),
         _ask(used, again),
@@ -194,9 +196,9 @@ def _ends(case: ApprovalCase) -> None:
     )
 
 
-def _ask(approval: ApprovalPolicy, asked: Sequence[Asked], call: Call = plainly) -> list[ApprovalDecision]:
+def _ask(approval: ApprovalPolicy, requests: Sequence[TimedIntent], call: Call = plainly) -> list[ApprovalDecision]:
     decisions = []
-    for now, intent in asked:
+    for now, intent in requests:
         try:
             decision = call(approval.decide, now, intent)
         except Broken:

@@ -18,7 +18,7 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.kernel import Kernel, Wiring
 from skyrange.record import MemoryObserver
 from skyrange.testing.checks.agents import AGENT, AgentCase
-from skyrange.testing.checks.approval_policies import EPOCH, Asked, check_policy, ordinary
+from skyrange.testing.checks.approval_policies import EPOCH, TimedIntent, check_policy, ordinary
 from skyrange.testing.drivers.messages import InputMessage, MessageRecorder
 from skyrange.testing.rules import Broken, RuleBook, need, same, short
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalPolicy, ApprovalService
@@ -69,7 +69,7 @@ class ServiceCase:
 
     plugin: ApprovalPlugin
     params: Mapping[str, Any]
-    asked: Sequence[Asked]
+    requests: Sequence[TimedIntent]
     extra: Sequence[tuple[str, InputMessage]] = ()
     """More letters, each with the operator that sends it."""
     _flown: list[tuple[MemoryObserver, list[MessageRecorder]]] = field(default_factory=list)
@@ -77,12 +77,12 @@ class ServiceCase:
     @property
     def operators(self) -> list[str]:
         """Who asks."""
-        return sorted({intent.operator for _, intent in self.asked})
+        return sorted({intent.operator for _, intent in self.requests})
 
     @property
     def until(self) -> Time:
         """The end of a run."""
-        return max((now for now, _ in self.asked), default=0) + ANSWERED_NS
+        return max((now for now, _ in self.requests), default=0) + ANSWERED_NS
 
     def made(self) -> tuple[ApprovalService, ApprovalContext]:
         """A fresh service."""
@@ -100,26 +100,26 @@ class ServiceCase:
         """A run before its first instant: what was seen of it, and the mail of each of the service's agents."""
         service, _ = self.made()
         messages: dict[str, list[InputMessage]] = {operator: [] for operator in self.operators}
-        for now, intent in self.asked:
+        for now, intent in self.requests:
             port = Port(endpoint(intent.operator, "gcs"), link_name(APPROVAL, intent.operator))
             messages[intent.operator].append(InputMessage(now, port, encode(Request.of(intent, EPOCH))))
         for operator, message in self.extra:
             messages[operator].append(message)
-        askers = [Asker(operator, sorted(own, key=lambda one: one.at)) for operator, own in messages.items()]
+        askers = [Asker(operator, sorted(mail, key=lambda message: message.at)) for operator, mail in messages.items()]
         links = [LinkSpec(a.ports[0].link, a.name, APPROVAL, _CHANNEL) for a in askers] + list(service.links)
-        seen = MemoryObserver()
+        observer = MemoryObserver()
         recorders = [MessageRecorder(agent.ports, links) for agent in service.agents]
         return (
-            Kernel(Wiring(seed=7, links=links, agents=[*askers, *service.agents]), [seen, *recorders]),
-            seen,
+            Kernel(Wiring(seed=7, links=links, agents=[*askers, *service.agents]), [observer, *recorders]),
+            observer,
             recorders,
         )
 
     def run(self) -> tuple[MemoryObserver, list[MessageRecorder]]:
         """A whole run; it is made once."""
         if not self._flown:
-            kernel, seen, recorders = self.kernel()
-            self._flown.append((_finished(kernel, seen, self.until), recorders))
+            kernel, observer, recorders = self.kernel()
+            self._flown.append((_finished(kernel, observer, self.until), recorders))
         return self._flown[0]
 
 
@@ -136,7 +136,7 @@ def check_approval(
     approval: ApprovalPlugin | Callable[[], ApprovalPolicy],
     params: Mapping[str, Any] | None = None,
     *,
-    requests: Sequence[Asked] | None = None,
+    requests: Sequence[TimedIntent] | None = None,
     name: str | None = None,
 ) -> None:
     """Check a plugin with `params`, or what decides alone.
@@ -146,15 +146,15 @@ def check_approval(
     first alone. `requests` are (now, intent) in order of arrival, from two operators at least; by default
     `ordinary()`. Raises `NonConformance` at the first broken rule; `name` stands in it for the policy's class.
     """
-    asked = ordinary() if requests is None else requests
+    submitted = ordinary() if requests is None else requests
     if not isinstance(approval, ApprovalPlugin):
-        check_policy(approval, asked, name)
+        check_policy(approval, submitted, name)
         return
-    given = dict(params or {})
+    settings = dict(params or {})
     if approval.policy is not None:
-        settings, policy = approval.params.model_validate(given), approval.policy
-        check_policy(lambda: policy(settings), asked, name)
-    case = ServiceCase(approval, given, asked)
+        parsed, policy = approval.params.model_validate(settings), approval.policy
+        check_policy(lambda: policy(parsed), submitted, name)
+    case = ServiceCase(approval, settings, submitted)
     SERVICE.check(f"approval {name or NAME}", case)
     for number, recorder in enumerate(case.run()[1]):
         AGENT.check(f"agent of approval {name or NAME}", AgentCase(_Fresh(case, number), recorder.messages, case.until))
@@ -171,16 +171,16 @@ class _Fresh:
         return self.case.made()[0].agents[self.number]
 
 
-def _frames(seen: MemoryObserver) -> list[Row]:
+def _frames(observer: MemoryObserver) -> list[Row]:
     """What was said, in canonical order."""
-    rows = [(f.sent_ns, *f.id, f.src, f.dst, f.arrived_ns, str(f.fate), f.payload) for f in seen.frames]
+    rows = [(f.sent_ns, *f.id, f.src, f.dst, f.arrived_ns, str(f.fate), f.payload) for f in observer.frames]
     return sorted(rows, key=lambda row: row[:5])
 
 
-def _answers(seen: MemoryObserver) -> list[tuple[str, Time, bytes]]:
+def _answers(observer: MemoryObserver) -> list[tuple[str, Time, bytes]]:
     """(operator, arrival, payload) of all that came back over the approval links, in order."""
-    found = [f for f in seen.frames if f.src == APPROVAL and f.direction == "rev"]
-    return [(f.link.partition(":")[2], f.arrived_ns, f.payload) for f in sorted(found, key=lambda f: f.arrived_ns)]
+    answers = [f for f in observer.frames if f.src == APPROVAL and f.direction == "rev"]
+    return [(f.link.partition(":")[2], f.arrived_ns, f.payload) for f in sorted(answers, key=lambda f: f.arrived_ns)]
 
 
 @SERVICE.rule("described", "Describes each of its parameters, and says in a sentence what it does.")
@@ -211,11 +211,11 @@ def _ports(case: ServiceCase) -> None:
     for operator in context.operators:
         port = context.port(operator)
         need(ports.count(port) == 1, f"{ports.count(port)} agents have {port}", "exactly one")
-    own = {Port(end, spec.name) for spec in service.links for end in (spec.a, spec.b)}
-    for port in own:
+    brought = {Port(end, spec.name) for spec in service.links for end in (spec.a, spec.b)}
+    for port in brought:
         need(port.endpoint.startswith(f"{APPROVAL}."), f"has a link that ends at {port.endpoint}", "approval.…")
         need(ports.count(port) == 1, f"{ports.count(port)} agents have {port}", "exactly one")
-    strange = set(ports) - own - {context.port(operator) for operator in context.operators}
+    strange = set(ports) - brought - {context.port(operator) for operator in context.operators}
     need(not strange, f"has ports {short(sorted(strange))}", "ports of its operators and of links that it brings along")
 
 
@@ -229,20 +229,20 @@ def _answered(case: ServiceCase) -> None:
             raise Broken(f"answered {operator} with {short(payload)}: {error}", "a Response of utm.messages") from error
         if isinstance(body, DecisionBody):
             decided.setdefault((operator, body.id), at)
-    for now, intent in case.asked:
+    for now, intent in case.requests:
         at = decided.get((intent.operator, intent.id), now + ANSWERED_NS + 1)
         need(at <= now + ANSWERED_NS, f"had nothing to say of {short(intent)}", "a decision within a minute")
 
 
 @SERVICE.rule("owners", "Accepts nothing that an operator asks in another's name.")
 def _owners(case: ServiceCase) -> None:
-    thieves = [operator for operator in case.operators if operator != case.asked[0][1].operator]
+    thieves = [operator for operator in case.operators if operator != case.requests[0][1].operator]
     need(bool(thieves), f"is asked by {case.operators}", "requests of two operators, to check this")
-    now, stolen = case.asked[0]
+    now, stolen = case.requests[0]
     port = Port(endpoint(thieves[0], "gcs"), link_name(APPROVAL, thieves[0]))
     theft = InputMessage(now, port, encode(Request.of(stolen, EPOCH)))
-    kernel, seen, _ = ServiceCase(case.plugin, case.params, case.asked[1:], [(thieves[0], theft)]).kernel()
-    for operator, _, payload in _answers(_finished(kernel, seen, case.until)):
+    kernel, observer, _ = ServiceCase(case.plugin, case.params, case.requests[1:], [(thieves[0], theft)]).kernel()
+    for operator, _, payload in _answers(_finished(kernel, observer, case.until)):
         body = decode_response(payload).body
         if operator == thieves[0] and isinstance(body, DecisionBody) and body.id == stolen.id:
             need(body.decision != "Accepted", f"accepted {short(stolen)} for {operator}", "a refusal")
@@ -250,9 +250,12 @@ def _owners(case: ServiceCase) -> None:
 
 @SERVICE.rule("repeatable", "Says the same bytes at the same times in two fresh runs.")
 def _repeatable(case: ServiceCase) -> None:
-    kernel, seen, _ = case.kernel()
+    kernel, observer, _ = case.kernel()
     same(
-        _frames(case.run()[0]), _frames(_finished(kernel, seen, case.until)), "two runs differ", "the same to the byte"
+        _frames(case.run()[0]),
+        _frames(_finished(kernel, observer, case.until)),
+        "two runs differ",
+        "the same to the byte",
     )
 
 
@@ -260,7 +263,7 @@ def _repeatable(case: ServiceCase) -> None:
 def _copies(case: ServiceCase) -> None:
     straight = _frames(case.run()[0])
     kernel, trunk, _ = case.kernel()
-    kernel.advance(case.asked[len(case.asked) // 2][0] + NS_PER_S // 7)
+    kernel.advance(case.requests[len(case.requests) // 2][0] + NS_PER_S // 7)
     try:
         branch = copy.deepcopy(trunk)
         twin = kernel.fork([branch])

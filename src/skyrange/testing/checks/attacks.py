@@ -54,7 +54,7 @@ class Flight:
     seen: MemoryObserver
     own: frozenset[str]
 
-    def frames(self, own: bool = True) -> list[Row]:
+    def frames(self, *, own: bool = True) -> list[Row]:
         """Every frame in canonical order; without those on the attack's links where `own` is false."""
         return self._frames if own else [row for row in self._frames if row[1] not in self.own]
 
@@ -107,7 +107,7 @@ class AttackCase:
     acts: bool | Collection[str]
     _flown: dict[str, Flight] = field(default_factory=dict)
 
-    def made(self, sham: bool = False, honest: bool = False) -> tuple[Attack, Schedule]:
+    def made(self, *, sham: bool = False, honest: bool = False) -> tuple[Attack, Schedule]:
         """A fresh attack and its schedule."""
         built = build(self.scenario)
         schedule = Schedule()
@@ -122,9 +122,9 @@ class AttackCase:
         need(isinstance(attack, Attack), f"made {short(attack)}", "an Attack")
         return attack, schedule
 
-    def kernel(self, muted: bool = False, sham: bool = False) -> tuple[Kernel, Flight]:
+    def kernel(self, *, muted: bool = False, sham: bool = False) -> tuple[Kernel, Flight]:
         """A run before its first instant."""
-        attack, schedule = self.made(sham)
+        attack, schedule = self.made(sham=sham)
         plan = Act(
             ID, self.start_ns, self.stop_ns, muted, sham, attack.agents, attack.sensor_hooks, schedule=schedule,
             role="fault" if isinstance(self.kind, FaultPlugin) else "attack", body_hooks=attack.body_hooks,
@@ -237,9 +237,18 @@ def check_attack(
     Raises `NonConformance` at the first broken rule, and `ValueError` for times that are not in order and for an
     unknown kind of act.
     """
-    own = plugin_of(kind)
-    case = _case("check_attack", own, params, scenario, start_s, stop_s, duration_s, acts)
-    ATTACK.check(f"attack {own.params.__name__}", case)
+    plugin = plugin_of(kind)
+    case = _case(
+        "check_attack",
+        plugin,
+        params,
+        scenario=scenario,
+        start_s=start_s,
+        stop_s=stop_s,
+        duration_s=duration_s,
+        acts=acts,
+    )
+    ATTACK.check(f"attack {plugin.params.__name__}", case)
 
 
 def check_fault(
@@ -256,15 +265,25 @@ def check_fault(
 
     The arguments and errors are those of `check_attack`.
     """
-    own = plugin_of(kind)
-    case = _case("check_fault", own, params, scenario, start_s, stop_s, duration_s, acts)
-    FAULT.check(f"fault {own.params.__name__}", case)
+    plugin = plugin_of(kind)
+    case = _case(
+        "check_fault",
+        plugin,
+        params,
+        scenario=scenario,
+        start_s=start_s,
+        stop_s=stop_s,
+        duration_s=duration_s,
+        acts=acts,
+    )
+    FAULT.check(f"fault {plugin.params.__name__}", case)
 
 
 def _case(
     who: str,
     kind: AttackPlugin | FaultPlugin,
     params: Mapping[str, Any],
+    *,
     scenario: Callable[[float], Scenario],
     start_s: float,
     stop_s: float,

@@ -40,7 +40,7 @@ class Flight(AttackFlight):
 
     def alerts(self) -> list[Row]:
         """Every alert."""
-        return [(one.time_ns, one.detector, *one.alert) for one in self.seen.alerts]
+        return [(row.time_ns, row.detector, *row.alert) for row in self.seen.alerts]
 
     def same_as(self, other: Flight, what: str) -> None:
         """`Broken` where two flights differ in a byte."""
@@ -61,7 +61,7 @@ class DefenceCase:
     alerts: bool
     _flown: dict[str, Flight] = field(default_factory=dict)
 
-    def declared(self, attacked: bool = True, present: bool = True, muted: bool = False) -> Scenario:
+    def declared(self, *, attacked: bool = True, present: bool = True, muted: bool = False) -> Scenario:
         """The scenario with or without the attack and the defence."""
         table = DefenceTable(id=ID, kind=self.name, muted=muted, params=dict(self.params))
         attack = AttackTable.model_validate({"id": "foe", **self.attack})

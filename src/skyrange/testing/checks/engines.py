@@ -23,8 +23,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, owner_of
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
 from skyrange.testing.drivers.agent_driver import copied
-from skyrange.testing.drivers.default_fleet import CHANCE, EPOCH, FLEET, ORIGIN, Factory, open_field, take_off
-from skyrange.testing.drivers.engine_driver import Flight
+from skyrange.testing.drivers.engine_driver import CHANCE, EPOCH, FLEET, ORIGIN, Factory, Flight, open_field, take_off
 from skyrange.testing.drivers.hostile_input import (
     Volume,
     address_to_ports,

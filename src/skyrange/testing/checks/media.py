@@ -110,7 +110,7 @@ def check_medium(
         case.close()
 
 
-def radios(far: bool = False) -> list[RadioSpec]:
+def radios(*, far: bool = False) -> list[RadioSpec]:
     """Six that move and one that stands; with `far` two more, 90 km off, before and after them by name."""
     near = [RadioSpec(f"blue/b{k}", listening=_EARS) for k in range(6)]
     near.append(RadioSpec("mast", (0.0, 0.0, 10.0), _EARS))
@@ -121,18 +121,18 @@ def radios(far: bool = False) -> list[RadioSpec]:
 
 def requests() -> list[Request]:
     """What the six send: all waveforms, at all phases, some at once."""
-    found: list[Request] = []
+    offered: list[Request] = []
     for second in range(2):
         for k in range(6):
             for waveform in Waveform:
                 at = second * NS_PER_S + 1 + k % 5 * 170 * NS_PER_MS + 3_331 * int(waveform)
                 size = 37 if waveform == Waveform.BLE_1M else 180
-                found.append((f"blue/b{k}", at, int(waveform), size, len(found)))
-    return found
+                offered.append((f"blue/b{k}", at, int(waveform), size, len(offered)))
+    return offered
 
 
 def live(
-    medium: Medium, asked: Sequence[Request], begin: Time = 0, until: Time = UNTIL_NS, cut: Time = TICK_NS,
+    medium: Medium, offered: Sequence[Request], begin: Time = 0, until: Time = UNTIL_NS, cut: Time = TICK_NS,
     call: Call = plainly,
 ) -> list[OnAir]:  # fmt: skip
     """Let a medium live from `begin` to `until`, in steps of `cut`."""
@@ -146,7 +146,7 @@ def live(
         pos, vel = base.copy(), np.zeros_like(base)
         pos[moving] = np.stack((60.0 * number, 20.0 + 8.0 * tick / NS_PER_S + 0.0 * number, 40.0 + number), 1)[moving]
         vel[moving] = (0.0, 8.0, 0.0)
-        due = [request for request in asked if now - cut < request[1] <= now]
+        due = [request for request in offered if now - cut < request[1] <= now]
         if due:
             names, *columns = zip(*due, strict=True)
             at, waveform, size, key = (np.array(column, dtype=np.int64) for column in columns)
@@ -208,14 +208,22 @@ def _answers(case: MediumCase) -> None:
 @MEDIUM.rule("tells", "Tells of every frame what became of it, within two seconds, and then is quiet.")
 def _tells(case: MediumCase) -> None:
     medium = case.make(radios())
-    asked = {request[4]: request[1] for request in requests()}
-    seen: set[int] = set()
+    offered_ns = {request[4]: request[1] for request in requests()}
+    ended_keys: set[int] = set()
     for answer in live(medium, requests(), until=UNTIL_NS + TOLD_NS):
         for key, ended in zip(answer.sent.key.tolist(), answer.sent.ended_ns.tolist(), strict=True):
-            need(key in asked, f"told of {key}", "keys that were offered")
-            need(ended <= asked[key] + TOLD_NS, f"{key} ended {ended - asked[key]} ns after its time", "2 s at most")
-            seen.add(key)
-    need(seen == asked.keys(), f"said nothing of {short(sorted(asked.keys() - seen))}", "all frames accounted for")
+            need(key in offered_ns, f"told of {key}", "keys that were offered")
+            need(
+                ended <= offered_ns[key] + TOLD_NS,
+                f"{key} ended {ended - offered_ns[key]} ns after its time",
+                "2 s at most",
+            )
+            ended_keys.add(key)
+    need(
+        ended_keys == offered_ns.keys(),
+        f"said nothing of {short(sorted(offered_ns.keys() - ended_keys))}",
+        "all frames accounted for",
+    )
     need(medium.quiet, "is not quiet when all is over", "quiet")
 
 

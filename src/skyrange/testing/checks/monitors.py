@@ -50,13 +50,13 @@ class MonitorCase:
     def frames(self, payloads: Sequence[bytes] | None = None) -> list[ObservedFrame]:
         """Frames at all ports in turn, received and sent by turns, spread evenly over the time."""
         chosen = self.payloads if payloads is None else payloads
-        found = []
+        frames = []
         for number, payload in enumerate(chosen):
             port = self.ports[number // 2 % len(self.ports)]
             at = number * self.until // max(1, len(chosen))
             src, dst = ("peer", port.endpoint) if number % 2 == 0 else (port.endpoint, "peer")
-            found.append(ObservedFrame(port, number % 2 == 0, at, payload, src, dst))
-        return found
+            frames.append(ObservedFrame(port, number % 2 == 0, at, payload, src, dst))
+        return frames
 
 
 def check_monitor(
@@ -140,10 +140,10 @@ def _observe(monitor: Monitor, now: Time, frames: ObservedFrames, call: Call) ->
     except Broken:
         raise
     except Exception as error:
-        seen = f"observe({now}) of frames {short(list(frames.payloads))} raised {error!r}"
+        what = f"observe({now}) of frames {short(list(frames.payloads))} raised {error!r}"
         if isinstance(error, ValueError) and "read-only" in str(error):  # numpy's word for a write into what is handed
-            raise Broken(seen, "no write into what it is handed", "hands-off") from error
-        raise Broken(seen, "alerts, whatever was seen") from error
+            raise Broken(what, "no write into what it is handed", "hands-off") from error
+        raise Broken(what, "alerts, whatever was seen") from error
     if not isinstance(alerts, list | tuple) or isinstance(alerts, Alert):
         raise Broken(f"answered observe with {short(alerts)}", "a list or tuple of alerts", "alerts")
     for alert in alerts:
@@ -154,8 +154,8 @@ def _observe(monitor: Monitor, now: Time, frames: ObservedFrames, call: Call) ->
 def _check_alert(now: Time, alert: Alert) -> None:
     problem = find_problem(now, alert)
     if problem:
-        seen, _, expected = problem.rpartition("; ")
-        raise Broken(seen, expected, "alerts")
+        what, _, expected = problem.rpartition("; ")
+        raise Broken(what, expected, "alerts")
     kind = alert.kind
     if ALERT_KIND.fullmatch(kind) is None:
         raise Broken(f"raised the kind {short(kind)}", "lower-case words, dotted", "alerts")

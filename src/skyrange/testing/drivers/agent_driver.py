@@ -79,13 +79,13 @@ def drive(
         steps.append(Step(now, delivered - first, outbox, contents, wish))
 
 
-def wakeup(asked: Agent | Tap, now: Time | None, call: Call) -> Time | None:
+def wakeup(component: Agent | Tap, now: Time | None, call: Call) -> Time | None:
     """What an agent or tap answers, twice alike, to `next_wakeup` after it acted at `now`; `Broken` (rule `wakeups`).
 
     `now` is `None` where an overdue wish may still stand: only a wake-up has to move a tap's on.
     """
     try:
-        wish, again = call(asked.next_wakeup), call(asked.next_wakeup)
+        wish, again = call(component.next_wakeup), call(component.next_wakeup)
     except Broken:
         raise
     except Exception as error:

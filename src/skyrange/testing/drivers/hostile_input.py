@@ -91,12 +91,12 @@ def _fields(layout: Any, body: bytes) -> dict[str, Any]:
 def spoiled(messages: Sequence[InputMessage], most: int = 24) -> list[bytes]:
     """The first `most` different payloads of `messages`, each cut in half, without its last byte, bent, and doubled."""
     payloads = list(dict.fromkeys(message.payload for message in messages))[:most]
-    found = []
+    spoilt = []
     for payload in payloads:
         middle = len(payload) // 2
         bent = payload[:middle] + bytes([payload[middle] ^ 0x55]) + payload[middle + 1 :] if payload else b""
-        found += [payload[:middle], payload[:-1], bent, payload + payload]
-    return found
+        spoilt += [payload[:middle], payload[:-1], bent, payload + payload]
+    return spoilt
 
 
 def address_to_ports(

@@ -67,17 +67,17 @@ def plainly(method: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> R:
 
 def watched(method: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> R:
     """Call it; `Broken` (rule `pure`) where it, or what it calls, reaches outside."""
-    seen: list[str] = []
+    calls: list[str] = []
     try:
-        with _watch(seen):
+        with _watch(calls):
             result = method(*args, **kwargs)
     except _Reached:
         pass
     except Exception:
-        if not seen:
+        if not calls:
             raise
-    if seen:
-        raise Broken(f"reached for {seen[0]}", "time and frames passed in, outputs returned, nothing else", "pure")
+    if calls:
+        raise Broken(f"reached for {calls[0]}", "time and frames passed in, outputs returned, nothing else", "pure")
     return result
 
 

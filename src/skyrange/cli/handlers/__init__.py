@@ -1,1 +1,0 @@
-"""Handlers of the commands: call the library, then print the result."""

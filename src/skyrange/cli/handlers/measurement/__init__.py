@@ -1,1 +1,0 @@
-"""Handlers of the commands `skyrange bench` and `skyrange parity`."""
