@@ -22,7 +22,8 @@ from mcap.reader import NonSeekingReader, SeekingReader, make_reader
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
-from skyrange.export import kml_file, scene_messages
+from skyrange.export import foxglove_messages as scene_messages
+from skyrange.export import kml_file
 from skyrange.export.csv_tables import write_tables
 from skyrange.export.kml_file import write_kml
 from skyrange.export.mcap_file import write_mcap

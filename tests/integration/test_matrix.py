@@ -15,7 +15,7 @@ from skyrange.scenario.shipped import load
 from skyrange.study.matrix.cells import Cell, measure_cell
 from skyrange.study.matrix.flights import fly_matrix
 from skyrange.study.matrix.model import read_matrix, select
-from skyrange.study.matrix.report import write_matrix_report
+from skyrange.study.matrix.page import write_matrix_report
 from skyrange.study.matrix.sections import write_markdown
 from skyrange.study.matrix.summary import cost_of, describe_cell
 from skyrange.study.pairing import pair

@@ -17,8 +17,8 @@ from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, load
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_reader import load_text
-from skyrange.twins.attribution.arms import SELECTIONS, Arm, acting_attacks, baseline_of, plan_arms, scenario_of
-from skyrange.twins.attribution.attribute import (
+from skyrange.twins.arms import SELECTIONS, Arm, acting_attacks, baseline_of, plan_arms, scenario_of
+from skyrange.twins.attribution import (
     Authors,
     Comparison,
     attribution_table,
@@ -28,7 +28,7 @@ from skyrange.twins.attribution.attribute import (
     unknown_subsets,
     with_authors,
 )
-from skyrange.twins.attribution.outcomes import NAMES, PLACEBO_LEVEL, ArmOutcomes, Limits, floors, limits
+from skyrange.twins.effects import NAMES, PLACEBO_LEVEL, ArmOutcomes, Limits, floors, limits
 
 SCENARIO = """
 name = "two"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pyarrow as pa
 import pytest
 
-from skyrange.dataset.views import observed
+from skyrange.dataset import frame_views as observed
 
 
 @pytest.mark.parametrize(("most_rows", "reads"), [(6, 3), (7, 1), (8, 1)])

@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
+from skyrange.figures.maps import draw_reception_map
 from skyrange.figures.palette import shades
-from skyrange.figures.reception_map import draw_reception_map
 from skyrange.figures.subject import Subject
 from skyrange.figures.twins import draw_departures, draw_twin_heights, draw_twin_plan
-from skyrange.metrics.receptions import (
+from skyrange.metrics.links import (
     ReceptionSummary,
     read_receptions,
     reception_summaries,
     summarise_receptions,
 )
 from skyrange.metrics.time_series import Track, Vehicle
-from skyrange.report import reception_tables
 from skyrange.report.pair import belief, effect_tables, propagation_timeline
+from skyrange.report.run import sections as reception_tables
 from skyrange.statistics.means import Interval
 from tests.unit.study_sample import SampleRun
 

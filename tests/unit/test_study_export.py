@@ -16,10 +16,10 @@ from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
-from skyrange.export.captures import packet_captures
-from skyrange.export.captures import received_broadcasts as received_broadcasts
-from skyrange.export.captures.received_broadcasts import received_broadcasts as heard_in
-from skyrange.export.captures.received_broadcasts import receivers_of, select_receivers
+from skyrange.export import packet_captures
+from skyrange.export import packet_captures as received_broadcasts
+from skyrange.export.packet_captures import received_broadcasts as heard_in
+from skyrange.export.packet_captures import receivers_of, select_receivers
 from skyrange.record import RunRecord, load
 from skyrange.record.schema import arrow_schema
 

@@ -172,7 +172,7 @@ def tables() -> str:
 
 def pair_tables() -> str:
     """The tables of a pair's folder."""
-    from skyrange.twins.attribution.attribute import COLUMNS as ATTRIBUTION
+    from skyrange.twins.attribution import COLUMNS as ATTRIBUTION
     from skyrange.twins.effects import COLUMNS as EFFECTS
     from skyrange.twins.lie_and_truth import COLUMNS as LIE_AND_TRUTH
     from skyrange.twins.pair_folder import ATTRIBUTION as ATTRIBUTION_FILE
@@ -504,8 +504,8 @@ def score_format() -> str:
 
 def study_file() -> str:
     """The keys of a study's file."""
-    from skyrange.study.sweep.design import model as described
-    from skyrange.study.sweep.design.model import Study
+    from skyrange.study.design import model as described
+    from skyrange.study.design.model import Study
 
     schema = Study.model_json_schema()
     places = {
@@ -524,8 +524,8 @@ def study_file() -> str:
 
 def study_measures() -> str:
     """The measures in the table `runs` of a study."""
-    from skyrange.study.sweep.columns import column_of
-    from skyrange.study.variants.run_measures import QUANTITIES
+    from skyrange.study.columns import column_of
+    from skyrange.study.run_measures import QUANTITIES
 
     return table(
         ("column", "unit", "meaning"), [(f"`{column_of(one.name)}`", one.unit, one.about) for one in QUANTITIES]

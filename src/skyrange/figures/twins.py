@@ -8,13 +8,12 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from skyrange.figures import svg
-from skyrange.figures.base_map import BaseMap, fit_map
+from skyrange.figures.maps import BaseMap, Place, draw_claim, draw_mark, draw_places, fit_map
 from skyrange.figures.subject import Subject
 from skyrange.figures.svg import Figure
-from skyrange.figures.symbols import Place, draw_claim, draw_mark, draw_places
 from skyrange.figures.time_chart import draw_chart
 from skyrange.figures.track_simplification import select_samples
-from skyrange.metrics.mishaps import Mishap, drawing_order
+from skyrange.metrics.safety import Mishap, drawing_order
 from skyrange.metrics.time_series import Track
 
 Span = tuple[float, float, str]

@@ -1,4 +1,4 @@
-"""Exact comparison of two runs: the first difference in each table.
+"""Exact comparison of two runs: the first difference in each table, and the identity of a flight.
 
 Rows are compared in an order that does not depend on how they were recorded: frames by time of sending, link,
 direction, sender and serial, truth by time and vehicle. Both runs are read once, in parallel, with bounded memory. If
@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from skyrange.codec.mavlink import message_name
 from skyrange.core.ids import FrameId
 from skyrange.core.time import to_seconds
-from skyrange.metrics.aircraft_measures import DEPARTED_M, departures, read_ticks
+from skyrange.metrics.aircraft import DEPARTED_M, departures, read_ticks
 from skyrange.metrics.time_series import vehicles
+from skyrange.record.digests import combine_digests
 from skyrange.record.read.run import RunRecord, load
 from skyrange.record.read.time_order import sort_by_time
 from skyrange.record.schema import DERIVED, TABLES
@@ -351,3 +352,23 @@ def _outcome(entry: Any) -> str:
 
 def _time(row: RowDifference) -> int:
     return row.time_ns
+
+
+def identify_flight(manifest: Mapping[str, Any]) -> str:
+    """32 hex digits over the exact digests of all frames and of all positions of a run; "" for a run without digests.
+
+    The digest of events is left out: an attack that is muted is not part of a flight, nor is when it would have begun.
+    """
+    digests = manifest.get("digests") or {}
+    parts = [str(digests.get(name, "")) for name in ("frames", "truth")]
+    return combine_digests(parts) if all(parts) else ""
+
+
+def repeats_to_the_byte(manifest: Mapping[str, Any]) -> bool:
+    """Whether a run, flown again, would be the same to the byte: it was virtual, and its engines and medium say so.
+
+    Of a record of a version that did not ask them, the builtin ones are known to be.
+    """
+    parts = [*(manifest.get("engines") or ()), *([manifest["medium"]] if manifest.get("medium") else [])]
+    said = (part.get("repeatable", "bytes" if part.get("kind") == "builtin" else "outcome") for part in parts)
+    return not manifest.get("live") and all(one == "bytes" for one in said)

@@ -16,13 +16,24 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
+from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
 from skyrange.core.time import Time
 from skyrange.io.processes.program import end_with_parent
+from skyrange.record.levels import LEVELS, keeps
 from skyrange.runtime.compilation.cache_filling import fill_cache, is_cold
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.runs import fly
+
+
+def require_level(scenario: Scenario, table: str, who: str) -> None:
+    """Raise `InputError` for `who` if runs of a scenario would not keep a table that it reads."""
+    level = scenario.record.level
+    if not keeps({"record": {"level": level}}, table):
+        enough = [one for one in LEVELS if keeps({"record": {"level": one}}, table)]
+        hint = f"It reads the {table} of each run. Add --set record.level={enough[-1]}."
+        raise InputError.one(who, "record.level", level, " or ".join(reversed(enough)), hint)
+
 
 OnRunProgress = Callable[[int, Time, Time], None]
 """Callback for progress: (number of the run, current simulated time, simulated end time)."""

@@ -16,8 +16,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.metrics.time_series import read_notes
 from skyrange.record.read.run import RunRecord
 from skyrange.record.schema import NAME, Column, arrow_schema
-from skyrange.twins.attribution.outcomes import ArmOutcomes
-from skyrange.twins.effects import effect_rows
+from skyrange.twins.effects import ArmOutcomes, effect_rows
 
 AVOIDS: Final = "decision.avoid"
 _F64, _I64 = pa.float64(), pa.int64()

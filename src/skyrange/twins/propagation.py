@@ -18,14 +18,20 @@ import pyarrow.compute as pc
 
 from skyrange.core.ids import FrameId, link_name
 from skyrange.core.time import NS_PER_S
-from skyrange.metrics.near_misses import near_misses
-from skyrange.metrics.separation import NEAR_M
+from skyrange.metrics.aircraft import near_misses
+from skyrange.metrics.safety import NEAR_M
 from skyrange.metrics.time_series import RecordedNote, read_notes, vehicles
 from skyrange.record.read.run import RunRecord
 from skyrange.record.schema import NAME, TEXT, Column, arrow_schema
-from skyrange.twins.absent_decisions import Departed, find_absent_decisions, senders_of
-from skyrange.twins.consequences import Origin, act_of, follow
-from skyrange.twins.lost_receptions import lost_receptions
+from skyrange.twins.consequences import (
+    Departed,
+    Origin,
+    act_of,
+    find_absent_decisions,
+    follow,
+    lost_receptions,
+    senders_of,
+)
 
 PHASES: Final = ("onset", "act", "propagation", "effect")
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.time import NS_PER_S
+from skyrange.metrics.paths import AIRBORNE_M
 from skyrange.metrics.time_series import Vehicle, read_notes, vehicles
-from skyrange.metrics.track_deviation import AIRBORNE_M
 from skyrange.record import RunRecord
 
 Floats = NDArray[np.float64]

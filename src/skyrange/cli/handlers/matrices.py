@@ -24,7 +24,7 @@ def matrix(
     from skyrange.core.errors import InputError
     from skyrange.study.matrix.flights import describe, fly_matrix
     from skyrange.study.matrix.model import read_matrix, select
-    from skyrange.study.matrix.report import write_matrix_page, write_matrix_report
+    from skyrange.study.matrix.page import write_matrix_page, write_matrix_report
     from skyrange.twins.failed_missions import require_baseline
 
     chosen = select(read_matrix(file), tuple(rows), tuple(columns))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from skyrange.attack.contract import AttackPlugin
     from skyrange.defence.contract import DefencePlugin
     from skyrange.fault.contract import FaultPlugin
-    from skyrange.twins.attribution.arms import Selection
+    from skyrange.twins.arms import Selection
     from skyrange.twins.pair_folder import Pair
 
 
@@ -98,7 +98,7 @@ def pair(
     from skyrange.cli.output.warnings import print_warnings
     from skyrange.scenario.shipped import load
     from skyrange.study.pairing import pair as fly_pair
-    from skyrange.twins.attribution.arms import acting_attacks, plan_arms
+    from skyrange.twins.arms import acting_attacks, plan_arms
     from skyrange.twins.failed_missions import require_baseline
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
@@ -116,7 +116,7 @@ def pair(
 
 def _pair_facts(result: Pair) -> dict[str, Any]:
     """A pair as plain data, for `--json`."""
-    from skyrange.twins.attribution.arms import HONEST
+    from skyrange.twins.arms import HONEST
 
     found = {vehicle: {key: one._asdict() for key, one in own.items()} for vehicle, own in result.intervals().items()}
     folder = {"path": str(result.path), "report": str(result.report)}

@@ -11,11 +11,11 @@ from skyrange.cli.output.console import print_json, print_notice, print_text, te
 
 if TYPE_CHECKING:
     from skyrange.statistics.means import Interval
-    from skyrange.study.sweep.design.model import Study
-    from skyrange.study.sweep.execution.executors import Executor
-    from skyrange.study.sweep.execution.storage import BlockStorage
-    from skyrange.study.sweep.execution.study_run import StudyResult
-    from skyrange.study.sweep.folder import StudyFolder
+    from skyrange.study.design.model import Study
+    from skyrange.study.execution.executors import Executor
+    from skyrange.study.execution.storage import BlockStorage
+    from skyrange.study.execution.study_run import StudyResult
+    from skyrange.study.folder import StudyFolder
 
 _SHOWN = 10
 """Failed blocks that are listed on the terminal."""
@@ -33,8 +33,8 @@ def run(
 ) -> None:
     """`skyrange study run`."""
     from skyrange.cli.output.progress import compile_if_cold, map_progress
-    from skyrange.study.sweep.design.model import read_study
-    from skyrange.study.sweep.execution.study_run import run_study
+    from skyrange.study.design.model import read_study
+    from skyrange.study.execution.study_run import run_study
 
     study = read_study(file, changes)
     compile_if_cold(quiet=as_json)
@@ -49,8 +49,8 @@ def run(
 
 def register(file: Path, out: Path | None, changes: Sequence[str], as_json: bool) -> None:
     """`skyrange study register`."""
-    from skyrange.study.sweep.design.model import read_study
-    from skyrange.study.sweep.registration import register_study
+    from skyrange.study.design.model import read_study
+    from skyrange.study.registration import register_study
 
     folder, registered = register_study(read_study(file, changes), out)
     if as_json:
@@ -65,8 +65,8 @@ def resume(
     path: Path, jobs: int | None, on: str | None, storage: str | None, other_version: bool, retry: bool, as_json: bool
 ) -> None:
     """`skyrange study resume`."""
-    from skyrange.study.sweep.execution.study_run import forget_failures
-    from skyrange.study.sweep.folder import open_folder, require_unchanged
+    from skyrange.study.execution.study_run import forget_failures
+    from skyrange.study.folder import open_folder, require_unchanged
 
     folder = open_folder(path)
     require_unchanged(folder, other_version=other_version)
@@ -78,8 +78,8 @@ def resume(
 
 def status(path: Path, as_json: bool) -> None:
     """`skyrange study status`."""
-    from skyrange.study.sweep.execution.study_run import list_failures
-    from skyrange.study.sweep.folder import open_folder
+    from skyrange.study.execution.study_run import list_failures
+    from skyrange.study.folder import open_folder
 
     folder = open_folder(path)
     finished, failures = len(folder.finished()), list_failures(folder)
@@ -98,10 +98,10 @@ def show(path: Path, as_json: bool) -> None:
     """`skyrange study show`."""
     from rich.table import Table
 
-    from skyrange.study.sweep.folder import open_folder
-    from skyrange.study.sweep.quantities import QUANTITIES
-    from skyrange.study.sweep.report.summary import read_samples, summarise_study, tells_something
-    from skyrange.study.sweep.results import write_results
+    from skyrange.study.folder import open_folder
+    from skyrange.study.registration import QUANTITIES
+    from skyrange.study.results import write_results
+    from skyrange.study.summary import read_samples, summarise_study, tells_something
 
     folder = open_folder(path)
     write_results(folder)
@@ -131,7 +131,7 @@ def show(path: Path, as_json: bool) -> None:
 
 def report(path: Path, pdf: bool) -> None:
     """`skyrange study report`."""
-    from skyrange.study.sweep.report.page import write_study_report
+    from skyrange.study.page import write_study_report
 
     print_text(f"report {write_study_report(path, pdf=pdf)}")
 
@@ -149,7 +149,7 @@ def score(
     """`skyrange study score`."""
     from skyrange.cli.output.score_tables import tabulate_scores
     from skyrange.scoring.result_file import ScoreSettings, read_scores, write_scores
-    from skyrange.study.sweep.scores.score_tables import score_study
+    from skyrange.study.score_tables import score_study
 
     others = [read_scores(file) for file in beside]
     settings = ScoreSettings(target_per_h=rate)
@@ -165,8 +165,8 @@ def score(
 
 
 def _estimate(study: Study, jobs: int | None, as_json: bool) -> None:
-    from skyrange.study.sweep.design.blocks import list_blocks
-    from skyrange.study.sweep.execution.estimate import estimate_study
+    from skyrange.study.design.blocks import list_blocks
+    from skyrange.study.execution.study_run import estimate_study
 
     found = estimate_study(study, list_blocks(study), _jobs(jobs))
     if as_json:
@@ -182,7 +182,7 @@ def _estimate(study: Study, jobs: int | None, as_json: bool) -> None:
 
 def _fly(folder: StudyFolder, executor: Executor, storage: BlockStorage | None, as_json: bool) -> None:
     from skyrange.cli.output.progress import map_progress
-    from skyrange.study.sweep.execution.study_run import run_blocks
+    from skyrange.study.execution.study_run import run_blocks
 
     with map_progress(folder.study.name, "blocks", quiet=as_json) as on_block:
         result = run_blocks(folder, executor, on_block, storage)
@@ -191,7 +191,7 @@ def _fly(folder: StudyFolder, executor: Executor, storage: BlockStorage | None, 
 
 def _print_result(result: StudyResult, as_json: bool) -> None:
     from skyrange.cli.output.warnings import print_failed_missions
-    from skyrange.study.sweep.execution.study_run import list_failed_missions
+    from skyrange.study.execution.study_run import list_failed_missions
     from skyrange.twins.failed_missions import require_baseline
 
     folder, missions = result.folder, list_failed_missions(result.folder)
@@ -229,8 +229,7 @@ def _print_failures(failures: Any) -> None:
 
 def _executor(jobs: int | None, on: str | None) -> Executor:
     from skyrange.core.errors import InputError
-    from skyrange.study.sweep.execution.local_pool import LocalPool
-    from skyrange.study.sweep.execution.ray_pool import RayPool
+    from skyrange.study.execution.executors import LocalPool, RayPool
 
     if on is None:
         return LocalPool(_jobs(jobs))
@@ -241,7 +240,7 @@ def _executor(jobs: int | None, on: str | None) -> Executor:
 
 def _storage(url: str | None, on: str | None) -> BlockStorage | None:
     from skyrange.core.errors import InputError
-    from skyrange.study.sweep.execution.storage import BlockStorage
+    from skyrange.study.execution.storage import BlockStorage
 
     if url is None:
         return None

@@ -22,8 +22,7 @@ def compare(
     """`skyrange compare`."""
     from skyrange.cli.output.progress import compile_if_cold, parallel_progress
     from skyrange.cli.output.variants_table import print_comparison
-    from skyrange.study.variants.flights import compare_variants, read_variants
-    from skyrange.study.variants.report import write_comparison_report
+    from skyrange.study.variants import compare_variants, read_variants, write_comparison_report
     from skyrange.twins.failed_missions import require_baseline
 
     chosen = read_variants(variants)

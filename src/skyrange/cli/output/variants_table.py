@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from skyrange.cli.output.warnings import print_failed_missions
-from skyrange.study.variants.sections import make_tables
+from skyrange.study.variants import make_tables
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from skyrange.study.variants.flights import Comparison
+    from skyrange.study.variants import Comparison
 
 
 def print_comparison(console: Console, result: Comparison) -> None:

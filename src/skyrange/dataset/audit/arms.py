@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
-from skyrange.dataset.description.contents import RUNS
+from skyrange.dataset.contents import RUNS
 from skyrange.dataset.labels import ATTACK, INTRUSION, SHAM
 from skyrange.dataset.progress import require_whole
 

@@ -25,9 +25,8 @@ from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.gcs.plan.plans import FlightPlan, from_file
 from skyrange.gcs.plan.routes import enu_points, estimated_duration_s
-from skyrange.metrics.path_distance import path_distance_m
+from skyrange.metrics.paths import AIRBORNE_M, path_distance_m
 from skyrange.metrics.time_series import Track, read_notes, truth_tracks
-from skyrange.metrics.track_deviation import AIRBORNE_M
 from skyrange.parity.flights import DEADLINE_S
 from skyrange.parity.missions.rounded_turns import read_headings, rounded_turn
 from skyrange.record import RunRecord

@@ -17,9 +17,9 @@ from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.figures.subject import Subject
 from skyrange.figures.time_chart import draw_chart
 from skyrange.figures.twins import Span
-from skyrange.metrics.mishaps import mishap_kind
+from skyrange.metrics.safety import mishap_kind
 from skyrange.metrics.time_series import Record, Track, belief_errors_m, belief_tracks, labelled_acts, read_notes
-from skyrange.report import quantities
+from skyrange.report import rendering as quantities
 from skyrange.report.rendering import render
 
 Line = tuple[NDArray[np.int64], NDArray[np.float64]]

@@ -28,7 +28,7 @@ from skyrange.study.matrix.cells import Cell, measure_cell
 from skyrange.study.matrix.model import UNDEFENDED, Column, Matrix, Row
 from skyrange.study.matrix.verdicts import Verdicts, judge_cells
 from skyrange.study.pairing import pair
-from skyrange.twins.attribution.arms import NOMINAL, Selection, acting_attacks, claiming_attacks
+from skyrange.twins.arms import NOMINAL, Selection, acting_attacks, claiming_attacks
 from skyrange.twins.pair_folder import Pair, folder_of
 
 FORMAT: Final = "skyrange.matrix/2"

@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
-from skyrange.statistics.share_tests import LEVEL, adjust_by_holm, pairs_needed, share_test, sign_test
+from skyrange.statistics.means import LEVEL, adjust_by_holm, pairs_needed, share_test, sign_test
 from skyrange.study.matrix.cells import Cell
 from skyrange.study.matrix.model import UNDEFENDED
 
