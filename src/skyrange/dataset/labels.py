@@ -132,7 +132,7 @@ class FrameLabels:
             "derived": pc.and_(attack, pc.invert(first)),
             **{name: pc.equal(role, name) for name in (INTRUSION, SHAM, FAULT)},
         }
-        found = {name: pc.fill_null(column.take(places), False) for name, column in columns.items()}
+        found = {name: pc.fill_null(column.take(places), fill_value=False) for name, column in columns.items()}
         way = pc.if_else(columns["derived"], pa.array(self.way), pa.scalar(None, pa.string()))
         kind = pa.array([self.acts.kinds.get(name) for name in self.author], pa.string())
         family = pa.array([self.acts.families.get(name) for name in self.author], pa.string())

@@ -99,7 +99,7 @@ def _frame(low: Floats, high: Floats, project: Any) -> list[Element]:
         parts.append(svg.element("path", {"d": svg.path_data(project(np.array(points))), **svg.GRID}))
 
     def draw_label(
-        point: tuple[float, float, float], dx: float, dy: float, text: str, anchor: str, faint: bool
+        point: tuple[float, float, float], dx: float, dy: float, text: str, anchor: str, *, faint: bool
     ) -> None:
         x, y = project(np.array([point]))[0]
         parts.append(svg.label(x + dx, y + dy, text, anchor, 10.5, {"opacity": ".7"} if faint else None))
@@ -110,17 +110,17 @@ def _frame(low: Floats, high: Floats, project: Any) -> list[Element]:
     line((low[0], high[1], low[2]), (low[0], high[1], high[2]))
     for e in e_ticks:
         line((e, low[1], low[2]), (e, high[1], low[2]), (e, high[1], high[2]))
-        draw_label((e, low[1], low[2]), -3, 14, svg.format_tick(e, e_step), "middle", False)
+        draw_label((e, low[1], low[2]), -3, 14, svg.format_tick(e, e_step), "middle", faint=False)
     for n in n_ticks:
         line((high[0], n, low[2]), (low[0], n, low[2]), (low[0], n, high[2]))
-        draw_label((high[0], n, low[2]), 7, 9, svg.format_tick(n, n_step), "start", False)
+        draw_label((high[0], n, low[2]), 7, 9, svg.format_tick(n, n_step), "start", faint=False)
     for u in u_ticks:
         line((low[0], low[1], u), (low[0], high[1], u), (high[0], high[1], u))
-        draw_label((low[0], low[1], u), -7, 4, svg.format_tick(u, u_step), "end", False)
+        draw_label((low[0], low[1], u), -7, 4, svg.format_tick(u, u_step), "end", faint=False)
     middle = 0.5 * (low + high)
-    draw_label((middle[0], low[1], low[2]), -22, 32, "east, m", "middle", True)
-    draw_label((high[0], middle[1], low[2]), 34, 24, "north, m", "start", True)
-    draw_label((low[0], low[1], high[2]), -7, -10, "up, m", "middle", True)
+    draw_label((middle[0], low[1], low[2]), -22, 32, "east, m", "middle", faint=True)
+    draw_label((high[0], middle[1], low[2]), 34, 24, "north, m", "start", faint=True)
+    draw_label((low[0], low[1], high[2]), -7, -10, "up, m", "middle", faint=True)
     return parts
 
 
@@ -194,7 +194,12 @@ def altitude(record: Record, width: float = 760.0, height: float = 300.0) -> Fig
 
 
 def draw_boxes(
-    subject: Subject, tracks: Mapping[str, Track], operators: Sequence[str] | None, source: Source, titled: bool = True
+    subject: Subject,
+    tracks: Mapping[str, Track],
+    operators: Sequence[str] | None,
+    source: Source,
+    *,
+    titled: bool = True,
 ) -> Figure:
     """Draw `trajectories_3d` of the given tracks; `titled` writes the operator's name above each box."""
     known = list(dict.fromkeys(vehicle.operator for vehicle in subject.fleet))
@@ -248,7 +253,7 @@ def draw_altitude(subject: Subject, tracks: Mapping[str, Track], width: float = 
     """Draw `altitude` of the given tracks."""
     lines = {name: (track.time_ns, track.enu_m[:, 2]) for name, track in tracks.items()}
     title = f"Altitude over time in {subject.name}"
-    return draw_chart(subject, lines, "height above the origin, m", title, width, height)
+    return draw_chart(subject, lines, "height above the origin, m", title, size_px=(width, height))
 
 
 def track_deviation(record: Record, width: float = 760.0, height: float = 300.0) -> Figure:
@@ -260,7 +265,7 @@ def track_deviation(record: Record, width: float = 760.0, height: float = 300.0)
     subject = subject_of(record)
     lines = deviations_m(subject.fleet, truth_tracks(record), received_waypoints(record))
     title = f"Distance from the planned track in {subject.name}"
-    return draw_chart(subject, lines, "metres beside the planned track", title, width, height)
+    return draw_chart(subject, lines, "metres beside the planned track", title, size_px=(width, height))
 
 
 def _draw_vehicle(

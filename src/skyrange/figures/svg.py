@@ -98,7 +98,7 @@ def ticks(low: float, high: float, about: int = 5) -> tuple[list[float], float]:
     return [index * step for index in range(first, last + 1)], step
 
 
-def path_data(points: Floats, close: bool = False) -> str:
+def path_data(points: Floats, *, close: bool = False) -> str:
     """The `d` of a path through (n, 2) pixels, in relative steps, tenths of a pixel."""
     if not len(points):
         return ""

@@ -280,7 +280,7 @@ def _unequal(a: pa.Array, b: pa.Array) -> NDArray[np.bool_]:
             zero_copy_only=False
         ).view(np.int64)
         return bits
-    values = pc.fill_null(pc.not_equal(a, b), False)
+    values = pc.fill_null(pc.not_equal(a, b), fill_value=False)
     gaps = pc.xor(pc.is_null(a), pc.is_null(b))
     result: NDArray[np.bool_] = pc.or_(values, gaps).to_numpy(zero_copy_only=False)
     return result

@@ -45,9 +45,8 @@ class Approaches(NamedTuple):
 
 
 @compiled
-def _closest(
-    enu_m: Floats, aloft: Flags, near_m: float, least_m: Floats, nearest: Ints, tick: Ints, near_misses: Ints
-) -> None:
+def _closest(enu_m: Floats, aloft: Flags, near_m: float, found: Approaches) -> None:
+    """Fill in `found`, in which every aircraft is alone at first."""
     ticks, count = aloft.shape
     within = np.zeros((count, count), dtype=np.bool_)
     for t in range(ticks):
@@ -61,14 +60,14 @@ def _closest(
                 dn = enu_m[t, i, 1] - enu_m[t, j, 1]
                 du = enu_m[t, i, 2] - enu_m[t, j, 2]
                 away = np.sqrt(de * de + dn * dn + du * du)
-                if away < least_m[i]:
-                    least_m[i], nearest[i], tick[i] = away, j, t
-                if away < least_m[j]:
-                    least_m[j], nearest[j], tick[j] = away, i, t
+                if away < found.least_m[i]:
+                    found.least_m[i], found.nearest[i], found.tick[i] = away, j, t
+                if away < found.least_m[j]:
+                    found.least_m[j], found.nearest[j], found.tick[j] = away, i, t
                 near = away < near_m
                 if near and not within[i, j]:
-                    near_misses[i] += 1
-                    near_misses[j] += 1
+                    found.near_misses[i] += 1
+                    found.near_misses[j] += 1
                 within[i, j] = near
 
 
@@ -78,7 +77,7 @@ def closest_approaches(enu_m: Floats, aloft: Flags, near_m: float = NEAR_M) -> A
     found = Approaches(
         np.full(count, np.inf), np.full(count, -1, np.int64), np.full(count, -1, np.int64), np.zeros(count, np.int64)
     )
-    _closest(np.ascontiguousarray(enu_m), np.ascontiguousarray(aloft), near_m, *found)
+    _closest(np.ascontiguousarray(enu_m), np.ascontiguousarray(aloft), near_m, found)
     return found
 
 

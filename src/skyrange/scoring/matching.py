@@ -85,9 +85,7 @@ def _match_windows(
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Which alarms are in a window, shape (alarms,), and the earliest that detects each of `count` acts, or `NEVER`."""
     detected = np.full(count, NEVER, dtype=np.int64)
-    acting = _mark_windows(
-        bounds, times, windows.attacks, windows.subjects, windows.act_ns, windows.begin_ns, windows.end_ns, detected
-    )
+    acting = _mark_windows(bounds, times, windows, detected)
     return acting, detected
 
 
@@ -101,26 +99,19 @@ def count_episodes(
 
 @compiled
 def _mark_windows(
-    bounds: NDArray[np.int64],
-    times: NDArray[np.int64],
-    attacks: NDArray[np.int64],
-    subjects: NDArray[np.int64],
-    acts: NDArray[np.int64],
-    begins: NDArray[np.int64],
-    ends: NDArray[np.int64],
-    detected: NDArray[np.int64],
+    bounds: NDArray[np.int64], times: NDArray[np.int64], windows: Windows, detected: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Which alarms are in a window, shape (alarms,); fills in `detected`, shape (attacks,), with the earliest one."""
     acting = np.zeros(times.shape[0], dtype=np.bool_)
-    for row in range(attacks.shape[0]):
-        subject = subjects[row]
+    for row in range(windows.attacks.shape[0]):
+        attack, subject = windows.attacks[row], windows.subjects[row]
         first, last = bounds[subject], bounds[subject + 1]
-        for i in range(first + np.searchsorted(times[first:last], acts[row]), last):
-            if times[i] > ends[row]:
+        for i in range(first + np.searchsorted(times[first:last], windows.act_ns[row]), last):
+            if times[i] > windows.end_ns[row]:
                 break
             acting[i] = True
-            if times[i] >= begins[row] and times[i] < detected[attacks[row]]:
-                detected[attacks[row]] = times[i]
+            if times[i] >= windows.begin_ns[row] and times[i] < detected[attack]:
+                detected[attack] = times[i]
     return acting
 
 

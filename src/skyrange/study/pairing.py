@@ -115,7 +115,7 @@ def pair(
     if honest and not claiming_attacks(scenario):
         kinds = ", ".join(attack.kind for attack in scenario.attacks) or "none"
         raise InputError.one("pair", "honest", kinds, "an attack that claims an aircraft, such as remote_id.spoof")
-    planned = plan_arms(attacks, arms, honest)
+    planned = plan_arms(attacks, arms, honest=honest)
     baseline = baseline_of(attacks, planned)
     build(scenario)  # raises errors in the scenario before a folder is created
     if honest:
@@ -137,7 +137,7 @@ def pair(
         ],
         jobs,
         on_progress,
-        run_reports,
+        report=run_reports,
     )
     for place, one in zip(missing, results, strict=True):
         flown[place] = one

@@ -70,7 +70,7 @@ def acting_faults(scenario: Scenario) -> list[str]:
 
 
 def plan_arms(
-    attacks: Mapping[str, Counterfactual], selection: Selection | None = None, honest: bool = False
+    attacks: Mapping[str, Counterfactual], selection: Selection | None = None, *, honest: bool = False
 ) -> list[Arm]:
     """The arms for these attacks, the nominal one first and the attacked one next.
 

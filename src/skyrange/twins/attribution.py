@@ -109,16 +109,26 @@ COLUMNS: Final[tuple[Column, ...]] = (
     Column("attack", NAME, "", "the id of the attack, or of the fault where `fault` is true"),
     Column("fault", pa.bool_(), "", "whether `attack` is the id of a benign fault"),
     Column("relation", NAME, "", "both, necessary, sufficient, joint, redundant, none or unknown"),
-    Column("shift", NAME, "", "advanced or delayed: the departure begins earlier or later with the attack", True),
-    Column("shift_s", pa.float64(), "s", "departure with all attacks minus departure without this one", True),
+    Column(
+        "shift", NAME, "", "advanced or delayed: the departure begins earlier or later with the attack", nullable=True
+    ),
+    Column("shift_s", pa.float64(), "s", "departure with all attacks minus departure without this one", nullable=True),
     Column("difference", pa.float64(), "", "distance of the outcome from the baseline when all attacks act"),
-    Column("departed_s", pa.float64(), "s", "of a departure: when it exceeded the limit", True),
+    Column("departed_s", pa.float64(), "s", "of a departure: when it exceeded the limit", nullable=True),
     Column("limit", pa.float64(), "", "the distance beyond which it is an effect"),
     Column("placebos", pa.int32(), "", "number of placebos from which the limit is known"),
     Column("level", pa.float64(), "", "probability with which a difference that is no effect exceeds the limit"),
     Column("shown", pa.bool_(), "", "whether that is at most 0.05; else there are not enough placebos"),
-    Column("alone", pa.float64(), "", "the distance when only this attack acts; null if that was not run", True),
-    Column("without", pa.float64(), "", "the distance when all but this attack act; null if that was not run", True),
+    Column(
+        "alone", pa.float64(), "", "the distance when only this attack acts; null if that was not run", nullable=True
+    ),
+    Column(
+        "without",
+        pa.float64(),
+        "",
+        "the distance when all but this attack act; null if that was not run",
+        nullable=True,
+    ),
 )
 """Columns of `attribution.parquet`: one row per seed, aircraft, effect and attack."""
 
@@ -180,7 +190,7 @@ def attribute(
                 away[arm.active] = distances(run, reference)
                 departed_ns[arm.active] = onsets_ns(run, reference, found_limits.of["departure"])
         fleet = [one.vehicle for one in reference.measured]
-        found = relate(Comparison(seed, fleet, away, departed_ns, found_limits), baseline is not None)
+        found = relate(Comparison(seed, fleet, away, departed_ns, found_limits), has_baseline=baseline is not None)
         rows += [row | {"fault": row["attack"] in faults} for row in found]
     return rows
 
@@ -262,7 +272,7 @@ def attribution_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     return pa.Table.from_pylist([dict(row) for row in rows], schema=arrow_schema("attribution", COLUMNS))
 
 
-def relate(found: Comparison, has_baseline: bool) -> list[dict[str, Any]]:
+def relate(found: Comparison, *, has_baseline: bool) -> list[dict[str, Any]]:
     """The rows of one seed: those of every outcome that differs by more than its limit when all attacks act.
 
     Where the placebos are too few to call that an effect, every relation is unknown.

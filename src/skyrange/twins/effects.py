@@ -188,10 +188,16 @@ COLUMNS: Final[tuple[Column, ...]] = (
     Column("vehicle", NAME, "", "operator/vehicle"),
     Column("outcome", NAME, "", "outcome of the mission in the attacked run: complete, failed or unfinished"),
     Column("outcome_twin", NAME, "", "the same in the twin"),
-    Column("landed_s", _F64, "s", "when it touched down to end the mission, in truth, in the attacked run", True),
-    Column("landed_twin_s", _F64, "s", "the same in the twin", True),
     Column(
-        "delay_s", _F64, "s", "arrival delay: `landed_s` of attacked minus twin, if both missions are complete", True
+        "landed_s", _F64, "s", "when it touched down to end the mission, in truth, in the attacked run", nullable=True
+    ),
+    Column("landed_twin_s", _F64, "s", "the same in the twin", nullable=True),
+    Column(
+        "delay_s",
+        _F64,
+        "s",
+        "arrival delay: `landed_s` of attacked minus twin, if both missions are complete",
+        nullable=True,
     ),
     Column(
         "finished_s",
@@ -199,28 +205,32 @@ COLUMNS: Final[tuple[Column, ...]] = (
         "s",
         "when the ground station reported the end of the mission, by the heartbeats that it gets, about one a second; "
         "in the attacked run",
-        True,
+        nullable=True,
     ),
-    Column("finished_twin_s", _F64, "s", "the same in the twin, by its heartbeats", True),
+    Column("finished_twin_s", _F64, "s", "the same in the twin, by its heartbeats", nullable=True),
     Column("distance_m", _F64, "m", "length of the path flown in the attacked run"),
     Column("distance_twin_m", _F64, "m", "the same in the twin"),
     Column("extra_distance_m", _F64, "m", "attacked minus twin"),
-    Column("energy_j", _F64, "J", "energy drawn from the battery over the whole attacked run", True),
-    Column("energy_twin_j", _F64, "J", "the same in the twin", True),
-    Column("extra_energy_j", _F64, "J", "attacked minus twin", True),
-    Column("min_separation_m", _F64, "m", "least distance to another aircraft in the air, centre to centre", True),
-    Column("min_separation_twin_m", _F64, "m", "the same in the twin", True),
-    Column("nearest", NAME, "", "the other aircraft of that least distance, in the attacked run", True),
+    Column("energy_j", _F64, "J", "energy drawn from the battery over the whole attacked run", nullable=True),
+    Column("energy_twin_j", _F64, "J", "the same in the twin", nullable=True),
+    Column("extra_energy_j", _F64, "J", "attacked minus twin", nullable=True),
+    Column(
+        "min_separation_m", _F64, "m", "least distance to another aircraft in the air, centre to centre", nullable=True
+    ),
+    Column("min_separation_twin_m", _F64, "m", "the same in the twin", nullable=True),
+    Column("nearest", NAME, "", "the other aircraft of that least distance, in the attacked run", nullable=True),
     Column(
         "near_misses", _I64, "", "number of times that another aircraft came nearer than the limit, in the attacked run"
     ),
     Column("near_misses_twin", _I64, "", "the same in the twin"),
     Column("collisions", _I64, "", "collisions with aircraft and buildings in the attacked run"),
     Column("collisions_twin", _I64, "", "the same in the twin"),
-    Column("min_wall_m", _F64, "m", "least distance to a building in the attacked run; null beyond 30 m", True),
-    Column("min_wall_twin_m", _F64, "m", "the same in the twin", True),
+    Column(
+        "min_wall_m", _F64, "m", "least distance to a building in the attacked run; null beyond 30 m", nullable=True
+    ),
+    Column("min_wall_twin_m", _F64, "m", "the same in the twin", nullable=True),
     Column("departure_m", _F64, "m", "largest distance from its position in the twin at the same time"),
-    Column("departed_s", _F64, "s", "when that distance first exceeded the threshold; null for never", True),
+    Column("departed_s", _F64, "s", "when that distance first exceeded the threshold; null for never", nullable=True),
     Column("attacks", pa.list_(pa.string()), "", "ids of the attacks that caused the effect; empty if none did"),
     Column("faults", pa.list_(pa.string()), "", "ids of the benign faults that caused the effect; empty if none did"),
     Column(
@@ -229,7 +239,7 @@ COLUMNS: Final[tuple[Column, ...]] = (
         "",
         "how: necessary, sufficient, both, joint or redundant; none for an effect without an author, unknown where the "
         "arms were not run; null without an effect",
-        True,
+        nullable=True,
     ),
 )
 """The columns of `effects.parquet`, which has a row per seed, twin and aircraft."""

@@ -44,18 +44,20 @@ COLUMNS: Final[tuple[Column, ...]] = (
         NAME,
         "",
         "the id of the attack, or of the fault where `fault` is true; null for an effect without an author",
-        True,
+        nullable=True,
     ),
-    Column("fault", pa.bool_(), "", "whether `attack` is the id of a benign fault; null if there is no id", True),
-    Column("vehicle", NAME, "", "the aircraft concerned; null if none", True),
+    Column(
+        "fault", pa.bool_(), "", "whether `attack` is the id of a benign fault; null if there is no id", nullable=True
+    ),
+    Column("vehicle", NAME, "", "the aircraft concerned; null if none", nullable=True),
     Column(
         "kind", NAME, "", "what was done (inject, send, …), `frame`, the decision's or event's kind, or `departure`"
     ),
     Column("source", NAME, "", "who acted, sent or decided"),
-    Column("link", NAME, "", "of a frame: the link that it crossed", True),
-    Column("frame", TEXT, "", "of a frame: its id", True),
-    Column("origin", TEXT, "", "of a propagation: the frame before it on the path to the hostile act", True),
-    Column("depth", pa.int32(), "", "of a propagation: number of steps from the hostile act", True),
+    Column("link", NAME, "", "of a frame: the link that it crossed", nullable=True),
+    Column("frame", TEXT, "", "of a frame: its id", nullable=True),
+    Column("origin", TEXT, "", "of a propagation: the frame before it on the path to the hostile act", nullable=True),
+    Column("depth", pa.int32(), "", "of a propagation: number of steps from the hostile act", nullable=True),
     Column(
         "way",
         NAME,
@@ -64,18 +66,26 @@ COLUMNS: Final[tuple[Column, ...]] = (
         "that it follows from: link, mode, mission, target, parameters, fence, estimate or battery; `position` for a "
         "decision on the honest broadcast of an aircraft that had departed; `absent` for a decision of the baseline "
         "that was not made because such an aircraft was elsewhere",
-        True,
+        nullable=True,
     ),
-    Column("data", TEXT, "", "of a decision or event: its details, a JSON object", True),
-    Column("departure_m", pa.float64(), "m", "of an effect: largest distance of the aircraft from the baseline", True),
-    Column("relation", NAME, "", "of an effect: how the attack relates to it, as in `attribution.parquet`", True),
+    Column("data", TEXT, "", "of a decision or event: its details, a JSON object", nullable=True),
+    Column(
+        "departure_m",
+        pa.float64(),
+        "m",
+        "of an effect: largest distance of the aircraft from the baseline",
+        nullable=True,
+    ),
+    Column(
+        "relation", NAME, "", "of an effect: how the attack relates to it, as in `attribution.parquet`", nullable=True
+    ),
     Column(
         "path",
         pa.bool_(),
         "",
         "of an effect: whether the record leads from the attack to the aircraft before it departed; if so, `origin` is "
         "the last step",
-        True,
+        nullable=True,
     ),
 )
 """Columns of `propagation.parquet`: one row per hostile act, per consequence of one, and per departed aircraft."""
@@ -112,13 +122,13 @@ def trace(
                 reached[hit["frame"]] = None
                 rows.append(
                     _row(
-                        seed, "propagation", hit["sent_ns"], attack, _vehicle_of(hit["link"], fleet), "frame",
-                        hit["sender"], link=hit["link"], frame=hit["frame"], origin=origin, depth=depth + 1,
-                        way="frame",
+                        seed, "propagation", hit["sent_ns"], attack=attack, vehicle=_vehicle_of(hit["link"], fleet),
+                        kind="frame", source=hit["sender"], link=hit["link"], frame=hit["frame"], origin=origin,
+                        depth=depth + 1, way="frame",
                     )
                 )  # fmt: skip
         frontier = list(reached)
-    rows += _lost_and_noted(record, labels, known, seed, fleet, near_m, departed)
+    rows += _lost_and_noted(record, labels, known, seed, fleet, near_m=near_m, departed=departed)
     return sorted(rows, key=lambda row: (row["at_ns"], PHASES.index(row["phase"]), row["frame"] or ""))
 
 
@@ -133,8 +143,8 @@ def _acts(labels: Sequence[Mapping[str, Any]], known: Known, seed: int, fleet: s
         phase = "act" if label["attack"] in begun else "onset"
         begun.add(label["attack"])
         yield _row(
-            seed, phase, label["at_ns"], label["attack"], _vehicle_of(link, fleet), label["action"], label["actor"],
-            link=link, frame=label["frame"],
+            seed, phase, label["at_ns"], attack=label["attack"], vehicle=_vehicle_of(link, fleet),
+            kind=label["action"], source=label["actor"], link=link, frame=label["frame"],
         )  # fmt: skip
 
 
@@ -144,6 +154,7 @@ def _lost_and_noted(
     known: Known,
     seed: int,
     fleet: set[str],
+    *,
     near_m: float,
     departed: Departed,
 ) -> Iterator[dict[str, Any]]:
@@ -154,8 +165,9 @@ def _lost_and_noted(
         if (one.attack, one.receiver, one.sender) not in first:
             first.add((one.attack, one.receiver, one.sender))
             yield _row(
-                seed, "propagation", one.at_ns, one.attack, one.receiver if one.receiver in fleet else None,
-                "reception_lost", one.receiver, link=link_name("rid_up", one.sender), frame=one.frame,
+                seed, "propagation", one.at_ns, attack=one.attack,
+                vehicle=one.receiver if one.receiver in fleet else None,
+                kind="reception_lost", source=one.receiver, link=link_name("rid_up", one.sender), frame=one.frame,
                 origin=one.burst, depth=1, way="silence",
             )  # fmt: skip
     decisions = read_notes(record, "decisions")
@@ -210,8 +222,9 @@ def _contributors(origins: Sequence[str], known: Known) -> Iterator[tuple[str, s
 def _note_row(note: RecordedNote, attack: str, origin: Origin, way: str, seed: int, fleet: set[str]) -> dict[str, Any]:
     about = note.about if note.about in fleet else note.about.split(".", 1)[0]
     return _row(
-        seed, "propagation", note.time_ns, attack, about if about in fleet else None, note.kind, note.source,
-        origin=origin.frame, depth=origin.depth, data=json.dumps(note.data, ensure_ascii=False), way=way,
+        seed, "propagation", note.time_ns, attack=attack, vehicle=about if about in fleet else None, kind=note.kind,
+        source=note.source, origin=origin.frame, depth=origin.depth,
+        data=json.dumps(note.data, ensure_ascii=False), way=way,
     )  # fmt: skip
 
 
@@ -239,7 +252,7 @@ def effects_of(
                 if row["vehicle"] == vehicle and row["attack"] == attack and row["at_ns"] <= at_ns and _moves(row)
             ]
             last = max(steps, key=_time_ns, default=None)
-            effect = _row(seed, "effect", at_ns, attack, vehicle, "departure", "world")
+            effect = _row(seed, "effect", at_ns, attack=attack, vehicle=vehicle, kind="departure", source="world")
             found.append(
                 effect
                 | {
@@ -280,7 +293,15 @@ def propagation_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
 
 
 def _row(
-    seed: int, phase: str, at_ns: int, attack: str | None, vehicle: str | None, kind: str, source: str, **more: Any
+    seed: int,
+    phase: str,
+    at_ns: int,
+    *,
+    attack: str | None,
+    vehicle: str | None,
+    kind: str,
+    source: str,
+    **more: Any,
 ) -> dict[str, Any]:
     row = {column.name: None for column in COLUMNS}
     return row | {

@@ -104,7 +104,7 @@ def pair(
     scenario = load(name, changes, seed=seed, buildings=buildings)
     print_warnings(scenario)
     compile_if_cold(quiet=as_json)
-    flights = seeds * len(plan_arms(acting_attacks(scenario), arms, honest))
+    flights = seeds * len(plan_arms(acting_attacks(scenario), arms, honest=honest))
     with parallel_progress(scenario.name, flights, quiet=as_json) as on_progress:
         result = fly_pair(scenario, out, arms=arms, honest=honest, seeds=seeds, jobs=jobs, on_progress=on_progress)
     if as_json:

@@ -8,7 +8,7 @@ from typing import Any
 from markupsafe import Markup
 
 from skyrange.figures.subject import Subject
-from skyrange.report import rendering as quantities
+from skyrange.report import quantities
 from skyrange.report.rendering import render
 from skyrange.statistics.means import Interval
 from skyrange.twins.attribution import unknown_subsets

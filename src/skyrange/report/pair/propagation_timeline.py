@@ -12,7 +12,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.figures.subject import Subject
 from skyrange.figures.svg import format_number, format_tick, ticks
 from skyrange.figures.twins import Span
-from skyrange.report import rendering as quantities
+from skyrange.report import quantities
 from skyrange.report.rendering import render
 
 Row = Mapping[str, Any]

@@ -20,13 +20,9 @@ from skyrange.figures.svg import format_number
 from skyrange.metrics.summary import FlightSummary, describe_radio_engine
 from skyrange.metrics.time_series import Record, Track
 from skyrange.record.levels import FULL, level_of
-from skyrange.report import rendering as quantities
+from skyrange.report import quantities
 from skyrange.report.rendering import asset, content_policy, render
-from skyrange.report.run import page as overview
-from skyrange.report.run import sections as link_tables
-from skyrange.report.run import sections as radio_coverage
-from skyrange.report.run import sections as reception_tables
-from skyrange.report.run import timeline
+from skyrange.report.run import sections, timeline
 from skyrange.report.run.contents import RunContents, pack_scene, read_run
 from skyrange.report.run.sections import render_airspace
 
@@ -225,31 +221,31 @@ def render_run(record: Record) -> str:
         style=style,
         script=script,
         scene=scene,
-        warning=overview.warning(run),
-        level=overview.level(run),
+        warning=warning(run),
+        level=level(run),
         has_frames=run.has_frames,
-        **overview.identity(run),
-        numbers=overview.numbers(run),
+        **identity(run),
+        numbers=numbers(run),
         overview=run_figures.draw_overview(run.subject, run.truth, run.marks),
-        outcomes=overview.render_outcomes(run),
+        outcomes=render_outcomes(run),
         panels=_panels(run),
         plan=run_figures.draw_plan(run.subject, run.truth, run.waypoints, marks=run.marks),
         marked=bool(run.marks),
         altitude=run_figures.draw_altitude(run.subject, run.truth),
-        gaps=overview.render_gaps(run),
+        gaps=render_gaps(run),
         airspace=render_airspace(run),
         quiet=timeline.quiet_end(run),
         recorded=quantities.duration(run.recorded_ns / NS_PER_S),
         lanes=timeline.render_lanes(run),
-        links=link_tables.render_links(run),
-        air=reception_tables.reception_section(run.reception_summaries, len(run.fleet), run.recorded_ns / NS_PER_S),
-        coverage=radio_coverage.coverage_section(run),
+        links=sections.render_links(run),
+        air=sections.reception_section(run.reception_summaries, len(run.fleet), run.recorded_ns / NS_PER_S),
+        coverage=sections.coverage_section(run),
         events=timeline.render_happenings([*run.events, *run.attacks], run, "events", "Events and hostile acts"),
         decisions=timeline.render_happenings(run.decisions, run, "decisions", "Decisions of ground stations"),
         folder=str(run.record.path),
-        left_out=overview.left_out(notes),
-        city=overview.city_lines(run.record.manifest),
-        mission_files=overview.mission_file_lines(run.record.manifest),
+        left_out=left_out(notes),
+        city=city_lines(run.record.manifest),
+        mission_files=mission_file_lines(run.record.manifest),
         placing=describe_placing(run.record.manifest.get("placing") or ()),
         digests=run.manifest.get("digests") or {},
     )

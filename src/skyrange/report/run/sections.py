@@ -21,7 +21,7 @@ from skyrange.metrics.links import MAX_AIRCRAFT, LinkStatistics, ReceptionSummar
 from skyrange.radio.propagation.loss_table import LossTable, table_loss_db
 from skyrange.radio.propagation.loss_table_file import read_loss_table
 from skyrange.record.folder import LOSS_TABLE
-from skyrange.report import rendering as quantities
+from skyrange.report import quantities
 from skyrange.report.rendering import render
 from skyrange.report.run.contents import RunContents
 

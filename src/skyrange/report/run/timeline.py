@@ -13,7 +13,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.figures.svg import format_tick, ticks
 from skyrange.metrics.safety import mishap_kind
 from skyrange.metrics.time_series import RecordedNote, Vehicle
-from skyrange.report import rendering as quantities
+from skyrange.report import quantities
 from skyrange.report.rendering import render
 from skyrange.report.run.contents import RunContents
 

@@ -96,7 +96,7 @@ def write_matrix_report(result: MatrixResult) -> Path:
         figure=figure,
         sections=[section._replace(text=_plain(section.text)) for section in make_sections(result)],
     )
-    for name, text in ((REPORT, str(page)), (PAGE, write_markdown(result, "", FIGURE, True))):
+    for name, text in ((REPORT, str(page)), (PAGE, write_markdown(result, "", FIGURE, links=True))):
         with atomic_write(result.path / name) as file:
             file.write(text.encode())
     return result.path / REPORT
@@ -105,7 +105,7 @@ def write_matrix_report(result: MatrixResult) -> Path:
 def write_matrix_page(result: MatrixResult, page: Path) -> None:
     """Write the page in Markdown into `page`, without links to reports, and its figure beside it."""
     draw_matrix(result).save(page.with_suffix(".svg"))
-    text = write_markdown(result, "Attacks and defences", page.with_suffix(".svg").name, False)
+    text = write_markdown(result, "Attacks and defences", page.with_suffix(".svg").name, links=False)
     with atomic_write(page) as file:
         file.write(text.encode())
 
