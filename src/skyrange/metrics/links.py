@@ -99,16 +99,16 @@ def link_statistics(record: Record) -> list[LinkStatistics]:
 
     For a run at level `study` they are sums of its features, without percentiles. Raises `InputError` at `summary`.
     """
-    found: dict[tuple[str, str], LinkStatistics] = {}
+    statistics: dict[tuple[str, str], LinkStatistics] = {}
     for row in record.manifest.get("links") or []:
         for direction in ("fwd", "rev"):
-            _entry(found, str(row["name"]), direction)
+            _entry(statistics, str(row["name"]), direction)
     if keeps(record.manifest, "frames") or not keeps(record.manifest, "features"):
         for batch in record.batches("frames", ["link", "direction", "fate", "size", "sent_ns", "arrived_ns"]):
-            _count(found, batch)
+            _count(statistics, batch)
     else:
-        _add_features(found, record)
-    return sorted(found.values(), key=lambda stats: (stats.kind, stats.owner, stats.direction))
+        _add_features(statistics, record)
+    return sorted(statistics.values(), key=lambda stats: (stats.kind, stats.owner, stats.direction))
 
 
 def sum_by_kind(stats: Iterable[LinkStatistics]) -> list[LinkStatistics]:
@@ -120,20 +120,20 @@ def sum_by_kind(stats: Iterable[LinkStatistics]) -> list[LinkStatistics]:
     return [sums[key] for key in sorted(sums)]
 
 
-def _entry(found: dict[tuple[str, str], LinkStatistics], link: str, direction: str) -> LinkStatistics:
-    if (link, direction) not in found:
+def _entry(statistics: dict[tuple[str, str], LinkStatistics], link: str, direction: str) -> LinkStatistics:
+    if (link, direction) not in statistics:
         kind, _, owner = link.partition(":")
-        found[link, direction] = LinkStatistics(kind, owner, direction)
-    return found[link, direction]
+        statistics[link, direction] = LinkStatistics(kind, owner, direction)
+    return statistics[link, direction]
 
 
-def _add_features(found: dict[tuple[str, str], LinkStatistics], record: Record) -> None:
+def _add_features(statistics: dict[tuple[str, str], LinkStatistics], record: Record) -> None:
     """Add the features of each directed link."""
     fates = [str(fate) for fate in Fate]
     sums = [(name, "sum") for name in (*fates, "size_bytes", "latency_sum_ns")]
     table = record.table("features", ["link", "direction", *(name for name, _ in sums), "latency_max_ns"])
     for row in table.group_by(["link", "direction"]).aggregate([*sums, ("latency_max_ns", "max")]).to_pylist():
-        entry = _entry(found, row["link"], row["direction"])
+        entry = _entry(statistics, row["link"], row["direction"])
         for fate in fates:
             if row[f"{fate}_sum"]:
                 entry.add_frames(fate, row[f"{fate}_sum"], 0)
@@ -142,7 +142,7 @@ def _add_features(found: dict[tuple[str, str], LinkStatistics], record: Record) 
         entry.latency_max_s = max(entry.latency_max_s, (row["latency_max_ns_max"] or 0) * 1e-9)
 
 
-def _count(found: dict[tuple[str, str], LinkStatistics], batch: Any) -> None:
+def _count(statistics: dict[tuple[str, str], LinkStatistics], batch: Any) -> None:
     """Add one batch of frames by link, direction and fate; large fleets have many such groups."""
     if not batch.num_rows:
         return
@@ -165,7 +165,7 @@ def _count(found: dict[tuple[str, str], LinkStatistics], batch: Any) -> None:
     places %= _BINS
     for group, name in enumerate(codes.dictionary.to_pylist()):
         link, direction, fate = name.split("\n")
-        entry = _entry(found, link, direction)
+        entry = _entry(statistics, link, direction)
         entry.add_frames(fate, counts[group], int(size_sums[group]))
         if fate == Fate.DELIVERED:
             part = slice(bounds[group], bounds[group + 1])
@@ -218,7 +218,7 @@ def read_receptions(record: Record, senders: Collection[str]) -> ReceptionColumn
     """The receptions of some senders, in the order recorded."""
     places = ("east_m", "north_m", "up_m")
     links = [link_name("rid_up", sender) for sender in senders]
-    found = (
+    batches = (
         ReceptionColumns(
             rows.column("time_ns").to_numpy(),
             np.array([_sender(link) for link in rows.column("link").to_pylist()], dtype=np.str_),
@@ -229,7 +229,7 @@ def read_receptions(record: Record, senders: Collection[str]) -> ReceptionColumn
         )
         for rows in _read(record, "link", links, places)
     )
-    parts = [_NONE, *found]
+    parts = [_NONE, *batches]
     return ReceptionColumns(
         *(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(ReceptionColumns))
     )
@@ -242,15 +242,15 @@ def summarise_receptions(record: Record, receivers: Collection[str] | None = Non
         link, receiver = (rows.column(name).dictionary_encode() for name in ("link", "receiver"))
         links, names = link.dictionary.to_pylist(), receiver.dictionary.to_pylist()
         pair = link.indices.to_numpy().astype(np.int64) * len(names) + receiver.indices.to_numpy()
-        found, number = np.unique(pair, return_inverse=True)
+        codes, number = np.unique(pair, return_inverse=True)
         order = np.argsort(number, kind="stable")
         ends = np.cumsum(np.bincount(number))[:-1]
         columns = (rows.column("time_ns").to_numpy(), _rssi_dbm(rows), _decoded(rows))
-        for one, *own in zip(found.tolist(), *(np.split(column[order], ends) for column in columns), strict=True):
-            key = _sender(links[one // len(names)]), names[one % len(names)]
-            parts.setdefault(key, []).append((own[0], own[1], own[2]))
-    found_all = [_hearing(*pair, parts[pair]) for pair in sorted(parts)]
-    return found_all if keeps(record.manifest, "receptions") else [replace(one, of=None) for one in found_all]
+        for code, *values in zip(codes.tolist(), *(np.split(column[order], ends) for column in columns), strict=True):
+            key = _sender(links[code // len(names)]), names[code % len(names)]
+            parts.setdefault(key, []).append((values[0], values[1], values[2]))
+    summaries = [_hearing(*pair, parts[pair]) for pair in sorted(parts)]
+    return summaries if keeps(record.manifest, "receptions") else [replace(summary, of=None) for summary in summaries]
 
 
 def reception_summaries(record: Record) -> list[ReceptionSummary]:
@@ -262,8 +262,8 @@ def reception_summaries(record: Record) -> list[ReceptionSummary]:
     if not wanted:
         return []
     places = {name: place for place, name in enumerate(wanted)}
-    found = [row for row in summarise_receptions(record, wanted) if row.decoded]
-    return sorted(found, key=lambda row: (places[row.receiver], row.sender))
+    summaries = [row for row in summarise_receptions(record, wanted) if row.decoded]
+    return sorted(summaries, key=lambda row: (places[row.receiver], row.sender))
 
 
 _NONE = ReceptionColumns(
@@ -357,6 +357,6 @@ def measure_transit_ms(run: RunRecord) -> dict[str, tuple[float, float]]:
         if fate == "delivered":
             delays.setdefault(link.partition(":")[0], []).append(arrived_ns - start_ns)
     return {
-        role: (float(np.median(found)) / NS_PER_MS, float(np.percentile(found, 95)) / NS_PER_MS)
-        for role, found in sorted(delays.items())
+        role: (float(np.median(delays_ns)) / NS_PER_MS, float(np.percentile(delays_ns, 95)) / NS_PER_MS)
+        for role, delays_ns in sorted(delays.items())
     }

@@ -199,24 +199,24 @@ def measure_detection(
 ) -> Detection:
     """What was detected of the attacks of a mask; `chances`, (attacks,), are those of `share_hit_by_chance`."""
     attacks = index.attacks
-    seen = np.flatnonzero(chosen & attacks.observable)
-    hits = outcome.detected_ns[seen] != NEVER
-    detected, observable = int(hits.sum()), int(seen.shape[0])
+    rows = np.flatnonzero(chosen & attacks.observable)
+    hits = outcome.detected_ns[rows] != NEVER
+    detected, observable = int(hits.sum()), int(rows.shape[0])
     if not observable:
         return Detection(
             attacks=int(chosen.sum()), unobservable=int(chosen.sum()), detected=0, recall=None, by_chance=None,
             delay=None, before_effect=None,
         )  # fmt: skip
-    known = chances[seen]
+    known = chances[rows]
     known = known[~np.isnan(known)]
     return Detection(
         attacks=int(chosen.sum()),
         unobservable=int(chosen.sum()) - observable,
         detected=detected,
-        recall=_proportion(hits, attacks.clusters[seen], settings),
+        recall=_proportion(hits, attacks.clusters[rows], settings),
         by_chance=float(known.mean()) if known.size else None,
-        delay=measure_delay(index, outcome, seen, settings),
-        before_effect=measure_before_effect(index, outcome, seen, settings),
+        delay=measure_delay(index, outcome, rows, settings),
+        before_effect=measure_before_effect(index, outcome, rows, settings),
     )
 
 
@@ -231,14 +231,14 @@ def measure_intrusions(
     return HarmlessIntrusions(intrusions=len(hits), reported=int(hits.sum()), share=share)
 
 
-def measure_delay(index: StudyIndex, outcome: Outcome, seen: NDArray[np.int64], settings: ScoreSettings) -> Delay:
+def measure_delay(index: StudyIndex, outcome: Outcome, rows: NDArray[np.int64], settings: ScoreSettings) -> Delay:
     """The delays of some observable attacks, given by index, at least one; misses are censored."""
-    delays, hits, horizon = _censor_delays(index, outcome, seen, settings)
+    delays, hits, horizon = _censor_delays(index, outcome, rows, settings)
     curve = survival_curve(delays, hits)
     median, mean = float(curve.medians_s()[0]), float(curve.restricted_means_s(horizon)[0])
     if 2 * int(hits.sum()) <= len(hits):  # the curve has one where late attacks are censored early
         median = math.inf
-    codes = dense_codes(index.attacks.clusters[seen])
+    codes = dense_codes(index.attacks.clusters[rows])
     clusters = int(codes.max()) + 1
     of_median = of_mean = None
     if clusters >= MANY_CLUSTERS:
@@ -258,29 +258,29 @@ def measure_delay(index: StudyIndex, outcome: Outcome, seen: NDArray[np.int64], 
 
 
 def _censor_delays(
-    index: StudyIndex, outcome: Outcome, seen: NDArray[np.int64], settings: ScoreSettings
+    index: StudyIndex, outcome: Outcome, rows: NDArray[np.int64], settings: ScoreSettings
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], float]:
     """(k,) delays of some attacks, of a miss to the end of its window; (k,) whether they are detected; the horizon."""
-    begins, ends = index.attacks.begin_ns[seen], index.attacks.end_ns[seen]
-    found = outcome.detected_ns[seen]
-    hits = found != NEVER
-    delays = (np.where(hits, found, ends) - begins) / NS_PER_S
+    begins, ends = index.attacks.begin_ns[rows], index.attacks.end_ns[rows]
+    detected_ns = outcome.detected_ns[rows]
+    hits = detected_ns != NEVER
+    delays = (np.where(hits, detected_ns, ends) - begins) / NS_PER_S
     return delays, hits, min(settings.horizon_s, float((ends - begins).max()) / NS_PER_S)
 
 
 def measure_before_effect(
-    index: StudyIndex, outcome: Outcome, seen: NDArray[np.int64], settings: ScoreSettings
+    index: StudyIndex, outcome: Outcome, rows: NDArray[np.int64], settings: ScoreSettings
 ) -> BeforeEffect | None:
     """Detections before effects, of some observable attacks, given by index; None if none of them had an effect."""
-    rows = seen[index.attacks.effect_ns[seen] != NEVER]
-    if not rows.size:
+    affected = rows[index.attacks.effect_ns[rows] != NEVER]
+    if not affected.size:
         return None
-    effects, found = index.attacks.effect_ns[rows], outcome.detected_ns[rows]
-    leads_s = np.sort(np.where(found == NEVER, -math.inf, (effects - found) / NS_PER_S))
+    effects, detected_ns = index.attacks.effect_ns[affected], outcome.detected_ns[affected]
+    leads_s = np.sort(np.where(detected_ns == NEVER, -math.inf, (effects - detected_ns) / NS_PER_S))
     return BeforeEffect(
-        attacks=int(rows.shape[0]),
-        unavoidable=int((effects <= index.attacks.begin_ns[rows]).sum()),
-        share=_proportion(found < effects, index.attacks.clusters[rows], settings),
+        attacks=int(affected.shape[0]),
+        unavoidable=int((effects <= index.attacks.begin_ns[affected]).sum()),
+        share=_proportion(detected_ns < effects, index.attacks.clusters[affected], settings),
         lead_quartiles_s=(_quantile(leads_s, 0.25), _quantile(leads_s, 0.5), _quantile(leads_s, 0.75)),
     )
 
@@ -295,13 +295,13 @@ def measure_precision(
     """Precision at each prevalence of the settings, from the attacks of a mask and the nominal subjects of another;
     empty without observable attacks or without nominal hours.
     """
-    seen = np.flatnonzero(chosen & index.attacks.observable)
+    rows = np.flatnonzero(chosen & index.attacks.observable)
     counts, hours = _by_cluster(index, outcome.false_alarms, nominal)
-    if not seen.size or not hours.size:
+    if not rows.size or not hours.size:
         return ()
-    hits = outcome.detected_ns[seen] != NEVER
+    hits = outcome.detected_ns[rows] != NEVER
     each = (1.0 + settings.confidence) / 2.0
-    recall = clustered_proportion_interval(hits.tolist(), index.attacks.clusters[seen].tolist(), each)
+    recall = clustered_proportion_interval(hits.tolist(), index.attacks.clusters[rows].tolist(), each)
     recall = recall or proportion_interval(int(hits.sum()), hits.shape[0], each)
     rate = clustered_rate_interval(counts.tolist(), hours.tolist(), settings.variation, each)
     return tuple(
@@ -322,13 +322,13 @@ def measure_at_equal_rate(
     settings: ScoreSettings,
 ) -> EqualRate | None:
     """Detection of the attacks of a mask at the lowest threshold that keeps to the target rate on nominal subjects."""
-    seen = np.flatnonzero(chosen & index.attacks.observable)
-    if not seen.size or not index.subjects.exposure_ns[nominal].sum():
+    rows = np.flatnonzero(chosen & index.attacks.observable)
+    if not rows.size or not index.subjects.exposure_ns[nominal].sum():
         return None
     episode_ns = from_seconds(settings.episode_s)
     choice = lower_threshold(index, alerts, nominal, settings.target_per_h, episode_ns)
     outcome = match_alarms(index, alerts, choice.threshold, episode_ns)
-    delays, hits, horizon = _censor_delays(index, outcome, seen, settings)
+    delays, hits, horizon = _censor_delays(index, outcome, rows, settings)
     return EqualRate(
         threshold=_finite(choice.threshold),
         episodes=int(choice.episodes.sum()),

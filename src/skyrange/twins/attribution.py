@@ -47,42 +47,42 @@ Relation = Literal["both", "necessary", "sufficient", "joint", "redundant", "non
 """
 
 
-def relations(seen: Mapping[Attacks, bool]) -> dict[str, Relation]:
+def relations(present: Mapping[Attacks, bool]) -> dict[str, Relation]:
     """The relation of every attack to one effect.
 
-    `seen` says for each set of attacks that was run whether the effect is there; the largest set holds all attacks. In
-    the empty set, the baseline, the effect is absent by definition. Raises `ValueError` if the effect is not there when
-    all act: then there is nothing to attribute.
+    `present` says for each set of attacks that was run whether the effect is there; the largest set holds all attacks.
+    In the empty set, the baseline, the effect is absent by definition. Raises `ValueError` if the effect is not there
+    when all act: then there is nothing to attribute.
     """
-    everyone = max(seen, key=len)
-    if not seen[everyone]:
+    everyone = max(present, key=len)
+    if not present[everyone]:
         raise ValueError("the effect is not there when all attacks act")
-    known = complete(seen)
+    known = complete(present)
     minimal = _minimal_sets(known)
     whole = len(known) == 2 ** len(everyone)
-    found: dict[str, Relation] = {}
+    relation_of: dict[str, Relation] = {}
     for attack in sorted(everyone):
         alone, without = known.get(frozenset({attack})), known.get(everyone - {attack})
         if alone:
-            found[attack] = "both" if without is False else "sufficient" if without is None else "redundant"
+            relation_of[attack] = "both" if without is False else "sufficient" if without is None else "redundant"
         elif without is False:
             joint = alone is False and whole and len(minimal) == 1 and attack in minimal[0]
-            found[attack] = "joint" if joint else "necessary"
+            relation_of[attack] = "joint" if joint else "necessary"
         elif whole:
-            found[attack] = "redundant" if any(attack in one for one in minimal) else "none"
+            relation_of[attack] = "redundant" if any(attack in active for active in minimal) else "none"
         else:
-            found[attack] = "unknown"
-    return found
+            relation_of[attack] = "unknown"
+    return relation_of
 
 
-def complete(seen: Mapping[Attacks, bool]) -> dict[Attacks, bool]:
-    """`seen` with the empty set and with every set that a monotone effect determines; what was run keeps its value."""
-    known = {**seen, frozenset(): False}
+def complete(present: Mapping[Attacks, bool]) -> dict[Attacks, bool]:
+    """`present` with the empty set and every set that a monotone effect determines; what was run keeps its value."""
+    known = {**present, frozenset(): False}
     there = [active for active, held in known.items() if held]
     absent = [active for active, held in known.items() if not held]
-    for active in subsets(max(seen, key=len)):
+    for active in subsets(max(present, key=len)):
         if active not in known:
-            with_fewer, with_more = any(one <= active for one in there), any(active <= one for one in absent)
+            with_fewer, with_more = any(other <= active for other in there), any(active <= other for other in absent)
             if with_fewer != with_more:  # both only where what was run is not monotone: then nothing is determined
                 known[active] = with_fewer
     return known
@@ -189,9 +189,9 @@ def attribute(
                 run = outcomes_of(arm.name, seed)
                 away[arm.active] = distances(run, reference)
                 departed_ns[arm.active] = onsets_ns(run, reference, found_limits.of["departure"])
-        fleet = [one.vehicle for one in reference.measured]
-        found = relate(Comparison(seed, fleet, away, departed_ns, found_limits), has_baseline=baseline is not None)
-        rows += [row | {"fault": row["attack"] in faults} for row in found]
+        fleet = [outcomes.vehicle for outcomes in reference.measured]
+        related = relate(Comparison(seed, fleet, away, departed_ns, found_limits), has_baseline=baseline is not None)
+        rows += [row | {"fault": row["attack"] in faults} for row in related]
     return rows
 
 
@@ -213,19 +213,19 @@ def authors(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[int, str], Authors]
         if row["outcome"] == first[row["seed"], row["vehicle"]] and not row["shown"]
     }
     return {
-        key: Authors((), "not enough placebos") if key in undecided else summarise(found)
-        for key, found in grouped.items()
+        key: Authors((), "not enough placebos") if key in undecided else summarise(relation_of)
+        for key, relation_of in grouped.items()
     }
 
 
 def departures_by_author(rows: Sequence[Mapping[str, Any]], seed: int) -> dict[str, dict[str, int]]:
     """By vehicle and attack that relates to its departure, when the vehicle departed, in ns."""
-    found: dict[str, dict[str, int]] = {}
+    departures: dict[str, dict[str, int]] = {}
     for row in rows:
         named = row["relation"] not in ("none", "unknown")
         if row["seed"] == seed and row["outcome"] == "departure" and named:
-            found.setdefault(row["vehicle"], {})[row["attack"]] = round(row["departed_s"] * NS_PER_S)
-    return found
+            departures.setdefault(row["vehicle"], {})[row["attack"]] = round(row["departed_s"] * NS_PER_S)
+    return departures
 
 
 def with_authors(
@@ -235,14 +235,14 @@ def with_authors(
 
     A departure from the twin that is no effect, because placebos depart as far, is attributed to nothing: `none`.
     """
-    found = named.get((row["seed"], row["vehicle"]))
-    if found is None:
+    by_whom = named.get((row["seed"], row["vehicle"]))
+    if by_whom is None:
         return {**row, "attacks": [], "faults": [], "attribution": None if row["departed_s"] is None else "none"}
     return {
         **row,
-        "attacks": [author for author in found.attacks if author not in faults],
-        "faults": [author for author in found.attacks if author in faults],
-        "attribution": found.attribution,
+        "attacks": [author for author in by_whom.attacks if author not in faults],
+        "faults": [author for author in by_whom.attacks if author in faults],
+        "attribution": by_whom.attribution,
     }
 
 
@@ -252,15 +252,17 @@ def unknown_subsets(active: Mapping[str, Sequence[str]]) -> int:
     return int(2 ** max(map(len, run)) - len(run))
 
 
-def summarise(found: Mapping[str, Relation]) -> Authors:
+def summarise(relation_of: Mapping[str, Relation]) -> Authors:
     """One word for the relations of all attacks to one effect.
 
     One attack gives its own relation. Several give `redundant` if each of them is, otherwise `joint`; `unknown` if that
     is all that is known.
     """
-    named = {attack: relation for attack, relation in sorted(found.items()) if relation not in ("none", "unknown")}
+    named = {
+        attack: relation for attack, relation in sorted(relation_of.items()) if relation not in ("none", "unknown")
+    }
     if not named:
-        return Authors((), "unknown" if "unknown" in found.values() else "none")
+        return Authors((), "unknown" if "unknown" in relation_of.values() else "none")
     kinds = set(named.values())
     if len(kinds) == 1 and (len(named) == 1 or kinds <= {"redundant", "joint"}):
         return Authors(tuple(named), kinds.pop())
@@ -272,30 +274,30 @@ def attribution_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     return pa.Table.from_pylist([dict(row) for row in rows], schema=arrow_schema("attribution", COLUMNS))
 
 
-def relate(found: Comparison, *, has_baseline: bool) -> list[dict[str, Any]]:
+def relate(comparison: Comparison, *, has_baseline: bool) -> list[dict[str, Any]]:
     """The rows of one seed: those of every outcome that differs by more than its limit when all attacks act.
 
     Where the placebos are too few to call that an effect, every relation is unknown.
     """
-    everyone = max(found.away, key=len)
+    everyone = max(comparison.away, key=len)
     rows = []
-    for k, vehicle in enumerate(found.fleet):
+    for k, vehicle in enumerate(comparison.fleet):
         for outcome in NAMES:
-            difference, limit = found.away[everyone][outcome][k], found.limits.of[outcome][k]
+            difference, limit = comparison.away[everyone][outcome][k], comparison.limits.of[outcome][k]
             if not difference > limit:  # NaN is no effect
                 continue
-            departed_ns = found.departed_ns[everyone][k] if outcome == "departure" else None
-            held = {active: bool(away[outcome][k] > limit) for active, away in found.away.items()}
-            level = float(found.limits.levels[outcome][k])
+            departed_ns = comparison.departed_ns[everyone][k] if outcome == "departure" else None
+            held = {active: bool(away[outcome][k] > limit) for active, away in comparison.away.items()}
+            level = float(comparison.limits.levels[outcome][k])
             related: Mapping[str, Relation] = dict.fromkeys(everyone, "unknown")
             if has_baseline and level <= PLACEBO_LEVEL:
                 related = relations(held)
             for attack in sorted(everyone):
                 without = everyone - {attack}
-                shift_s = _shift_s(found, without, k) if outcome == "departure" else None
+                shift_s = _shift_s(comparison, without, k) if outcome == "departure" else None
                 rows.append(
                     {
-                        "seed": found.seed,
+                        "seed": comparison.seed,
                         "vehicle": vehicle,
                         "outcome": outcome,
                         "attack": attack,
@@ -305,23 +307,23 @@ def relate(found: Comparison, *, has_baseline: bool) -> list[dict[str, Any]]:
                         "difference": float(difference),
                         "departed_s": None if departed_ns is None else departed_ns / NS_PER_S,
                         "limit": float(limit),
-                        "placebos": int(found.limits.placebos[outcome][k]),
+                        "placebos": int(comparison.limits.placebos[outcome][k]),
                         "level": level,
                         "shown": level <= PLACEBO_LEVEL,
-                        "alone": _value(found.away, frozenset({attack}), outcome, k),
-                        "without": _value(found.away, without, outcome, k) if without or not has_baseline else 0.0,
+                        "alone": _value(comparison.away, frozenset({attack}), outcome, k),
+                        "without": _value(comparison.away, without, outcome, k) if without or not has_baseline else 0.0,
                     }
                 )
     return rows
 
 
-def _shift_s(found: Comparison, without: Attacks, k: int) -> float | None:
+def _shift_s(comparison: Comparison, without: Attacks, k: int) -> float | None:
     """Departure with all attacks minus departure without one of them; `None` where either is not known."""
-    with_it = found.departed_ns[max(found.away, key=len)][k]
-    without_it = found.departed_ns[without][k] if without in found.departed_ns else None
+    with_it = comparison.departed_ns[max(comparison.away, key=len)][k]
+    without_it = comparison.departed_ns[without][k] if without in comparison.departed_ns else None
     return None if with_it is None or without_it is None else (with_it - without_it) / NS_PER_S
 
 
 def _value(away: Mapping[Attacks, Mapping[str, Floats]], active: Attacks, outcome: str, k: int) -> float | None:
-    found = away.get(active)
-    return None if found is None or np.isnan(found[outcome][k]) else float(found[outcome][k])
+    distances = away.get(active)
+    return None if distances is None or np.isnan(distances[outcome][k]) else float(distances[outcome][k])

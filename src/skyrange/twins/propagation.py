@@ -114,11 +114,11 @@ def trace(
     while frontier:
         reached: dict[str, None] = {}
         for hit in _descendants(record, frontier, onset_ns):
-            own = known.setdefault(hit["frame"], {})
+            leads = known.setdefault(hit["frame"], {})
             for origin, attack, depth in _contributors(hit["origins"], known):
-                if attack in own:
+                if attack in leads:
                     continue
-                own[attack] = Origin(origin, depth + 1)
+                leads[attack] = Origin(origin, depth + 1)
                 reached[hit["frame"]] = None
                 rows.append(
                     _row(
@@ -161,36 +161,36 @@ def _lost_and_noted(
     """The rows of receptions that were lost to load, and of decisions and events that lead back to an act."""
     lost = lost_receptions(record, labels)
     first: set[tuple[str, str, str]] = set()
-    for one in lost:
-        if (one.attack, one.receiver, one.sender) not in first:
-            first.add((one.attack, one.receiver, one.sender))
+    for loss in lost:
+        if (loss.attack, loss.receiver, loss.sender) not in first:
+            first.add((loss.attack, loss.receiver, loss.sender))
             yield _row(
-                seed, "propagation", one.at_ns, attack=one.attack,
-                vehicle=one.receiver if one.receiver in fleet else None,
-                kind="reception_lost", source=one.receiver, link=link_name("rid_up", one.sender), frame=one.frame,
-                origin=one.burst, depth=1, way="silence",
+                seed, "propagation", loss.at_ns, attack=loss.attack,
+                vehicle=loss.receiver if loss.receiver in fleet else None,
+                kind="reception_lost", source=loss.receiver, link=link_name("rid_up", loss.sender), frame=loss.frame,
+                origin=loss.burst, depth=1, way="silence",
             )  # fmt: skip
     decisions = read_notes(record, "decisions")
     displaced = _displaced(record, {cause for note in decisions for cause in note.causes} - known.keys(), departed)
     notes = [*decisions, *read_notes(record, "events"), *near_misses(record, near_m)]
-    told = []
+    led_back = []
     for note in sorted(notes, key=lambda note: note.time_ns):
-        found: dict[str, Origin] = {}
+        origins: dict[str, Origin] = {}
         for origin, attack, depth in _contributors([cause for cause in note.causes if cause in known], known):
-            if attack not in found or depth + 1 < found[attack].depth:
-                found[attack] = Origin(origin, depth + 1)
-        for attack, source in found.items():
+            if attack not in origins or depth + 1 < origins[attack].depth:
+                origins[attack] = Origin(origin, depth + 1)
+        for attack, source in origins.items():
             yield _note_row(note, attack, source, "frame", seed, fleet)
         for cause in note.causes:
             for attack in displaced.get(cause, ()):
-                if attack not in found:
-                    found[attack] = Origin(cause, 1)
-                    yield _note_row(note, attack, found[attack], "position", seed, fleet)
-        told.append((note, found))
+                if attack not in origins:
+                    origins[attack] = Origin(cause, 1)
+                    yield _note_row(note, attack, origins[attack], "position", seed, fleet)
+        led_back.append((note, origins))
     acts = [act_of(label["at_ns"], label["attack"], label["action"], label["frame"]) for label in labels]
     owners = {str(row.get("uas_id")): str(row["id"]) for row in record.manifest.get("vehicles") or []}
-    for one_more in follow(told, acts, lost, owners):
-        yield _note_row(one_more.note, one_more.attack, one_more.origin, one_more.way, seed, fleet)
+    for consequence in follow(led_back, acts, lost, owners):
+        yield _note_row(consequence.note, consequence.attack, consequence.origin, consequence.way, seed, fleet)
 
 
 def _displaced(record: RunRecord, causes: Collection[str], departed: Departed) -> dict[str, list[str]]:
@@ -207,8 +207,8 @@ def absent_rows(attacked: RunRecord, baseline: RunRecord, seed: int, departed: D
     """The rows of decisions that were made in `baseline` only, because in the attacked run somebody had departed."""
     fleet = {vehicle.id for vehicle in vehicles(attacked)}
     return [
-        _note_row(one.note, one.attack, Origin(one.cause, 1), "absent", seed, fleet)
-        for one in find_absent_decisions(attacked, baseline, departed)
+        _note_row(absent.note, absent.attack, Origin(absent.cause, 1), "absent", seed, fleet)
+        for absent in find_absent_decisions(attacked, baseline, departed)
     ]
 
 
@@ -236,16 +236,16 @@ def effects_of(
     Which attack it is follows from the runs, never from the record; the record says by what way (`path`). A departure
     without an author has one row without an attack.
     """
-    found: list[dict[str, Any]] = []
+    effects: list[dict[str, Any]] = []
     departures: dict[str, list[Mapping[str, Any]]] = {}
     for row in attributed:
         if row["seed"] == seed and row["outcome"] == "departure":
             departures.setdefault(row["vehicle"], []).append(row)
-    for vehicle, own in departures.items():
-        at_ns = round(own[0]["departed_s"] * NS_PER_S)
-        named = [row for row in own if row["relation"] not in ("none", "unknown")]
-        for one in named or own[:1]:
-            attack = one["attack"] if named else None
+    for vehicle, departed in departures.items():
+        at_ns = round(departed[0]["departed_s"] * NS_PER_S)
+        named = [row for row in departed if row["relation"] not in ("none", "unknown")]
+        for cause in named or departed[:1]:
+            attack = cause["attack"] if named else None
             steps = [
                 row
                 for row in rows
@@ -253,17 +253,17 @@ def effects_of(
             ]
             last = max(steps, key=_time_ns, default=None)
             effect = _row(seed, "effect", at_ns, attack=attack, vehicle=vehicle, kind="departure", source="world")
-            found.append(
+            effects.append(
                 effect
                 | {
-                    "departure_m": one["difference"],
-                    "relation": one["relation"],
+                    "departure_m": cause["difference"],
+                    "relation": cause["relation"],
                     "path": last is not None,
                     "origin": None if last is None else last["frame"] or last["origin"],
                     "depth": None if last is None else last["depth"] or 0,
                 }
             )
-    return sorted(found, key=lambda row: (row["at_ns"], row["vehicle"], row["attack"] or ""))
+    return sorted(effects, key=lambda row: (row["at_ns"], row["vehicle"], row["attack"] or ""))
 
 
 def _time_ns(row: Mapping[str, Any]) -> int:

@@ -39,24 +39,24 @@ def count_differences(
     `values` (n, k) are those of the rows, not-a-number where there is none; rows of a run are in the order in which
     they are compared. Columns that never differ are not among them.
     """
-    found: dict[str, int] = {}
+    differing_blocks: dict[str, int] = {}
     for rows in _by_name(blocks).values():
-        own = _by_name([runs[row] for row in rows])
-        parts = {run: np.array(rows)[places] for run, places in own.items()}
+        places_by_run = _by_name([runs[row] for row in rows])
+        parts = {run: np.array(rows)[places] for run, places in places_by_run.items()}
         hostile = [part for part in parts.values() if attacked[part[0]]]
         others = [part for part in parts.values() if not attacked[part[0]]]
         differing: set[str] = set()
-        for one in hostile:
+        for attacked_rows in hostile:
             for other in others:
-                if len(one) != len(other):
+                if len(attacked_rows) != len(other):
                     differing.add(ROWS)
                     continue
-                mine, theirs = values[one], values[other]
+                mine, theirs = values[attacked_rows], values[other]
                 unequal = ((mine != theirs) & ~(np.isnan(mine) & np.isnan(theirs))).any(axis=0)
                 differing |= {columns[place] for place in np.flatnonzero(unequal).tolist()}
         for name in differing:
-            found[name] = found.get(name, 0) + 1
-    return dict(sorted(found.items(), key=lambda one: (-one[1], one[0])))
+            differing_blocks[name] = differing_blocks.get(name, 0) + 1
+    return dict(sorted(differing_blocks.items(), key=lambda counted: (-counted[1], counted[0])))
 
 
 def find_shifted_columns(
@@ -67,8 +67,8 @@ def find_shifted_columns(
     """
     signs = []
     for rows in _by_name(blocks).values():
-        own = np.array(rows)
-        mine, theirs = values[own[attacked[own]]], values[own[~attacked[own]]]
+        in_block = np.array(rows)
+        mine, theirs = values[in_block[attacked[in_block]]], values[in_block[~attacked[in_block]]]
         if len(mine) and len(theirs):
             signs.append(np.sign(_means(mine) - _means(theirs)))
     if not signs:
@@ -90,10 +90,10 @@ def _means(values: Floats) -> Floats:
 
 
 def _by_name(names: Sequence[str]) -> Mapping[str, list[int]]:
-    found: dict[str, list[int]] = {}
+    places: dict[str, list[int]] = {}
     for place, name in enumerate(names):
-        found.setdefault(name, []).append(place)
-    return found
+        places.setdefault(name, []).append(place)
+    return places
 
 
 LIMIT: Final = 0.55
@@ -213,12 +213,14 @@ def audit_comparison(comparison: Comparison, seed: int = 0) -> LeakFinding:
     # of few blocks classifiers do worse than chance on those left out, which says nothing against a leak
     low = min(low, proportion_interval(auc * count, count, CONFIDENCE)[0])
     high = max(high, proportion_interval(max(auc, CHANCE) * count, count, CONFIDENCE)[1])
-    found = LeakFinding(comparison.name, len(attacked), count, auc, low, high, (), comparison.exempt)
+    finding = LeakFinding(comparison.name, len(attacked), count, auc, low, high, (), comparison.exempt)
     shifted = find_shifted_columns(comparison.columns, values, attacked, [str(number) for number in numbers.tolist()])
-    told = _leaking_columns(comparison.columns, rows, models, auc, generator) if low > CHANCE else ()
-    if shifted or told:
-        return replace(found, leaks=tuple(dict.fromkeys([*told, *shifted])))
-    return found if found.passed else replace(found, blocks_needed=_estimate_blocks(found.blocks, auc, low, high))
+    leaking = _leaking_columns(comparison.columns, rows, models, auc, generator) if low > CHANCE else ()
+    if shifted or leaking:
+        return replace(finding, leaks=tuple(dict.fromkeys([*leaking, *shifted])))
+    return (
+        finding if finding.passed else replace(finding, blocks_needed=_estimate_blocks(finding.blocks, auc, low, high))
+    )
 
 
 def _compare_arms(comparison: Comparison, has_both: NDArray[np.bool_]) -> LeakFinding | None:
@@ -269,19 +271,27 @@ def require_no_leak(findings: Sequence[LeakFinding]) -> None:
     blocks to say.
     """
     problems = []
-    for one in findings:
-        interval = "" if one.auc is None else f"AUC {one.auc:.2f} ({one.low:.2f} to {one.high:.2f})"
-        if one.differing:
-            told = ", ".join(f"{name} in {count} of {one.blocks} blocks" for name, count in one.differing.items())
-            problems.append(Problem(one.name, f"leaks: arms differ by {told}", "arms that are equal in every block"))
-        elif one.differing is not None and one.leaks:
-            problems.append(Problem(one.name, f"leaks: {', '.join(one.leaks)}", "nothing that is in two splits"))
-        elif one.status == "leaks":
+    for finding in findings:
+        interval = "" if finding.auc is None else f"AUC {finding.auc:.2f} ({finding.low:.2f} to {finding.high:.2f})"
+        if finding.differing:
+            counts = ", ".join(
+                f"{name} in {count} of {finding.blocks} blocks" for name, count in finding.differing.items()
+            )
+            problems.append(
+                Problem(finding.name, f"leaks: arms differ by {counts}", "arms that are equal in every block")
+            )
+        elif finding.differing is not None and finding.leaks:
+            problems.append(
+                Problem(finding.name, f"leaks: {', '.join(finding.leaks)}", "nothing that is in two splits")
+            )
+        elif finding.status == "leaks":
             expected = f"an upper end of at most {LIMIT}"
-            problems.append(Problem(one.name, f"leaks: {interval} by {', '.join(one.leaks)}", expected))
-        elif one.status == TOO_FEW:
-            what = f"too few blocks: {one.blocks} with both arms{interval and ', '}{interval}"
-            problems.append(Problem(one.name, what, f"about {one.blocks_needed} blocks, to tell a leak from chance"))
+            problems.append(Problem(finding.name, f"leaks: {interval} by {', '.join(finding.leaks)}", expected))
+        elif finding.status == TOO_FEW:
+            what = f"too few blocks: {finding.blocks} with both arms{interval and ', '}{interval}"
+            problems.append(
+                Problem(finding.name, what, f"about {finding.blocks_needed} blocks, to tell a leak from chance")
+            )
     if problems:
         raise InputError("leak audit", problems)
 
@@ -385,7 +395,7 @@ def _leaking_columns(
             shuffled[:, place] = generator.permutation(shuffled[:, place])
             scores[tested] = _midranks(model.predict_proba(shuffled)[:, 1])
         losses.append((auc - weighted_auc(scores, rows.attacked, rows.weights), name))
-    losses.sort(key=lambda one: (-one[0], one[1]))
+    losses.sort(key=lambda candidate: (-candidate[0], candidate[1]))
     named = tuple(name for loss, name in losses if loss >= max(NAMED_FROM, losses[0][0] * NAMED_SHARE))
     return named or _telling_alone(names, rows)
 

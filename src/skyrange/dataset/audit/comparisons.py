@@ -34,13 +34,13 @@ def find_crossings(folder: Path) -> LeakFinding:
     data set marks as duplicates are left out, as by whoever uses it.
     """
     runs = pq.read_table(folder / RUNS).to_pylist()
-    told: list[str] = []
+    shared: list[str] = []
     for column in ("seed", "flight"):
         by_split: dict[str, set[str]] = {}
         for row in runs:
             if row.get(column) not in (None, ""):
                 by_split.setdefault(str(row.get("split", "")), set()).add(str(row[column]))
-        told += [f"{column} of {text}" for text in _overlaps(by_split)]
+        shared += [f"{column} of {text}" for text in _overlaps(by_split)]
     windows = 0
     for view in WINDOW_KEYS:
         hashes: dict[str, set[str]] = {}
@@ -48,23 +48,23 @@ def find_crossings(folder: Path) -> LeakFinding:
             split = path.parent.name.partition("=")[2]
             hashes.setdefault(split, set()).update(_hashes(path))
         windows += sum(map(len, hashes.values()))
-        told += [f"{view} windows of {text}" for text in _overlaps(hashes)]
+        shared += [f"{view} windows of {text}" for text in _overlaps(hashes)]
     blocks = len({row["block"] for row in runs})
-    return LeakFinding(NAME, windows, blocks, None, None, None, tuple(told), differing={})
+    return LeakFinding(NAME, windows, blocks, None, None, None, tuple(shared), differing={})
 
 
 def _hashes(path: Path) -> set[str]:
     table = pq.ParquetFile(path).read(columns=["content_hash", "duplicate_of"])
-    own = table.filter(pc.is_null(table.column("duplicate_of"))).column("content_hash")
-    return {one for one in own.unique().to_pylist() if one}
+    hashes = table.filter(pc.is_null(table.column("duplicate_of"))).column("content_hash")
+    return {value for value in hashes.unique().to_pylist() if value}
 
 
 def _overlaps(by_split: dict[str, set[str]]) -> Iterator[str]:
     """For each two splits with something in common, how much of the smaller one that is."""
-    for one, two in combinations(sorted(by_split), 2):
-        common = len(by_split[one] & by_split[two])
+    for first, second in combinations(sorted(by_split), 2):
+        common = len(by_split[first] & by_split[second])
         if common:
-            small, large = sorted((one, two), key=lambda name: len(by_split[name]))
+            small, large = sorted((first, second), key=lambda name: len(by_split[name]))
             share = 100.0 * common / len(by_split[small])
             yield f"{small} in {large}: {common} ({share:.0f} %)"
 
@@ -94,7 +94,7 @@ def describe_shape(frames: pa.Table, begin_ns: Time, end_ns: Time) -> pa.Table:
     keys = ["run", *_PLACE, "second"]
     second = pc.cast(pc.divide(pc.subtract(inside.column("time_ns"), begin_ns), WINDOW_NS), pa.int64())
     inside = _mark(inside.append_column("second", second), keys)
-    found = inside.group_by(keys).aggregate(
+    counted = inside.group_by(keys).aggregate(
         [
             ("size", "count"), ("size", "sum"), *((name, how) for name in _SPREADS for how in _HOW),
             *((name, "mean") for name in (*_MEANS, "gap")), ("sender", "count_distinct"),
@@ -104,8 +104,8 @@ def describe_shape(frames: pa.Table, begin_ns: Time, end_ns: Time) -> pa.Table:
     renamed = {"size_count": "frames", "size_sum": "bytes", "sender_count_distinct": "senders",
                "message_id_count_distinct": "message_kinds", "gap_mean": "sequence_gaps",
                **{f"{name}_mean": name for name in _MEANS}}  # fmt: skip
-    found = found.rename_columns([renamed.get(name, name) for name in found.column_names])
-    joined = cells.join(found, keys, join_type="left outer").sort_by([(key, "ascending") for key in keys])
+    counted = counted.rename_columns([renamed.get(name, name) for name in counted.column_names])
+    joined = cells.join(counted, keys, join_type="left outer").sort_by([(key, "ascending") for key in keys])
     place = joined.column_names.index("frames")
     return joined.set_column(place, "frames", pc.fill_null(joined.column("frames"), 0))
 
@@ -168,15 +168,15 @@ def describe_metadata(view: str, table: pa.Table, before: pa.Table) -> dict[str,
         row[f"{view}.time_ns first"] = float(times.min())
         row[f"{view}.time_ns offset"] = float(np.mean(times % max(_GRIDS_NS.values())))
         row |= {f"{view}.time_ns on {name}": float(np.mean(times % grid == 0)) for name, grid in _GRIDS_NS.items()}
-    for one in VIEWS[view]:
-        if one.role != "observable" or not table.num_rows:
+    for column in VIEWS[view]:
+        if column.role != "observable" or not table.num_rows:
             continue
-        found: dict[str, float] = {}
-        if one.name in IDENTIFIERS:
-            found = _describe_identifiers(table.column(one.name))
-        elif pa.types.is_floating(one.type):
-            found = _describe_precision(before.column(one.name))
-        row |= {f"{view}.{one.name} {what}": value for what, value in found.items()}
+        described: dict[str, float] = {}
+        if column.name in IDENTIFIERS:
+            described = _describe_identifiers(table.column(column.name))
+        elif pa.types.is_floating(column.type):
+            described = _describe_precision(before.column(column.name))
+        row |= {f"{view}.{column.name} {what}": value for what, value in described.items()}
     return row
 
 
@@ -228,7 +228,7 @@ def audit_dataset(folder: Path, seed: int = 0, exempt: Collection[str] | None = 
     installed.
     """
     compared = comparisons_of(folder, TIMING_KINDS if exempt is None else exempt)
-    return [*(audit_comparison(one, seed) for one in compared), find_crossings(folder)]
+    return [*(audit_comparison(comparison, seed) for comparison in compared), find_crossings(folder)]
 
 
 def comparisons_of(folder: Path, exempt: Collection[str]) -> Iterator[Comparison]:
@@ -237,11 +237,13 @@ def comparisons_of(folder: Path, exempt: Collection[str]) -> Iterator[Comparison
     every = group_by_block(arms)
     others = len(arms) - sum(map(len, every.values()))
     unlike = [f"{others} runs of other settings"] if others else []
-    blocks = {block: own for block, own in every.items() if len({arm.role == "attacked" for arm in own}) == 2}
-    kinds = {block: frozenset().union(*(arm.kinds for arm in own)) for block, own in blocks.items()}
-    left_out = sorted({kind for own in kinds.values() for kind in own & {*exempt}})
-    shams = {block: own for block, own in blocks.items() if any(arm.role == "sham" for arm in own)}
-    compared = {block: own for block, own in shams.items() if not kinds[block] & {*exempt}}
+    blocks = {
+        block: of_block for block, of_block in every.items() if len({arm.role == "attacked" for arm in of_block}) == 2
+    }
+    kinds = {block: frozenset().union(*(arm.kinds for arm in of_block)) for block, of_block in blocks.items()}
+    left_out = sorted({kind for of_block in kinds.values() for kind in of_block & {*exempt}})
+    shams = {block: of_block for block, of_block in blocks.items() if any(arm.role == "sham" for arm in of_block)}
+    compared = {block: of_block for block, of_block in shams.items() if not kinds[block] & {*exempt}}
     yield _metadata(folder, blocks, compared, [*left_out, *unlike])
     for view in ("flows", "aircraft"):
         yield _before_onset(folder, view, blocks, unlike)
@@ -254,8 +256,8 @@ def _files(folder: Path, view: str, block: str) -> list[Path]:
 
 
 def _read_block(folder: Path, view: str, block: str, columns: Sequence[str] | None = None) -> pa.Table | None:
-    found = [pq.ParquetFile(path).read(columns=columns) for path in _files(folder, view, block)]
-    return pa.concat_tables(found) if found else None
+    tables = [pq.ParquetFile(path).read(columns=columns) for path in _files(folder, view, block)]
+    return pa.concat_tables(tables) if tables else None
 
 
 def _metadata(folder: Path, blocks: Blocks, compared: Blocks, exempt: Sequence[str]) -> Comparison:
@@ -264,11 +266,11 @@ def _metadata(folder: Path, blocks: Blocks, compared: Blocks, exempt: Sequence[s
     """
     rows: list[dict[str, float]] = []
     attacked, names, runs = [], [], []
-    for block, own in blocks.items():
+    for block, arms in blocks.items():
         other = "sham" if block in compared else "nominal"
-        chosen = [arm for arm in own if arm.role in ("attacked", other)]
+        chosen = [arm for arm in arms if arm.role in ("attacked", other)]
         if len({arm.role for arm in chosen}) < 2:  # an attack that is exempt, and its sham
-            chosen = list(own)
+            chosen = list(arms)
         chosen = cut_at_faults(chosen)
         onset_ns = min(arm.onset_ns for arm in chosen)
         cut_ns = min(arm.effect_ns for arm in chosen) if block in compared else onset_ns
@@ -297,11 +299,11 @@ def _before_onset(folder: Path, view: str, blocks: Blocks, exempt: Sequence[str]
     columns = [name for name in observable_columns(view) if name != "time_ns"]
     parts, attacked, names, runs = [np.empty((0, len(columns)))], [], [], []
     for block, every in blocks.items():
-        own, table = cut_at_faults(every), _read_block(folder, view, block)
+        compared, table = cut_at_faults(every), _read_block(folder, view, block)
         if table is None:
             continue
-        table = table.filter(pc.less(_end_ns(view, table), min(arm.onset_ns for arm in own)))
-        for arm in own:
+        table = table.filter(pc.less(_end_ns(view, table), min(arm.onset_ns for arm in compared)))
+        for arm in compared:
             rows = table.filter(pc.equal(table.column("run"), arm.run))
             parts.append(np.column_stack([_numbers(rows.column(column)) for column in columns]))
             attacked += [arm.role == "attacked"] * rows.num_rows
@@ -315,13 +317,13 @@ def _shams(folder: Path, blocks: Blocks, exempt: Sequence[str]) -> Comparison:
     """Timing, lengths and senders of frames from the onset up to the effect."""
     parts, attacked, names, runs = [np.empty((0, len(SHAPE)))], [], [], []
     for block, every in blocks.items():
-        own = cut_at_faults([arm for arm in every if arm.role in ("attacked", "sham")])
-        roles = {arm.run: arm.role for arm in own}
+        compared = cut_at_faults([arm for arm in every if arm.role in ("attacked", "sham")])
+        roles = {arm.run: arm.role for arm in compared}
         frames = _read_block(folder, "mavlink", block)
         if frames is None:
             continue
         frames = frames.filter(pc.is_in(frames.column("run"), value_set=pa.array(list(roles))))
-        onset_ns, effect_ns = min(arm.onset_ns for arm in own), min(arm.effect_ns for arm in own)
+        onset_ns, effect_ns = min(arm.onset_ns for arm in compared), min(arm.effect_ns for arm in compared)
         if not frames.num_rows or effect_ns <= onset_ns:
             continue
         rows = describe_shape(frames, onset_ns, effect_ns)
@@ -336,7 +338,7 @@ def _shams(folder: Path, blocks: Blocks, exempt: Sequence[str]) -> Comparison:
 
 def _repeats(blocks: Blocks) -> bool:
     """Whether all runs repeat to the byte."""
-    return all(arm.repeats for own in blocks.values() for arm in own)
+    return all(arm.repeats for arms in blocks.values() for arm in arms)
 
 
 def _end_ns(view: str, table: pa.Table) -> pa.ChunkedArray:
@@ -349,7 +351,9 @@ def _numbers(column: pa.ChunkedArray) -> NDArray[np.float64]:
     if pa.types.is_boolean(column.type):
         column = column.cast(pa.int8())
     elif pa.types.is_string(column.type) or pa.types.is_binary(column.type):
-        return np.array([np.nan if one is None else _number_text(one) for one in column.to_pylist()], dtype=np.float64)
+        return np.array(
+            [np.nan if value is None else _number_text(value) for value in column.to_pylist()], dtype=np.float64
+        )
     values = column.cast(pa.float64()).to_numpy()
     return np.asarray(values, dtype=np.float64)
 

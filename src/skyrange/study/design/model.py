@@ -61,9 +61,9 @@ def locate_files(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         located["scenario"] = _beside(folder, data["scenario"], SCENARIO)
     for kind in ("factors", "draws"):
         if isinstance(data.get(kind), list):
-            located[kind] = [_locate_values(one, folder) for one in data[kind]]
+            located[kind] = [_locate_values(value, folder) for value in data[kind]]
     if isinstance(data.get("arms"), list):
-        located["arms"] = [_locate_arm(one, folder) for one in data["arms"]]
+        located["arms"] = [_locate_arm(arm, folder) for arm in data["arms"]]
     located |= _locate_changes(data, folder)
     return located | locate_named_files({"detectors": data["detectors"]}, folder)[0] if "detectors" in data else located
 
@@ -75,7 +75,7 @@ def _locate_changes(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         return {"changes": locate_assignment(changes, folder)}
     if not isinstance(changes, list):
         return {}
-    return {"changes": [locate_assignment(one, folder) if isinstance(one, str) else one for one in changes]}
+    return {"changes": [locate_assignment(change, folder) if isinstance(change, str) else change for change in changes]}
 
 
 def _locate_arm(arm: Any, folder: Path) -> Any:
@@ -88,9 +88,9 @@ def _locate_values(factor: Any, folder: Path) -> Any:
     located, key = dict(factor), str(factor["key"])
     if isinstance(factor.get("values"), list):
         names = factor.get("named", ())
-        located["values"] = [one if one in names else _beside(folder, one, key) for one in factor["values"]]
+        located["values"] = [value if value in names else _beside(folder, value, key) for value in factor["values"]]
     if isinstance(factor.get("named"), dict):
-        located["named"] = {name: _beside(folder, one, key) for name, one in factor["named"].items()}
+        located["named"] = {name: _beside(folder, value, key) for name, value in factor["named"].items()}
     return located
 
 
@@ -106,9 +106,9 @@ def _keep_one_way(before: Any, after: Any) -> Any:
     """A factor without the values that it had, if a change gave it others of another kind."""
     if not isinstance(before, dict) or not isinstance(after, dict):
         return after
-    for first, own in _WAYS.items():
+    for first, keys in _WAYS.items():
         if first in after and first not in before:
-            return {name: value for name, value in after.items() if name in ("name", "key", *own)}
+            return {name: value for name, value in after.items() if name in ("name", "key", *keys)}
     return after
 
 
@@ -169,7 +169,7 @@ class LearnedTable(Model):
     @property
     def names(self) -> dict[str, Algorithm]:
         """The algorithms by their names in the scores."""
-        return {one.replace("_", "-"): one for one in self.algorithms}
+        return {algorithm.replace("_", "-"): algorithm for algorithm in self.algorithms}
 
 
 class Registration(Model):
@@ -255,16 +255,16 @@ class Study(Model):
     def _whole(self) -> Study:
         problems = [*_repeated("arms", [arm.id for arm in self.arms])]
         named = self.varying
-        problems += _repeated("factors and draws", [one.name for one in named])
+        problems += _repeated("factors and draws", [factor.name for factor in named])
         problems += [
-            Problem("factors", one.name, "a name that is not that of a column of the results")
-            for one in named
-            if one.name in reserved_names() and (one.name, one.key) != (CITY, BUILDINGS)
+            Problem("factors", factor.name, "a name that is not that of a column of the results")
+            for factor in named
+            if factor.name in reserved_names() and (factor.name, factor.key) != (CITY, BUILDINGS)
         ]
         problems += [
             Problem("factors", key, "a key of at most one factor or draw")
             for key in WHOLE_KEYS
-            if sum(one.key == key for one in named) > 1
+            if sum(factor.key == key for factor in named) > 1
         ]
         ids = [arm.id for arm in self.arms]
         if self.baseline is not None and self.baseline not in ids:
@@ -274,8 +274,8 @@ class Study(Model):
                 problems.append(Problem("points", str(self.points), "none, because a grid has as many as its values"))
             problems += [
                 Problem(f"factors.{place}.steps", "none", "values, or the number of steps of the range in the grid")
-                for place, one in enumerate(self.factors)
-                if not one.levels and one.steps is None
+                for place, factor in enumerate(self.factors)
+                if not factor.levels and factor.steps is None
             ]
         elif self.points is None:
             problems.append(Problem("points", "none", f"the number of points of {self.sampling}"))
@@ -351,11 +351,13 @@ def _check_data(data: dict[str, Any], who: str) -> Study:
         study = Study.model_validate(data)
     except ValidationError as error:
         raise input_error(who, error, Study, data) from None
-    unknown = [one for one in study.held_out.families if one not in FAMILIES and "." not in one]  # kinds of plugins
+    unknown = [
+        family for family in study.held_out.families if family not in FAMILIES and "." not in family
+    ]  # kinds of plugins
     if unknown:
         problems = [
-            Problem("held_out.families", one, "a family of attack kinds, or a kind", nearest(one, FAMILIES))
-            for one in unknown
+            Problem("held_out.families", family, "a family of attack kinds, or a kind", nearest(family, FAMILIES))
+            for family in unknown
         ]
         raise InputError(who, problems)
     for name in scenarios_of(study):
@@ -370,12 +372,12 @@ def _check_data(data: dict[str, Any], who: str) -> Study:
 def scenarios_of(study: Study) -> list[str]:
     """The names or files of all scenarios of a study."""
     chosen = [
-        str(one.value_of(level)) for one in study.varying for level in one.levels if one.key == SCENARIO
+        str(factor.value_of(level)) for factor in study.varying for level in factor.levels if factor.key == SCENARIO
     ]  # fmt: skip
     return chosen or [study.scenario]
 
 
 def cities_of(study: Study) -> list[str]:
     """The files of buildings that a study flies over by its factors."""
-    values = [one.value_of(level) for one in study.varying for level in one.levels if one.key == BUILDINGS]
+    values = [factor.value_of(level) for factor in study.varying for level in factor.levels if factor.key == BUILDINGS]
     return [value for value in values if isinstance(value, str) and is_city_file(value)]

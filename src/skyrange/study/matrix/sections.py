@@ -264,8 +264,8 @@ def _harms(faults: Sequence[FaultHarm]) -> str:
     return "; ".join(texts) or ("none" if faults else "–")
 
 
-def _count(found: Count) -> str:
-    return f"{found.shown} of {found.of}, {found.in_every_flight} in every flight"
+def _count(count: Count) -> str:
+    return f"{count.shown} of {count.of}, {count.in_every_flight} in every flight"
 
 
 def format_alarms(alarms: int, hours: float, limits: Limits) -> str:
