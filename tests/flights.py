@@ -19,7 +19,7 @@ from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.pairing import pair
 from skyrange.study.runs import fly
-from skyrange.twins.attribution.arms import ATTACKED
+from skyrange.twins.arms import ATTACKED
 from tests.flight_folder import find_folder, seal
 from tests.processor_time import CLOCK
 

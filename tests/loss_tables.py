@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from skyrange.city.city import City
 from skyrange.radio.propagation.loss_table import LossGrid, free_space_of
 from skyrange.radio.propagation.loss_table_file import LossTableFile
-from skyrange.radio_map.mapping import prepare_map, trace_map
-from skyrange.radio_map.places import MapLayout
+from skyrange.radio_map.mapping import MapLayout, prepare_map, trace_map
 
 TRACER = {"name": "free space", "version": "1"}
 

@@ -17,27 +17,26 @@ if TYPE_CHECKING:
     from skyrange.dataset.audit.classifier import LeakFinding, require_no_leak
     from skyrange.dataset.audit.comparisons import audit_dataset
     from skyrange.dataset.build import build_dataset
+    from skyrange.dataset.frame_views import Place as SensorPlace
+    from skyrange.dataset.members import HeldOut, assign_splits, check_held_out
     from skyrange.dataset.members import Member as DatasetMember
     from skyrange.dataset.members import read_members as read_dataset_members
-    from skyrange.dataset.run_views import ViewSettings
-    from skyrange.dataset.splits import HeldOut, assign_splits, check_held_out
-    from skyrange.dataset.views.observed import Place as SensorPlace
-    from skyrange.export.captures.packet_captures import Capture
-    from skyrange.export.captures.packet_captures import mavlink as export_mavlink
-    from skyrange.export.captures.packet_captures import remote_id as export_remote_id
-    from skyrange.export.captures.received_broadcasts import received_broadcasts, receivers_of
+    from skyrange.dataset.views import ViewSettings
+    from skyrange.export import Export
     from skyrange.export.csv_tables import write_tables as export_tables
-    from skyrange.export.exported import Export
     from skyrange.export.kml_file import write_kml as export_kml
     from skyrange.export.mcap_file import write_mcap as export_mcap
+    from skyrange.export.packet_captures import Capture, received_broadcasts, receivers_of
+    from skyrange.export.packet_captures import mavlink as export_mavlink
+    from skyrange.export.packet_captures import remote_id as export_remote_id
     from skyrange.figures import altitude, plan_view, track_deviation, trajectories_3d
     from skyrange.metrics.agreement import Agreement
     from skyrange.metrics.agreement import agreement as compare_outcomes
+    from skyrange.metrics.defences import TrustPair, TrustSummary, remote_id_trust
     from skyrange.metrics.exact_difference import Difference
     from skyrange.metrics.exact_difference import diff as compare_runs
-    from skyrange.metrics.receptions import reception_summaries, summarise_receptions
+    from skyrange.metrics.links import reception_summaries, summarise_receptions
     from skyrange.metrics.summary import summary
-    from skyrange.metrics.trust import TrustPair, TrustSummary, remote_id_trust
     from skyrange.parity.flights import Parity, compare_rates
     from skyrange.parity.flights import compare as compare_autopilots
     from skyrange.record import RunRecord, load, replay_monitor
@@ -45,13 +44,13 @@ if TYPE_CHECKING:
     from skyrange.scoring.leaderboard import LeaderboardRow, rank_detectors
     from skyrange.scoring.result_file import ScoreFile, ScoreSettings, read_scores, write_scores
     from skyrange.statistics.means import Interval, estimate_mean
-    from skyrange.study.sweep.dataset_members import list_dataset_members
-    from skyrange.study.sweep.design.factors import Factor
-    from skyrange.study.sweep.design.model import LearnedTable, Study, StudyArm, read_study
-    from skyrange.study.sweep.execution.study_run import StudyResult, run_study
-    from skyrange.study.sweep.report.page import write_study_report
-    from skyrange.study.sweep.results import read_results as read_study_results
-    from skyrange.study.sweep.scores.score_tables import score_study
+    from skyrange.study.dataset_members import list_dataset_members
+    from skyrange.study.design.factors import Factor
+    from skyrange.study.design.model import LearnedTable, Study, StudyArm, read_study
+    from skyrange.study.execution.study_run import StudyResult, run_study
+    from skyrange.study.page import write_study_report
+    from skyrange.study.results import read_results as read_study_results
+    from skyrange.study.score_tables import score_study
     from skyrange.twins.pair_folder import Pair, load_pair
 
 __all__ = [

@@ -13,7 +13,7 @@ import pytest
 from skyrange.cli import main
 from skyrange.runtime.warm_up import warm_up
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.study.sweep.execution import study_run
+from skyrange.study.execution import study_run
 from tests.ardupilot import programs
 from tests.processor_time import CLOCK
 

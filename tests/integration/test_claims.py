@@ -10,7 +10,7 @@ import pytest
 
 import skyrange
 from skyrange.core.time import NEVER, NS_PER_S
-from skyrange.metrics.claims import Claim, inside_share, is_tracked, read_claims, shown_prisms
+from skyrange.metrics.approvals import Claim, inside_share, is_tracked, read_claims, shown_prisms
 from skyrange.metrics.time_series import truth_tracks
 from skyrange.record import RunRecord
 from skyrange.scenario.shipped import load

@@ -23,16 +23,16 @@ from skyrange.dataset import build
 from skyrange.dataset.audit.arms import read_arms
 from skyrange.dataset.build import build_dataset
 from skyrange.dataset.columns import VIEWS, view_schema
-from skyrange.dataset.description.croissant import CONFORMS_TO
+from skyrange.dataset.croissant import CONFORMS_TO
+from skyrange.dataset.frame_views import Place
 from skyrange.dataset.members import Member, read_members
 from skyrange.dataset.progress import begin_build
-from skyrange.dataset.run_views import ViewSettings, run_views
-from skyrange.dataset.views.observed import Place
+from skyrange.dataset.views import ViewSettings, run_views
 from skyrange.record import RunRecord, load
 from skyrange.scenario.toml_reader import load_text
+from skyrange.study.measurement import measure_acts
 from skyrange.study.runs import fly
-from skyrange.study.sweep.measurement import measure_acts
-from skyrange.twins.attribution.arms import Arm, scenario_of
+from skyrange.twins.arms import Arm, scenario_of
 
 BOTH = ViewSettings(places=(Place("gcs:*", "gcs"), Place("gcs:*", "companion")))
 BASE = """

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 
 from skyrange.core.time import to_seconds
-from skyrange.metrics.aircraft_measures import measure, read_ticks
-from skyrange.metrics.landings import find_landings_s
-from skyrange.metrics.separation import NEAR_M
+from skyrange.metrics.aircraft import measure, read_ticks
+from skyrange.metrics.safety import NEAR_M, find_landings_s
 from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
 from skyrange.scenario.toml_reader import load_text
-from skyrange.twins.attribution.outcomes import ArmOutcomes
-from skyrange.twins.effects import COLUMNS, effect_rows
+from skyrange.twins.effects import COLUMNS, ArmOutcomes, effect_rows
 from tests.ardupilot import needs_arducopter
 from tests.flights import shared_run
 

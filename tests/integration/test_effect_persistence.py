@@ -14,7 +14,7 @@ from skyrange.metrics.time_series import RecordedNote, read_notes
 from skyrange.scenario.shipped import EXAMPLES
 from skyrange.scoring.result_file import ScoreSettings
 from skyrange.scoring.scores import score_detectors
-from skyrange.study.sweep.measurement import measure_acts
+from skyrange.study.measurement import measure_acts
 from tests.flights import shared_run
 from tests.unit.score_sample import alert, attack, flight, tables
 

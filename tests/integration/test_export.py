@@ -20,8 +20,7 @@ from skyrange.codec.remote_id.link_payload import Transport
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
-from skyrange.export.captures.packet_captures import mavlink, remote_id
-from skyrange.export.captures.received_broadcasts import receivers_of
+from skyrange.export.packet_captures import mavlink, receivers_of, remote_id
 from skyrange.record import RunRecord
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.runs import fly

@@ -22,7 +22,7 @@ from mcap.reader import NonSeekingReader, SeekingReader, make_reader
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
-from skyrange.export import kml_file, scene_messages
+from skyrange.export import foxglove_messages, kml_file
 from skyrange.export.csv_tables import write_tables
 from skyrange.export.kml_file import write_kml
 from skyrange.export.mcap_file import write_mcap
@@ -185,7 +185,7 @@ def test_positions_are_degrees_and_metres_above_the_ellipsoid(mcap: Path, record
 
 
 def test_scene_has_all_buildings_and_a_shape_for_each_aircraft(mcap: Path, record: RunRecord) -> None:
-    (drawn,) = (message for _, _, message in messages(mcap, scene_messages.BUILDINGS_TOPIC))
+    (drawn,) = (message for _, _, message in messages(mcap, foxglove_messages.BUILDINGS_TOPIC))
     (entity,) = drawn["entities"]
     (triangles,) = entity["triangles"]
     points = np.array([[point[axis] for axis in "xyz"] for point in triangles["points"]])
@@ -200,7 +200,7 @@ def test_scene_has_all_buildings_and_a_shape_for_each_aircraft(mcap: Path, recor
     sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert len(record.city) > 3
     assert np.linalg.norm(sides, axis=1).sum() / 2 == pytest.approx(wanted, rel=1e-3)
-    last = [message for _, _, message in messages(mcap, scene_messages.AIRCRAFT_TOPIC)][-1]
+    last = [message for _, _, message in messages(mcap, foxglove_messages.AIRCRAFT_TOPIC)][-1]
     assert [one["id"] for one in last["entities"]] == ["blue/b1", "blue/b2", "red/r1"]
     assert all(one["frame_id"] == one["id"] and one["frame_locked"] for one in last["entities"])
     assert [one["texts"][0]["text"] for one in last["entities"]] == ["blue/b1", "blue/b2", "red/r1"]
@@ -210,7 +210,7 @@ def test_scene_has_all_buildings_and_a_shape_for_each_aircraft(mcap: Path, recor
 
 
 def test_a_large_city_is_in_several_topics(record: RunRecord, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scene_messages, "TOPIC_BUILDINGS", 2)
+    monkeypatch.setattr(foxglove_messages, "TOPIC_BUILDINGS", 2)
     made = write_mcap(record, tmp_path / "run.mcap")
     topics = [topic for topic in made.by if topic.startswith("/scene/buildings")]
     assert len(topics) == -(-len(record.city) // 2) > 1

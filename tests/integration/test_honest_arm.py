@@ -16,13 +16,12 @@ from skyrange.codec.remote_id import link_payload
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.kernel import Kernel
-from skyrange.metrics.aircraft_measures import read_ticks
-from skyrange.metrics.near_misses import near_misses
+from skyrange.metrics.aircraft import near_misses, read_ticks
 from skyrange.record import MemoryObserver, RunRecord
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.pairing import pair
 from skyrange.testing import NonConformance, check_attack
-from skyrange.twins.attribution.arms import HONEST, Arm, scenario_of
+from skyrange.twins.arms import HONEST, Arm, scenario_of
 from skyrange.twins.pair_folder import Pair
 from tests.integration.twin_range import RID_SPOOFING, before, plain
 

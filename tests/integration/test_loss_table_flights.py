@@ -19,7 +19,7 @@ from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import SNIFFER
 from skyrange.radio.builtin.medium import BuiltinMedium, fixed_positions
 from skyrange.radio.propagation.loss_table import NO_TABLE
-from skyrange.radio_map.places import MapLayout
+from skyrange.radio_map.mapping import MapLayout
 from skyrange.record import load as load_run
 from skyrange.record.read.run import RunRecord
 from skyrange.scenario.model.scenario import Scenario

@@ -15,7 +15,7 @@ from skyrange.scenario.shipped import load
 from skyrange.study.matrix.cells import Cell, measure_cell
 from skyrange.study.matrix.flights import fly_matrix
 from skyrange.study.matrix.model import read_matrix, select
-from skyrange.study.matrix.report import write_matrix_report
+from skyrange.study.matrix.page import write_matrix_report
 from skyrange.study.matrix.sections import write_markdown
 from skyrange.study.matrix.summary import cost_of, describe_cell
 from skyrange.study.pairing import pair
@@ -90,7 +90,7 @@ def test_a_matrix_tells_what_each_defence_stops_and_costs(file: Path, tmp_path: 
     assert "cells/terminate/firewall/report.html" in report
     assert "without assumed reactions" not in report
     result.cells["mode", "none"] = replace(result.cell("mode"), assumed=True)
-    again = write_markdown(result, "", "", False).partition("## Effect without assumed reactions of sensors")[2]
+    again = write_markdown(result, "", "", links=False).partition("## Effect without assumed reactions of sensors")[2]
     assert "Left out: `mode`." in again
     assert "| `terminate (m)` |" in again.partition("## ")[0]
     assert "| `mode (m)` |" not in again.partition("## ")[0]
@@ -154,7 +154,7 @@ def test_cells_whose_defences_have_nothing_to_do_are_the_undefended_one(tmp_path
         ids = [table.id for table in column.tables()]
         measured = measure_cell(flown, Cell("terminate", column.id), "departure_m", ids)
         assert measured == replace(cell, folder="")
-    page = write_markdown(result, "", "", True).partition("## Defences with nothing to do")[2]
+    page = write_markdown(result, "", "", links=True).partition("## Defences with nothing to do")[2]
     assert "| `terminate` | barometer, both |" in page
 
 

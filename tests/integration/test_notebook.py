@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from skyrange.study.sweep.design.blocks import check_blocks, list_blocks
+from skyrange.study.design.blocks import check_blocks, list_blocks
 
 nbformat = pytest.importorskip("nbformat", reason="nbformat is not installed: pip install 'skyrange[dev]'")
 nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed: pip install 'skyrange[dev]'")

@@ -18,7 +18,7 @@ from skyrange.record import RunRecord, load
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.pairing import pair
 from skyrange.study.runs import fly
-from skyrange.twins.attribution.arms import ATTACKED
+from skyrange.twins.arms import ATTACKED
 from skyrange.twins.pair_folder import Pair
 from tests.flights import shared_run
 from tests.integration.twin_range import FLEET, RID_SPOOFING, before, onset_ns

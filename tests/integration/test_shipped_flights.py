@@ -19,10 +19,9 @@ from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.cli.app import app
 from skyrange.core.time import NS_PER_S
 from skyrange.gcs.plan.routes import enu_points
+from skyrange.metrics.paths import deviations_m, received_waypoints
 from skyrange.metrics.summary import summary
 from skyrange.metrics.time_series import RecordedNote, read_notes, truth_tracks, vehicles
-from skyrange.metrics.track_deviation import deviations_m
-from skyrange.metrics.waypoints import received_waypoints
 from skyrange.record import RunRecord
 from skyrange.record import load as load_run
 from skyrange.scenario.model.scenario import Scenario

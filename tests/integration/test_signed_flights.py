@@ -31,7 +31,7 @@ from skyrange.contracts.plugins.registry import AUTOPILOTS, NoParams, register
 from skyrange.contracts.verdicts import Inject, Replace, Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, Time, from_seconds
-from skyrange.export.captures.packet_captures import mavlink
+from skyrange.export.packet_captures import mavlink
 from skyrange.record import RunRecord
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_reader import load_text

@@ -15,8 +15,7 @@ from skyrange.core.errors import InputError
 from skyrange.radio.propagation.loss_table import free_space_of
 from skyrange.radio.propagation.loss_table_file import LossTableFile, read_loss_table
 from skyrange.radio.propagation.obstruction import has_line_of_sight, obstacle_index
-from skyrange.radio_map.mapping import prepare_map, trace_map
-from skyrange.radio_map.places import MapLayout
+from skyrange.radio_map.mapping import MapLayout, prepare_map, trace_map
 from skyrange.radio_map.sionna import SionnaTracer, TraceSettings, check_installed, describe_tracer
 
 

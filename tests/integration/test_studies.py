@@ -16,18 +16,18 @@ from typer.testing import CliRunner
 
 from skyrange.cli.app import app
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
+from skyrange.study import folder as study_folder
+from skyrange.study.design.blocks import Block
+from skyrange.study.design.model import Study, read_study
+from skyrange.study.execution import worker
+from skyrange.study.execution.executors import LocalPool
+from skyrange.study.execution.study_run import forget_failures, list_failures, run_blocks, run_study
+from skyrange.study.execution.worker import DiskFullError
+from skyrange.study.folder import StudyFolder, create_folder, open_folder, require_same, require_unchanged
+from skyrange.study.measurement import TABLES
+from skyrange.study.results import read_results, write_results
 from skyrange.study.runs import fly
-from skyrange.study.sweep import folder as study_folder
-from skyrange.study.sweep.design.blocks import Block
-from skyrange.study.sweep.design.model import Study, read_study
-from skyrange.study.sweep.execution import worker
-from skyrange.study.sweep.execution.local_pool import LocalPool
-from skyrange.study.sweep.execution.study_run import forget_failures, list_failures, run_blocks, run_study
-from skyrange.study.sweep.execution.worker import DiskFullError
-from skyrange.study.sweep.folder import StudyFolder, create_folder, open_folder, require_same, require_unchanged
-from skyrange.study.sweep.measurement import TABLES
-from skyrange.study.sweep.report.summary import summarise_study
-from skyrange.study.sweep.results import read_results, write_results
+from skyrange.study.summary import summarise_study
 
 TEXT = """
 name = "jumps"

@@ -8,15 +8,14 @@ from typing import Any
 
 import pytest
 
-from skyrange.study.sweep.design.factors import Factor
-from skyrange.study.sweep.design.model import Study
-from skyrange.study.sweep.execution.local_pool import LocalPool
-from skyrange.study.sweep.execution.ray_pool import RayPool
-from skyrange.study.sweep.execution.storage import BlockStorage
-from skyrange.study.sweep.execution.study_run import run_blocks
-from skyrange.study.sweep.folder import create_folder
-from skyrange.study.sweep.measurement import TABLES
-from skyrange.study.sweep.results import read_results
+from skyrange.study.design.factors import Factor
+from skyrange.study.design.model import Study
+from skyrange.study.execution.executors import LocalPool, RayPool
+from skyrange.study.execution.storage import BlockStorage
+from skyrange.study.execution.study_run import run_blocks
+from skyrange.study.folder import create_folder
+from skyrange.study.measurement import TABLES
+from skyrange.study.results import read_results
 
 pytestmark = pytest.mark.slow
 

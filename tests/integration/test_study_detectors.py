@@ -21,13 +21,13 @@ from skyrange.record import load, replay_monitor
 from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.scenario.toml_reader import load_file
 from skyrange.scoring.result_file import read_scores
+from skyrange.study.design.blocks import check_blocks, city_of, list_blocks, scenario_in
+from skyrange.study.design.model import SHIPPED, read_study
+from skyrange.study.execution.worker import fly_block
+from skyrange.study.folder import open_folder
+from skyrange.study.learned_detectors import learn_detectors
 from skyrange.study.runs import fly
-from skyrange.study.sweep.design.blocks import check_blocks, city_of, list_blocks, scenario_in
-from skyrange.study.sweep.design.model import SHIPPED, read_study
-from skyrange.study.sweep.execution.worker import fly_block
-from skyrange.study.sweep.folder import open_folder
-from skyrange.study.sweep.scores.learned_detectors import learn_detectors
-from skyrange.study.sweep.scores.score_tables import make_score_tables
+from skyrange.study.score_tables import make_score_tables
 from tests.flights import shared_folder
 
 STREETS = Path(__file__).parents[3] / "shared/data/cities/manhattan-upper-east-side.geojson"

@@ -8,16 +8,15 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.errors import ComponentError, InputError
-from skyrange.study.sweep.design.blocks import Block
-from skyrange.study.sweep.design.factors import Factor
-from skyrange.study.sweep.design.model import LearnedTable, Study
-from skyrange.study.sweep.execution.executors import FlyBlock, Outcome
-from skyrange.study.sweep.execution.local_pool import LocalPool
-from skyrange.study.sweep.execution.storage import BlockStorage
-from skyrange.study.sweep.execution.study_run import forget_failures, run_blocks
-from skyrange.study.sweep.folder import create_folder, digest_of
-from skyrange.study.sweep.measurement import TABLES
-from skyrange.study.sweep.results import read_results
+from skyrange.study.design.blocks import Block
+from skyrange.study.design.factors import Factor
+from skyrange.study.design.model import LearnedTable, Study
+from skyrange.study.execution.executors import FlyBlock, LocalPool, Outcome
+from skyrange.study.execution.storage import BlockStorage
+from skyrange.study.execution.study_run import forget_failures, run_blocks
+from skyrange.study.folder import create_folder, digest_of
+from skyrange.study.measurement import TABLES
+from skyrange.study.results import read_results
 
 STUDY = Study(
     name="stored",
@@ -102,7 +101,7 @@ def test_failed_blocks_are_flown_again_when_asked_for(
 
     folder = create_folder(STUDY, tmp_path / "one")
     with monkeypatch.context() as patched:
-        patched.setattr("skyrange.study.sweep.execution.worker.fly", failing)
+        patched.setattr("skyrange.study.execution.worker.fly", failing)
         assert len(run_blocks(folder, InTurn(9), storage=storage).failed) == 2
     forget_failures(folder, storage)
     again = InTurn(9)

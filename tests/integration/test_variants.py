@@ -10,11 +10,9 @@ import pytest
 
 from skyrange.core.errors import InputError
 from skyrange.metrics.time_series import read_notes
-from skyrange.study.variants import run_measures
-from skyrange.study.variants.flights import compare_variants
-from skyrange.study.variants.report import write_comparison_report
-from skyrange.study.variants.run_measures import measure_run
-from skyrange.study.variants.sections import make_tables
+from skyrange.study import run_measures
+from skyrange.study.run_measures import measure_run
+from skyrange.study.variants import compare_variants, make_tables, write_comparison_report
 from tests.flights import shared_run
 
 SOON = [

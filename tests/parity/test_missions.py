@@ -12,7 +12,7 @@ import pytest
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.parity.missions.comparison import compare
 from skyrange.parity.missions.flights import compare_fleet, fleet_scenario, read
-from skyrange.parity.missions.random_missions import PlacedItem, RandomMission
+from skyrange.parity.missions.mission_sources import PlacedItem, RandomMission
 from skyrange.study.runs import fly
 from tests.ardupilot import needs_arducopter
 from tests.catalogue import draw

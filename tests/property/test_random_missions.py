@@ -16,7 +16,7 @@ from skyrange.codec.mission import parse_waypoints
 from skyrange.codec.mission.qgc_wpl import format_waypoints
 from skyrange.gcs.plan.checks import check
 from skyrange.gcs.protocols.mission_items import encode_mission
-from skyrange.metrics.path_distance import path_distance_m
+from skyrange.metrics.paths import path_distance_m
 from skyrange.parity.missions.comparison import (
     MissionAgreement,
     is_legal,
@@ -33,7 +33,7 @@ from skyrange.parity.missions.flights import (
     compare_flights,
     flight_plan,
 )
-from skyrange.parity.missions.random_missions import PlacedItem, RandomMission, random_mission, simpler
+from skyrange.parity.missions.mission_sources import PlacedItem, RandomMission, random_mission, simpler
 from skyrange.vehicle.builtin.engine import BUILTIN
 
 NUMBERS = st.integers(0, 2**31)

@@ -12,14 +12,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from skyrange.core.time import NEVER, NS_PER_S
-from skyrange.scoring.episodes import find_episodes
+from skyrange.scoring.chance import trivial_alerts
 from skyrange.scoring.index import index_alerts, index_study
 from skyrange.scoring.leaderboard import rank_detectors
-from skyrange.scoring.matching import Outcome, match_alarms
+from skyrange.scoring.matching import Outcome, find_episodes, match_alarms
 from skyrange.scoring.result_file import Estimate, ScoreSettings
 from skyrange.scoring.scores import score_detectors
 from skyrange.scoring.tables import StudyTables
-from skyrange.scoring.trivial_detectors import trivial_alerts
 from skyrange.statistics.exact_intervals import proportion_interval, rate_interval
 from tests.unit.score_sample import alert, attack, flight, tables
 

@@ -10,7 +10,7 @@ import pytest
 from skyrange.core.errors import InputError
 from skyrange.metrics.approvals import delays_by_operator, fairness, measure_approvals
 from skyrange.metrics.time_series import read_notes
-from skyrange.study.variants.flights import read_variants
+from skyrange.study.variants import read_variants
 
 
 class Notes:

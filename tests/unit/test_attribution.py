@@ -17,8 +17,8 @@ from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, load
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_reader import load_text
-from skyrange.twins.attribution.arms import SELECTIONS, Arm, acting_attacks, baseline_of, plan_arms, scenario_of
-from skyrange.twins.attribution.attribute import (
+from skyrange.twins.arms import SELECTIONS, Arm, acting_attacks, baseline_of, plan_arms, scenario_of
+from skyrange.twins.attribution import (
     Authors,
     Comparison,
     attribution_table,
@@ -28,7 +28,7 @@ from skyrange.twins.attribution.attribute import (
     unknown_subsets,
     with_authors,
 )
-from skyrange.twins.attribution.outcomes import NAMES, PLACEBO_LEVEL, ArmOutcomes, Limits, floors, limits
+from skyrange.twins.effects import NAMES, PLACEBO_LEVEL, ArmOutcomes, Limits, floors, limits
 
 SCENARIO = """
 name = "two"
@@ -150,12 +150,12 @@ def bounds(level: float = 0.0, placebos: int = 0, **given: float) -> Limits:
 
 def test_with_too_few_placebos_nobody_is_named() -> None:
     away, departed = {A: distances(departure=9.0)}, {A: [4_000_000_000]}
-    rows = relate(Comparison(1, ["blue/1"], away, departed, bounds(0.5, 1, departure=1.0)), True)
+    rows = relate(Comparison(1, ["blue/1"], away, departed, bounds(0.5, 1, departure=1.0)), has_baseline=True)
     assert [(row["relation"], row["shown"], row["placebos"], row["level"]) for row in rows] == [
         ("unknown", False, 1, 0.5)
     ]
     assert authors(rows) == {(1, "blue/1"): Authors((), "not enough placebos")}
-    enough = relate(Comparison(1, ["blue/1"], away, departed, bounds(0.05, 19, departure=1.0)), True)
+    enough = relate(Comparison(1, ["blue/1"], away, departed, bounds(0.05, 19, departure=1.0)), has_baseline=True)
     assert [(row["relation"], row["shown"]) for row in enough] == [("both", True)]
 
 
@@ -169,7 +169,7 @@ A, B, AB = frozenset("a"), frozenset("b"), frozenset("ab")
 def test_what_departs_at_the_same_second_without_an_attack_is_not_its_doing() -> None:
     away = {AB: distances(departure=30.0, mission=1.0), A: distances(departure=30.0), B: distances(departure=0.5)}
     departed: dict[frozenset[str], Sequence[int | None]] = {AB: [7_000_000_000], A: [7_000_000_000], B: [None]}
-    rows = relate(Comparison(1, ["blue/1"], away, departed, bounds(departure=1.0)), True)
+    rows = relate(Comparison(1, ["blue/1"], away, departed, bounds(departure=1.0)), has_baseline=True)
     said = [(row["outcome"], row["attack"], row["relation"], row["shift"], row["shift_s"]) for row in rows]
     assert said == [
         ("departure", "a", "both", None, None),
@@ -195,7 +195,7 @@ def test_what_departs_at_the_same_second_without_an_attack_is_not_its_doing() ->
 def test_an_attack_that_only_shifts_an_effect_says_by_how_much() -> None:
     away = {AB: distances(departure=9.0), A: distances(departure=9.0), B: distances(departure=8.0)}
     departed = {AB: [4_000_000_000], A: [6_000_000_000], B: [3_000_000_000]}
-    rows = relate(Comparison(1, ["blue/1"], away, departed, bounds(departure=1.0)), True)
+    rows = relate(Comparison(1, ["blue/1"], away, departed, bounds(departure=1.0)), has_baseline=True)
     assert [(row["relation"], row["shift"], row["shift_s"]) for row in rows] == [
         ("redundant", "delayed", 1.0),
         ("redundant", "advanced", -2.0),
@@ -203,14 +203,16 @@ def test_an_attack_that_only_shifts_an_effect_says_by_how_much() -> None:
 
 
 def test_without_a_baseline_nothing_is_attributed() -> None:
-    rows = relate(Comparison(1, ["blue/1"], {A: distances(departure=9.0)}, {A: [1]}, bounds(departure=1.0)), False)
+    rows = relate(
+        Comparison(1, ["blue/1"], {A: distances(departure=9.0)}, {A: [1]}, bounds(departure=1.0)), has_baseline=False
+    )
     assert [row["relation"] for row in rows] == ["unknown"]
     assert authors(rows) == {(1, "blue/1"): Authors((), "unknown")}
 
 
 def test_differences_that_are_not_known_are_no_effects() -> None:
     away = {A: distances(delay=float("nan"))}
-    assert relate(Comparison(1, ["blue/1"], away, {A: [None]}, bounds()), True) == []
+    assert relate(Comparison(1, ["blue/1"], away, {A: [None]}, bounds()), has_baseline=True) == []
 
 
 def test_one_word_for_several_attacks() -> None:

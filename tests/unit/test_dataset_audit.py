@@ -12,11 +12,17 @@ import pyarrow.parquet as pq
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.dataset.audit.classifier import CHANCE, Comparison, audit_comparison, require_no_leak, weighted_auc
+from skyrange.dataset.audit.classifier import (
+    CHANCE,
+    Comparison,
+    audit_comparison,
+    find_shifted_columns,
+    require_no_leak,
+    weighted_auc,
+)
 from skyrange.dataset.audit.comparisons import audit_dataset
-from skyrange.dataset.audit.paired import find_shifted_columns
+from skyrange.dataset.build import identify_setting
 from skyrange.dataset.columns import VIEWS, view_schema
-from skyrange.dataset.run_settings import identify_setting
 
 pytest.importorskip("sklearn")
 

@@ -14,12 +14,11 @@ from skyrange.attack.contract import AttackPlugin
 from skyrange.contracts.plugins.registry import ATTACKS, kinds
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import hash64
+from skyrange.dataset.build import BlockWriter
 from skyrange.dataset.columns import VIEWS, WINDOW_KEYS, check_table, observable_columns, view_schema
 from skyrange.dataset.families import FAMILIES, TIMING_KINDS, family_of
-from skyrange.dataset.members import Member
-from skyrange.dataset.partitions import BlockWriter
-from skyrange.dataset.splits import HeldOut, assign_splits, check_held_out, check_splits, cluster_members
-from skyrange.dataset.views.approval import describe_approval
+from skyrange.dataset.frame_views import describe_approval
+from skyrange.dataset.members import HeldOut, Member, assign_splits, check_held_out, check_splits, cluster_members
 from skyrange.dataset.windows import SplitHashes, WindowHashes, by_whole_windows
 from skyrange.record.schema import FORMAT
 from skyrange.scenario.shipped import EXAMPLES

@@ -21,10 +21,8 @@ from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.export import kml_file
 from skyrange.export.csv_tables import print_cells
+from skyrange.export.foxglove_messages import building_messages, log_messages, pose_messages, whole_ticks
 from skyrange.export.kml_file import write_kml, xml_text
-from skyrange.export.log_messages import log_messages
-from skyrange.export.pose_messages import pose_messages, whole_ticks
-from skyrange.export.scene_messages import building_messages
 from skyrange.figures.palette import ThemeColour
 from skyrange.metrics.time_series import start_utc_ns
 from skyrange.record import RunRecord

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.figures.pdf import save_pdf
+from skyrange.figures.svg import save_pdf
 from skyrange.statistics.means import Interval
-from skyrange.study.sweep.report.figure import draw_curves
-from skyrange.study.sweep.report.response import Curve, Level
+from skyrange.study.page import draw_curves
+from skyrange.study.summary import Curve, Level
 
 LEVELS = [Level("1", 1.0, ("a",)), Level("2", 2.0, ("b",))]
 CURVE = Curve("attacked", 0, ((1.0, Interval(5, 3.0, 2.0, 4.0, "t")), (2.0, Interval(5, 6.0, 5.0, 7.0, "t"))))
@@ -54,7 +54,7 @@ def test_what_is_missing_is_named(error: Exception, tmp_path: Path, monkeypatch:
     def find(name: str, *_: object) -> object:
         raise error
 
-    monkeypatch.setattr("skyrange.figures.pdf.import_module", find)
+    monkeypatch.setattr("skyrange.figures.svg.import_module", find)
     with pytest.raises(InputError, match=r"(?s)no .*skyrange\[study\]"):
         save_pdf(FIGURE, tmp_path / "figure.pdf")
     assert list(tmp_path.iterdir()) == []

@@ -26,7 +26,7 @@ from skyrange.parity.missions.flights import (
     _reached_items,
     fleet_scenario,
 )
-from skyrange.parity.missions.given_missions import read_missions
+from skyrange.parity.missions.mission_sources import read_missions
 
 FILE = """QGC WPL 110
 0\t1\t0\t16\t0\t0\t0\t0\t47.0\t8.0\t400\t1

@@ -19,9 +19,16 @@ from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.detect.learned.model_file import Model, ModelFile, read_model, write_model
 from skyrange.detect.series import Floats
 from skyrange.detect.window_features import FEATURES, NAMES, WindowFeatures
-from skyrange.study.learning.labels import ATTACKED, BENIGN, UNKNOWN, label_windows
-from skyrange.study.learning.training import BOOSTING_SETTINGS, FOREST_SETTINGS, train
-from skyrange.study.learning.windows import SCHEMA, WindowCollector, find_distinct
+from skyrange.study.detector_training import BOOSTING_SETTINGS, FOREST_SETTINGS, train
+from skyrange.study.feature_windows import (
+    ATTACKED,
+    BENIGN,
+    SCHEMA,
+    UNKNOWN,
+    WindowCollector,
+    find_distinct,
+    label_windows,
+)
 from skyrange.testing import check_monitor
 from skyrange.testing.checks.monitors import collect_frames
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skyrange.study.matrix.distances import DistanceSeries, measure_growth
+from skyrange.metrics.aircraft import DistanceSeries, measure_growth
 
 S = 1_000_000_000
 

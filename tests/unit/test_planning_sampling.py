@@ -18,7 +18,7 @@ from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
-from skyrange.metrics.aircraft_measures import read_ticks
+from skyrange.metrics.aircraft import read_ticks
 from skyrange.planning.costs import Costs
 from skyrange.planning.limits import Limits, NoRouteError
 from skyrange.planning.routes import find_route

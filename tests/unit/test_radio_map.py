@@ -15,12 +15,11 @@ from skyrange.city.city import City
 from skyrange.city.downtown import downtown_grid
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError
-from skyrange.figures.coverage_map import draw_coverage_map
+from skyrange.figures.maps import draw_coverage_map
 from skyrange.radio.propagation.loss_table_file import read_loss_table
 from skyrange.radio_map import sionna
 from skyrange.radio_map.city_mesh import city_mesh
-from skyrange.radio_map.mapping import prepare_map, trace_map
-from skyrange.radio_map.places import MapLayout, is_outside, transmitter_places
+from skyrange.radio_map.mapping import MapLayout, is_outside, prepare_map, trace_map, transmitter_places
 from tests.loss_tables import TRACER, ExcessTracer, make_table
 
 CITY = downtown_grid((2, 2), (20.0, 30.0), 1, 24.0, 72.0)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrange.twins.attribution.relations import Attacks, Relation, complete, relations, subsets
+from skyrange.twins.attribution import Attacks, Relation, complete, relations, subsets
 
 A, B, C = "abc"
 

@@ -14,15 +14,13 @@ import pytest
 from skyrange.cli.output.score_tables import tabulate_scores
 from skyrange.core.errors import InputError
 from skyrange.core.time import NEVER, NS_PER_S
-from skyrange.scoring.episodes import find_episodes
+from skyrange.scoring.detector_measures import judge_claim
 from skyrange.scoring.index import index_alerts, index_study
 from skyrange.scoring.leaderboard import rank_detectors
-from skyrange.scoring.matching import Outcome, match_alarms
-from skyrange.scoring.measures import judge_claim
+from skyrange.scoring.matching import Outcome, choose_threshold, find_episodes, match_alarms
 from skyrange.scoring.result_file import ScoreFile, ScoreSettings, SetScore, read_scores, write_scores
 from skyrange.scoring.scores import score_detectors
 from skyrange.scoring.tables import ALERTS, ATTACKS, FLIGHTS, StudyTables, check_tables
-from skyrange.scoring.thresholds import choose_threshold
 from tests.unit.score_sample import alert, attack, flight, intrusion, tables
 
 EPISODE_NS = 30 * NS_PER_S

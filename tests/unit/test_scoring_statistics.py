@@ -9,9 +9,8 @@ import pytest
 from scipy import stats
 
 from skyrange.core.errors import InputError
-from skyrange.scoring.precision import precision_at, precision_limits
-from skyrange.scoring.survival import survival_curve
-from skyrange.statistics.block_bootstrap import draw_weights, percentile_limits
+from skyrange.scoring.detector_measures import precision_at, precision_limits
+from skyrange.statistics.clusters import draw_weights, percentile_limits
 from skyrange.statistics.exact_intervals import (
     load_special,
     lowest_claimable_rate,
@@ -19,6 +18,7 @@ from skyrange.statistics.exact_intervals import (
     rate_bound,
     rate_interval,
 )
+from skyrange.statistics.survival import survival_curve
 
 SIX_MP = [6, 6, 6, 7, 10, 13, 16, 22, 23, 6, 9, 10, 11, 17, 19, 20, 25, 32, 32, 34, 35]
 """Weeks in remission with 6-MP: 9 relapses, then 12 censored. Freireich and others, Blood 21 (1963) 699-716."""

@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
+from skyrange.figures.maps import draw_reception_map
 from skyrange.figures.palette import shades
-from skyrange.figures.reception_map import draw_reception_map
 from skyrange.figures.subject import Subject
 from skyrange.figures.twins import draw_departures, draw_twin_heights, draw_twin_plan
-from skyrange.metrics.receptions import (
+from skyrange.metrics.links import (
     ReceptionSummary,
     read_receptions,
     reception_summaries,
     summarise_receptions,
 )
 from skyrange.metrics.time_series import Track, Vehicle
-from skyrange.report import reception_tables
 from skyrange.report.pair import belief, effect_tables, propagation_timeline
+from skyrange.report.run import sections
 from skyrange.statistics.means import Interval
 from tests.unit.study_sample import SampleRun
 
@@ -53,7 +53,7 @@ def test_both_tracks_are_in_the_plan_with_the_attackers_places() -> None:
 def test_whose_identity_is_forged_is_on_the_map() -> None:
     plain = draw_twin_plan(SUBJECT, TRACKS, TWINS, ["a/1"], {}).svg
     forged = {"a/2<b>": ((0.0, 10.0, 5.0), (200.0, 10.0, 5.0))}
-    drawn = draw_twin_plan(SUBJECT, TRACKS, TWINS, ["a/1"], {"claimed": (200.0, 10.0, 5.0)}, (), forged).svg
+    drawn = draw_twin_plan(SUBJECT, TRACKS, TWINS, ["a/1"], {"claimed": (200.0, 10.0, 5.0)}, forged=forged).svg
     assert "where it is said to be" in drawn
     assert plain.count('class="home') == 1
     assert drawn.count('class="home') == 2
@@ -251,7 +251,7 @@ def test_who_heard_whom_by_hand(tmp_path: Path) -> None:
         ReceptionSummary("a/1", "ghost", 2, 2, -65.0, -60.0, 0.0, 1.0, 1.0),
         ReceptionSummary("a/2<b>", "ghost", 0, 1, -97.0, -97.0, None, None, None),
     ]
-    assert "a/2&lt;b&gt;" in reception_tables.render_receptions(found)
+    assert "a/2&lt;b&gt;" in sections.render_receptions(found)
     assert summarise_receptions(heard(tmp_path), ["a/1"]) == found[1:2]
     assert reception_summaries(heard(tmp_path)) == [found[1], found[0]], "by receiver, and only what was decoded"
 

@@ -10,14 +10,21 @@ import pytest
 
 from skyrange.city.downtown import downtown_grid
 from skyrange.core.errors import InputError
-from skyrange.dataset.splits import name_city
+from skyrange.dataset.members import name_city
 from skyrange.scenario.model.scenario import Grid
 from skyrange.scenario.shipped import source_of
-from skyrange.study.sweep.design.blocks import check_blocks, city_of, list_blocks, scenario_in
-from skyrange.study.sweep.design.factors import Factor
-from skyrange.study.sweep.design.model import Study, change_study, cities_of, parse_study, read_study
-from skyrange.study.sweep.design.sampling import draw_values, list_points, value_at
-from skyrange.study.sweep.folder import digest_of
+from skyrange.study.design.blocks import (
+    check_blocks,
+    city_of,
+    draw_values,
+    list_blocks,
+    list_points,
+    scenario_in,
+    value_at,
+)
+from skyrange.study.design.factors import Factor
+from skyrange.study.design.model import Study, change_study, cities_of, parse_study, read_study
+from skyrange.study.folder import digest_of
 
 
 def study(**more: Any) -> Study:

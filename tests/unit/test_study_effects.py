@@ -16,13 +16,11 @@ from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
-from skyrange.metrics.aircraft_measures import departures, measure, read_ticks
-from skyrange.metrics.separation import closest_approaches, min_building_distance_m
+from skyrange.metrics.aircraft import departures, measure, read_ticks
+from skyrange.metrics.safety import closest_approaches, min_building_distance_m
 from skyrange.record import Recorder, RunRecord, load
-from skyrange.statistics.means import estimate_mean
-from skyrange.statistics.student import t_quantile
-from skyrange.twins.attribution.outcomes import ArmOutcomes
-from skyrange.twins.effects import COLUMNS, effect_rows, effects_table
+from skyrange.statistics.means import estimate_mean, t_quantile
+from skyrange.twins.effects import COLUMNS, ArmOutcomes, effect_rows, effects_table
 from skyrange.twins.pair_folder import FORMAT, intervals, load_pair
 from skyrange.twins.propagation import COLUMNS as PROPAGATION_COLUMNS
 from skyrange.twins.propagation import effects_of, propagation_table, trace

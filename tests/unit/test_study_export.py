@@ -16,10 +16,9 @@ from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
-from skyrange.export.captures import packet_captures
-from skyrange.export.captures import received_broadcasts as received_broadcasts
-from skyrange.export.captures.received_broadcasts import received_broadcasts as heard_in
-from skyrange.export.captures.received_broadcasts import receivers_of, select_receivers
+from skyrange.export import packet_captures
+from skyrange.export.packet_captures import received_broadcasts as heard_in
+from skyrange.export.packet_captures import receivers_of, select_receivers
 from skyrange.record import RunRecord, load
 from skyrange.record.schema import arrow_schema
 
@@ -116,11 +115,11 @@ def test_only_those_asked_for() -> None:
 
 def test_a_long_record_is_read_as_it_is_written() -> None:
     """What is held is a batch of receptions and what lies within `WINDOW_NS`, here two batches' worth."""
-    step = received_broadcasts.WINDOW_NS // 100
+    step = packet_captures.WINDOW_NS // 100
     batches = [[("a/1", (50 * n + k) * step, "b/1", 50 * n + k) for k in range(50)] for n in range(400)]
     run = record(*batches)
     stream = heard_in(run)
-    ahead = received_broadcasts._BATCH_ROWS // 50 + 5
+    ahead = packet_captures._BATCH_ROWS // 50 + 5
     for n, _ in zip(range(2_000), stream, strict=False):
         assert run.tables.read <= n // 50 + ahead  # type: ignore[attr-defined]
     assert sum(1 for _ in stream) == 18_000

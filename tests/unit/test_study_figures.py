@@ -17,7 +17,8 @@ from skyrange.core.geodesy import Origin
 from skyrange.figures.palette import OKABE_ITO, PAPER, base_colours, contrast, shades, theme_colour
 from skyrange.figures.svg import format_tick, path_data, ticks
 from skyrange.figures.track_simplification import select_samples
-from skyrange.metrics.link_statistics import link_statistics, sum_by_kind
+from skyrange.metrics.links import link_statistics, sum_by_kind
+from skyrange.metrics.paths import received_waypoints
 from skyrange.metrics.time_series import (
     belief_errors_m,
     belief_tracks,
@@ -26,7 +27,6 @@ from skyrange.metrics.time_series import (
     read_notes,
     truth_tracks,
 )
-from skyrange.metrics.waypoints import received_waypoints
 from tests.unit.study_sample import HOMES, ORIGIN, S, SampleRun, fleet_of, fly, squares
 
 XML = "{http://www.w3.org/2000/svg}"

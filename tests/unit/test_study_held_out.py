@@ -10,13 +10,12 @@ from rich.console import Console
 
 from skyrange.cli.output.score_tables import tabulate_scores
 from skyrange.core.errors import InputError
-from skyrange.dataset.splits import HeldOut, draw_split
+from skyrange.dataset.members import HeldOut, draw_split
 from skyrange.scoring.tables import StudyTables
-from skyrange.study.sweep.block_files import BlockResult, write_block
-from skyrange.study.sweep.design.blocks import Block
-from skyrange.study.sweep.design.model import SHIPPED, HeldOutTraits, Study, read_study
-from skyrange.study.sweep.folder import StudyFolder, create_folder
-from skyrange.study.sweep.scores.score_tables import make_score_tables, score_study
+from skyrange.study.design.blocks import Block
+from skyrange.study.design.model import SHIPPED, HeldOutTraits, Study, read_study
+from skyrange.study.folder import BlockResult, StudyFolder, create_folder, write_block
+from skyrange.study.score_tables import make_score_tables, score_study
 
 HELD = {"families": ["link_timing"], "cities": ["new"], "aircraft": [3]}
 KINDS = {"gnss.drift": "gnss_false_position", "link.delay": "link_timing"}

@@ -17,13 +17,12 @@ from skyrange.assembly.build import build
 from skyrange.assembly.city import build_city
 from skyrange.core.errors import InputError
 from skyrange.detect.learned.model_file import write_model
-from skyrange.radio_map.places import MapLayout
+from skyrange.radio_map.mapping import MapLayout
 from skyrange.scenario.overrides import read_assignment, set_key
 from skyrange.scenario.toml_reader import load_file, load_text
-from skyrange.study.sweep.design.blocks import list_blocks, scenario_in
-from skyrange.study.sweep.design.model import Study, change_study, parse_study
-from skyrange.study.sweep.design.study_inputs import list_inputs
-from skyrange.study.sweep.folder import create_folder, digest_of, require_same
+from skyrange.study.design.blocks import list_blocks, scenario_in
+from skyrange.study.design.model import Study, change_study, parse_study
+from skyrange.study.folder import create_folder, digest_of, list_inputs, require_same
 from tests.loss_tables import make_table
 from tests.unit.test_learned_detectors import model_of
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from skyrange.core.time import from_seconds
-from skyrange.metrics.landings import find_landings_s
+from skyrange.metrics.safety import find_landings_s
 from skyrange.metrics.time_series import RecordedNote
 
 

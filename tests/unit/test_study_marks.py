@@ -6,8 +6,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from skyrange.figures.symbols import draw_mark
-from skyrange.metrics.mishaps import (
+from skyrange.figures.maps import draw_mark
+from skyrange.metrics.paths import deviations_m
+from skyrange.metrics.safety import (
     Mishap,
     describe_mishap,
     distinct_mishaps,
@@ -17,7 +18,6 @@ from skyrange.metrics.mishaps import (
     mishap_kind,
 )
 from skyrange.metrics.time_series import EMPTY_TRACK, RecordedNote, Track, Vehicle
-from skyrange.metrics.track_deviation import deviations_m
 
 S = 1_000_000_000
 TRACK = Track(np.array([0, 10 * S]), np.array([[0.0, 0.0, 0.0], [100.0, 50.0, 20.0]]), np.zeros(2))

@@ -10,10 +10,9 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.errors import ComponentError
-from skyrange.study.sweep.block_files import BlockResult
-from skyrange.study.sweep.design.blocks import Block
-from skyrange.study.sweep.execution.executors import Outcome, WorkerFailure
-from skyrange.study.sweep.execution.local_pool import LocalPool
+from skyrange.study.design.blocks import Block
+from skyrange.study.execution.executors import LocalPool, Outcome, WorkerFailure
+from skyrange.study.folder import BlockResult
 
 BLOCKS = [Block(f"b{number}", number, 1, {}) for number in range(6)]
 

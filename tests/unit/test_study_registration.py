@@ -11,11 +11,10 @@ from typer.testing import CliRunner
 
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError
-from skyrange.study.sweep.block_files import BlockResult, write_block
-from skyrange.study.sweep.design.model import read_study
-from skyrange.study.sweep.folder import StudyFolder, create_folder, open_folder, require_same
-from skyrange.study.sweep.registration import FILE, read_registration, register_study
-from skyrange.study.sweep.report.page import write_study_report
+from skyrange.study.design.model import read_study
+from skyrange.study.folder import BlockResult, StudyFolder, create_folder, open_folder, require_same, write_block
+from skyrange.study.page import write_study_report
+from skyrange.study.registration import FILE, read_registration, register_study
 
 TEXT = """
 name = "asked"

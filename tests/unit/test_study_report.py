@@ -247,8 +247,8 @@ def test_a_hundred_aircraft_over_a_city_stay_under_five_megabytes(tmp_path: Path
 
 
 def test_what_is_left_out_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skyrange.report.run.scene_data.MAX_TRUTH_POINTS", 50)
-    monkeypatch.setattr("skyrange.report.run.scene_data.MAX_CITY_VERTICES", 10)
+    monkeypatch.setattr("skyrange.report.run.contents.MAX_TRUTH_POINTS", 50)
+    monkeypatch.setattr("skyrange.report.run.contents.MAX_CITY_VERTICES", 10)
     page = Page(written(squares(tmp_path), tmp_path))
     assert "of 6 buildings" in page.text
     assert "samples of tracks" in page.text

@@ -11,15 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrange.statistics.means import estimate_mean, standardised_effect
-from skyrange.study.sweep.block_files import BlockResult, write_block
-from skyrange.study.sweep.design.blocks import Block
-from skyrange.study.sweep.design.factors import Factor
-from skyrange.study.sweep.design.model import Study
-from skyrange.study.sweep.execution.worker import note_failure
-from skyrange.study.sweep.folder import create_folder
-from skyrange.study.sweep.independence import cluster_blocks, cluster_samples
-from skyrange.study.sweep.report.page import write_study_report
-from skyrange.study.sweep.report.response import find_levels, trace_response
+from skyrange.study.design.blocks import Block
+from skyrange.study.design.factors import Factor
+from skyrange.study.design.model import Study
+from skyrange.study.execution.worker import note_failure
+from skyrange.study.folder import BlockResult, create_folder, write_block
+from skyrange.study.page import write_study_report
+from skyrange.study.results import cluster_blocks, cluster_samples
+from skyrange.study.summary import find_levels, trace_response
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=45), st.randoms(use_true_random=False))

@@ -7,15 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from skyrange.scoring.measures import judge_claim
+from skyrange.scoring.detector_measures import judge_claim
 from skyrange.scoring.result_file import ScoreSettings
-from skyrange.statistics.clustered_proportions import clustered_proportion_interval
-from skyrange.statistics.clustered_rates import (
+from skyrange.statistics.clusters import (
+    clustered_proportion_interval,
     clustered_rate_bound,
     clustered_rate_interval,
     estimate_variation,
+    find_clusters,
 )
-from skyrange.statistics.clusters import find_clusters
 from skyrange.statistics.exact_intervals import proportion_interval, rate_bound, rate_interval
 from tests.validation.inference_samples import RATES, margin
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyrange.statistics.means import BOOTSTRAP_FROM, MOST_AGREE_FROM, SKEWED, estimate_mean
-from skyrange.statistics.student import t_tail
+from skyrange.statistics.means import BOOTSTRAP_FROM, MOST_AGREE_FROM, SKEWED, estimate_mean, t_tail
 from tests.validation.inference_samples import DISTRIBUTIONS, margin
 from tools.docs import measure_coverage
 

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from skyrange.core.time import NS_PER_S
+from skyrange.scoring.detector_measures import MANY_CLUSTERS, measure_delay, measure_false_alarms
 from skyrange.scoring.index import index_alerts, index_study
-from skyrange.scoring.matching import match_alarms
-from skyrange.scoring.measures import MANY_CLUSTERS, measure_delay, measure_false_alarms
+from skyrange.scoring.matching import choose_threshold, match_alarms
 from skyrange.scoring.result_file import ScoreSettings
 from skyrange.scoring.tables import keep_each_flight_once
-from skyrange.scoring.thresholds import choose_threshold
 from skyrange.statistics.means import estimate_mean
 from skyrange.study.matrix.summary import mean_over_rows
 from tests.unit.score_sample import alert, attack, flight, tables

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyrange.statistics.share_tests import (
+from skyrange.statistics.means import (
     LEVEL,
     adjust_by_holm,
     pairs_needed,

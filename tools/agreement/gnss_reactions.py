@@ -17,8 +17,8 @@ from typing import Any, Final
 import numpy as np
 
 from skyrange.core.time import NS_PER_S, from_seconds
+from skyrange.metrics.paths import AIRBORNE_M
 from skyrange.metrics.time_series import RecordedNote, read_notes, truth_tracks
-from skyrange.metrics.track_deviation import AIRBORNE_M
 from skyrange.parity.flights import DEADLINE_S, KINDS
 from skyrange.record import RunRecord
 from skyrange.runtime.run import OnProgress

@@ -21,7 +21,7 @@ from typing import Final
 
 from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.techniques import describe_technique
-from skyrange.metrics.link_statistics import link_statistics
+from skyrange.metrics.links import link_statistics
 from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
 from skyrange.report.pair.page import draw_pair_plan

@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 
 from skyrange.core.ids import hash64
-from skyrange.scoring.measures import judge_claim
+from skyrange.scoring.detector_measures import judge_claim
 from skyrange.scoring.result_file import ScoreSettings
-from skyrange.statistics.clustered_proportions import clustered_proportion_interval
+from skyrange.statistics.clusters import clustered_proportion_interval
 from skyrange.statistics.exact_intervals import proportion_interval, rate_bound
 from skyrange.statistics.means import estimate_mean
 from tests.validation.inference_samples import DISTRIBUTIONS, RATES

@@ -19,7 +19,7 @@ from skyrange.scenario.shipped import DEFENCE_EXAMPLES, load
 from skyrange.statistics.means import estimate_mean
 from skyrange.study.matrix.cells import Cell, measure_cell
 from skyrange.study.pairing import pair
-from skyrange.twins.attribution.arms import NOMINAL
+from skyrange.twins.arms import NOMINAL
 from skyrange.twins.pair_folder import Pair
 from tools.docs.measure_attacks import SECTION, describe_effects, tell_story, write
 

@@ -18,9 +18,9 @@ from statistics import median
 from typing import Any, Final, NamedTuple
 
 from skyrange.analysis import remote_id_trust
-from skyrange.metrics.near_misses import near_misses
+from skyrange.metrics.aircraft import near_misses
+from skyrange.metrics.defences import KIND, LOOK_AHEAD_S
 from skyrange.metrics.time_series import read_notes
-from skyrange.metrics.trust import KIND, LOOK_AHEAD_S
 from skyrange.record import RunRecord
 from skyrange.remoteid.broadcast_profiles import sender_address
 from skyrange.scenario.toml_reader import load_data

@@ -61,11 +61,10 @@ def build(
     """
     from skyrange.core.input_files import expand_user
     from skyrange.dataset.build import build_dataset
-    from skyrange.dataset.members import read_members
-    from skyrange.dataset.splits import SHARES, HeldOut, assign_splits, cluster_members
-    from skyrange.study.sweep.dataset_members import list_dataset_members
-    from skyrange.study.sweep.folder import open_folder
-    from skyrange.study.sweep.scores.score_tables import check_held_traits, held_out_of
+    from skyrange.dataset.members import SHARES, HeldOut, assign_splits, cluster_members, read_members
+    from skyrange.study.dataset_members import list_dataset_members
+    from skyrange.study.folder import open_folder
+    from skyrange.study.score_tables import check_held_traits, held_out_of
 
     path, target = expand_user(source), expand_user(out)
     held = HeldOut(frozenset(hold_out_family or ()), frozenset(hold_out_city or ()), frozenset(hold_out_fleet or ()))

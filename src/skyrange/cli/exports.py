@@ -18,8 +18,8 @@ def export_captures(
     folder: Path, only: str | None, receivers: Sequence[str], out: Path | None, *, as_json: bool
 ) -> None:
     """`skyrange export` of captures."""
-    from skyrange.export.captures import packet_captures
-    from skyrange.export.captures.received_broadcasts import has_radio
+    from skyrange.export import packet_captures
+    from skyrange.export.packet_captures import has_radio
     from skyrange.record import load
 
     record = load(folder)

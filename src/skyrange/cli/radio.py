@@ -158,8 +158,7 @@ def _map_losses(request: MapRequest, picture: PictureRequest, *, as_json: bool) 
     """`skyrange radio map`."""
     from skyrange.cli.output.progress import map_progress
     from skyrange.core.input_files import expand_user
-    from skyrange.radio_map.mapping import prepare_map, trace_map
-    from skyrange.radio_map.places import MapLayout
+    from skyrange.radio_map.mapping import MapLayout, prepare_map, trace_map
     from skyrange.radio_map.sionna import SionnaTracer, TraceSettings, check_installed, describe_tracer
 
     settings = TraceSettings(
@@ -229,7 +228,7 @@ def _check_picture(picture: PictureRequest, transmitters: int) -> None:
 def _draw(content: LossTableFile, city: Sequence[Mapping[str, Any]], picture: PictureRequest) -> None:
     if picture.path is None:
         return
-    from skyrange.figures.coverage_map import draw_coverage_map
+    from skyrange.figures.maps import draw_coverage_map
 
     drawn = draw_coverage_map(content, city, picture.transmitter, picture.height_m)
     try:

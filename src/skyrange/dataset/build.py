@@ -1,36 +1,102 @@
-"""Building of a data set: the views of all runs, in one folder with its descriptions."""
+"""Building of a data set: the views of all runs in partitions, in one folder with its descriptions."""
 
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from hashlib import blake2b
 from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
-from skyrange.dataset.columns import VIEWS, WINDOW_KEYS
-from skyrange.dataset.description.checksums import write_checksums
-from skyrange.dataset.description.contents import RUNS, Contents
-from skyrange.dataset.description.croissant import write_croissant
-from skyrange.dataset.description.datasheet import write_datasheet
-from skyrange.dataset.description.regenerate import write_regenerate
-from skyrange.dataset.members import Member, check_members
-from skyrange.dataset.partitions import BlockWriter, partition_path
+from skyrange.core.files import DRAFT
+from skyrange.dataset.columns import VIEWS, WINDOW_KEYS, check_table, view_schema
+from skyrange.dataset.contents import RUNS, Contents, write_checksums, write_regenerate
+from skyrange.dataset.croissant import write_croissant
+from skyrange.dataset.datasheet import write_datasheet
+from skyrange.dataset.members import Member, Traits, check_members, check_splits, traits_of
 from skyrange.dataset.progress import RowCounts, begin_build
-from skyrange.dataset.run_settings import identify_setting
-from skyrange.dataset.run_views import ViewSettings, run_views
-from skyrange.dataset.splits import Traits, check_splits, traits_of
-from skyrange.dataset.windows import SplitHashes
-from skyrange.metrics.flight_identity import identify_flight, repeats_to_the_byte
+from skyrange.dataset.views import ViewSettings, run_views
+from skyrange.dataset.windows import SplitHashes, WindowHashes, begin_rows
+from skyrange.metrics.exact_difference import identify_flight, repeats_to_the_byte
 from skyrange.record.read.run import RunRecord, load
 from skyrange.record.verification import require_verified
-from skyrange.twins.attribution.arms import NOMINAL
+from skyrange.twins.arms import NOMINAL
+
+_STATES: Final = ("muted", "sham", "honest")
+_ACTS: Final = ("attacks", "faults")
+
+
+def identify_setting(scenario: str) -> str:
+    """16 hex digits over a scenario's text: equal for arms that differ in the states of attacks and faults alone.
+
+    An arm with a defence or a change of its own has another one: it differs from the others from its beginning on.
+    """
+    data = tomllib.loads(scenario)
+    for name in _ACTS:
+        tables = data.get(name)
+        if isinstance(tables, list):
+            data[name] = [{key: value for key, value in one.items() if key not in _STATES} for one in tables]
+    return blake2b(json.dumps(data, sort_keys=True, default=str).encode(), digest_size=8).hexdigest()
+
+
+def partition_path(folder: Path, view: str, split: str, block: str) -> Path:
+    """Where the rows of a block are: `view=…/split=…/<block>.parquet`."""
+    return folder / f"view={view}" / f"split={split}" / f"{block}.parquet"
+
+
+class BlockWriter:
+    """The files of one block; a context manager that closes them. Until then they have other names."""
+
+    def __init__(self, folder: Path, block: str, split: str, elsewhere: SplitHashes) -> None:
+        self._folder, self._block, self._split = folder, block, split
+        self._files: dict[Path, pq.ParquetWriter] = {}
+        self._hashes = WindowHashes(split, elsewhere)
+
+    def __enter__(self) -> BlockWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        for file in self._files.values():
+            file.close()
+        for path in self._files:
+            if error is None:
+                _draft(path).replace(path)
+            else:
+                _draft(path).unlink(missing_ok=True)
+
+    def write(self, view: str, member: Member, table: pa.Table) -> int:
+        """Append rows of a run, which are whole windows; returns how many. Without rows there is no file: Hugging Face
+        `datasets` reads no split that is empty.
+
+        Raises `ComponentError` where they differ from the declared columns, `OSError` where the disk is full.
+        """
+        if not table.num_rows:
+            return 0
+        if view in WINDOW_KEYS:
+            table = self._hashes.mark(view, member.run, table)
+        table = check_table(view, begin_rows(table, member.run, member.block, member.arm))
+        path = partition_path(self._folder, view, self._split, self._block)
+        if path not in self._files:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            names = [one.name for one in VIEWS[view] if one.type == pa.string()]
+            self._files[path] = pq.ParquetWriter(
+                _draft(path), view_schema(view), compression="zstd", use_dictionary=names
+            )
+        self._files[path].write_table(table, row_group_size=131_072)
+        return int(table.num_rows)
+
+
+def _draft(path: Path) -> Path:
+    return path.with_name(path.name + DRAFT)
 
 
 def build_dataset(

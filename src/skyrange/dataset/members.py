@@ -1,17 +1,26 @@
-"""Members of a data set: the runs, each with its block, arm, split and factors."""
+"""Members of a data set, each with its block, arm, split and factors, and how blocks are split and held out.
+
+Blocks that share a seed or a flight are one cluster: in two splits, a detector would be tested on what it has seen.
+"""
 
 from __future__ import annotations
 
 import json
+import re
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePath
 from typing import Any, Final
 
+from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem
-from skyrange.core.ids import ID_PATTERN
+from skyrange.core.ids import ID_PATTERN, hash64
 from skyrange.core.input_files import expand_user, read_input
+from skyrange.dataset.families import family_of
+from skyrange.metrics.exact_difference import identify_flight
+from skyrange.record.manifest import read_manifest
+from skyrange.statistics.clusters import find_clusters
 
 Scalar = str | int | float | bool
 
@@ -118,3 +127,189 @@ def check_members(members: list[Member]) -> None:
         seen.add(member.run)
     if problems:
         raise InputError("dataset", problems)
+
+
+SHARES: Final[Mapping[str, float]] = {"train": 0.6, "validation": 0.2, "test": 0.2}
+_NAME: Final = re.compile(r"(?!all$)[A-Za-z0-9_]{1,64}")
+"""What Hugging Face `datasets` takes as the name of a split, and every file system as that of a folder."""
+HELD_OUT: Final = "heldout"
+"""Splits of held-out blocks are called `heldout_family`, `heldout_city` and `heldout_fleet`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Traits:
+    """What may be held out of a run."""
+
+    families: frozenset[str]
+    """Mechanism families of its declared attacks; those of a block are the union of its arms'."""
+    city: str
+    """The factor `city`, or the name of the file of buildings, or "" for open ground."""
+    fleet_size: int
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """What no block in training, validation or test has."""
+
+    families: frozenset[str] = frozenset()
+    cities: frozenset[str] = frozenset()
+    fleet_sizes: frozenset[int] = frozenset()
+
+
+def traits_of(member: Member, families: Mapping[str, str] | None = None) -> Traits:
+    """The traits of a run by its manifest and its factors. Raises `InputError` for a kind without a family."""
+    manifest = read_manifest(member.record)
+    kinds = [str(row["kind"]) for row in manifest.get("attacks") or ()]
+    named = member.factors.get("city", name_city(manifest))
+    found = frozenset(family_of(kind, dict(families or {})) for kind in kinds)
+    return Traits(found, str(named), len(manifest["vehicles"]))
+
+
+def name_city(manifest: Mapping[str, Any]) -> str:
+    """The name of a run's city: the file of its buildings without its folder, or the size, seed and shape of a
+    generated downtown; empty over open ground.
+    """
+    city = manifest.get("city") or {}
+    named = str(city.get("name") or city.get("source") or ("city" if city else ""))
+    return PurePath(named).name
+
+
+def assign_splits(
+    members: Sequence[Member],
+    seed: int,
+    *,
+    shares: Mapping[str, float] = SHARES,
+    held_out: HeldOut | None = None,
+    families: Mapping[str, str] | None = None,
+) -> list[Member]:
+    """The members with their splits. A cluster's split depends on the name of its first block, `seed` and what is held
+    out, on nothing else.
+
+    A cluster of which some run has a held-out trait goes to `heldout_family`, `heldout_city` or `heldout_fleet`, the
+    first that applies. The others are drawn by addressed chance: adding clusters moves none. Raises `InputError` for
+    shares that are negative or do not sum to 1.
+    """
+    _check_shares(shares)
+    held = held_out or HeldOut()
+    clusters = cluster_members(members)
+    traits: dict[str, list[Traits]] = {}
+    for member in members:
+        traits.setdefault(clusters[member.block], []).append(traits_of(member, families))
+    splits = {cluster: split_of(cluster, own, seed, held, shares) for cluster, own in traits.items()}
+    return [replace(member, split=splits[clusters[member.block]]) for member in members]
+
+
+def cluster_members(members: Sequence[Member]) -> dict[str, str]:
+    """The cluster of each block, by the name of its first block: blocks that share a seed or a flight."""
+    shared: dict[str, list[Hashable]] = {block: [] for block in sorted({member.block for member in members})}
+    for member in members:
+        shared[member.block] += _shared_by(member)
+    return find_clusters(shared)
+
+
+def _shared_by(member: Member) -> list[tuple[str, str]]:
+    """What no run of another split may have: the seed, and the flight, if it is known."""
+    flight = identify_flight(read_manifest(member.record))
+    return [("seed", str(member.seed)), *([("flight", flight)] if flight else [])]
+
+
+def _check_shares(shares: Mapping[str, float]) -> None:
+    if any(not 0.0 <= share <= 1.0 for share in shares.values()) or abs(sum(shares.values()) - 1.0) > 1e-9:
+        raise InputError.one("dataset", "shares", dict(shares), "shares from 0 to 1 with the sum 1")
+    wrong = [name for name in shares if name.startswith(HELD_OUT)]
+    if wrong:
+        raise InputError.one("dataset", "shares", wrong[0], f"a name that does not begin with {HELD_OUT}")
+
+
+def split_of(
+    block: str, traits: Sequence[Traits], seed: int, held: HeldOut, shares: Mapping[str, float] = SHARES
+) -> str:
+    """The split of a cluster, named by its first block, whose runs have `traits`: a held-out one, or `draw_split`'s."""
+    return _held_split(traits, held) or draw_split(block, seed, shares)
+
+
+def draw_split(block: str, seed: int, shares: Mapping[str, float] = SHARES) -> str:
+    """The split of a cluster by addressed chance: it depends on the name of its first block and the seed alone."""
+    drawn = Chance(seed).uniform4("dataset.split", hash64(block), 0)[0]
+    total = 0.0
+    for name, share in shares.items():
+        total += share
+        if drawn < total:
+            return name
+    return list(shares)[-1]
+
+
+def _held_split(traits: Sequence[Traits], held: HeldOut) -> str:
+    if any(one.families & held.families for one in traits):
+        return f"{HELD_OUT}_family"
+    if any(one.city in held.cities for one in traits):
+        return f"{HELD_OUT}_city"
+    if any(one.fleet_size in held.fleet_sizes for one in traits):
+        return f"{HELD_OUT}_fleet"
+    return ""
+
+
+def check_splits(members: Sequence[Member]) -> None:
+    """Raise `InputError` where something crosses: a block, seed or flight in two splits, a run without a split, a draw
+    in two blocks; and for a split that is no name.
+    """
+    problems: list[Problem] = []
+    splits: dict[str, set[str]] = {}
+    draws: dict[tuple[str, int, str], str] = {}
+    for member in members:
+        splits.setdefault(member.block, set()).add(member.split)
+        first = draws.setdefault((member.scenario, member.seed, member.arm), member.block)
+        if first != member.block:
+            problems.append(
+                Problem(f"block {member.block}", first, "another scenario, seed or arm than another block's")
+            )
+    for block, found in splits.items():
+        if "" in found:
+            problems.append(Problem(f"block {block}", "no split", "a split for each run, as `assign_splits` gives"))
+        elif wrong := [split for split in sorted(found) if not _NAME.fullmatch(split)]:
+            expected = "a name of at most 64 letters, digits and _, other than all"
+            problems.append(Problem(f"block {block}: split", repr(wrong[0]), expected))
+        elif len(found) > 1:
+            problems.append(Problem(f"block {block}", ", ".join(sorted(found)), "one split for all arms of a block"))
+    if not problems:
+        problems = list(_find_crossings(members))
+    if problems:
+        raise InputError("dataset", problems)
+
+
+def _find_crossings(members: Sequence[Member]) -> Iterator[Problem]:
+    """What is shared by blocks of two splits."""
+    homes: dict[tuple[str, str], Member] = {}
+    told: set[tuple[str, str, str]] = set()
+    for member in members:
+        for what, value in _shared_by(member):
+            first = homes.setdefault((what, value), member)
+            if first.split != member.split and (what, value, member.split) not in told:
+                told.add((what, value, member.split))
+                where = f"{what} {value} of run {member.run}"
+                expected = f"{first.split}, as run {first.run}, which has the same {what}"
+                hint = "" if len(told) > 1 else "`assign_splits` keeps blocks that share a seed or a flight together."
+                yield Problem(where, member.split, expected, hint)
+
+
+def check_held_out(members: Sequence[Member], families: Mapping[str, str] | None = None) -> None:
+    """Raise `InputError` where a family, city or fleet size of a held-out split is in training, validation or test."""
+    inside: dict[str, set[str]] = {"family": set(), "city": set(), "fleet": set()}
+    outside: dict[str, set[str]] = {"family": set(), "city": set(), "fleet": set()}
+    for member in members:
+        one = traits_of(member, families)
+        values = {"family": set(one.families), "city": {one.city}, "fleet": {str(one.fleet_size)}}
+        axis = member.split.removeprefix(f"{HELD_OUT}_")
+        if axis == member.split:
+            for name, found in values.items():
+                inside[name] |= found
+        elif axis in outside:
+            outside[axis] |= values[axis]
+    # a held-out block may have several families, of which only one has to be unseen
+    crossing = [
+        Problem(f"{HELD_OUT}_{axis}", ", ".join(sorted(found)), f"a {axis} that is in no other split")
+        for axis, found in outside.items()
+        if found and not found - inside[axis]
+    ]
+    if crossing:
+        raise InputError("dataset", crossing)

@@ -22,7 +22,7 @@ from skyrange.core.errors import InputError, Problem
 from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.plan.routes import enu_points
-from skyrange.metrics.path_distance import resampled
+from skyrange.metrics.paths import resampled
 
 Floats = NDArray[np.float64]
 CORRIDOR_M: Final = 5.0

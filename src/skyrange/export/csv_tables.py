@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from skyrange.core.files import atomic_write
-from skyrange.export.exported import Export
+from skyrange.export import Export
 from skyrange.record.levels import TELEMETRY
 from skyrange.record.read.run import RunRecord
 from skyrange.record.read.telemetry import message_schema

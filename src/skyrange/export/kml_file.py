@@ -23,8 +23,8 @@ from skyrange.core.files import atomic_write
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import operator_of
 from skyrange.core.time import NS_PER_MS, NS_PER_US
-from skyrange.export.exported import Export, require_origin
-from skyrange.export.scene_messages import UNKNOWN_COLOUR
+from skyrange.export import Export, require_origin
+from skyrange.export.foxglove_messages import UNKNOWN_COLOUR
 from skyrange.figures.subject import fleet_colours
 from skyrange.metrics.time_series import append_rows, operators, start_utc_ns, vehicles
 from skyrange.record.read.run import RunRecord

@@ -16,12 +16,9 @@ from typing import Any, Final
 from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.core.input_files import MAX_RECORD_BYTES, read_input
-from skyrange.export.exported import Export, require_origin
+from skyrange.export import Export, require_origin
+from skyrange.export.foxglove_messages import TOPICS, TimedMessage, building_messages, log_messages, pose_messages
 from skyrange.export.foxglove_schemas import SCHEMAS
-from skyrange.export.log_messages import TOPICS, log_messages
-from skyrange.export.pose_messages import pose_messages
-from skyrange.export.scene_messages import building_messages
-from skyrange.export.timed_message import TimedMessage
 from skyrange.figures.subject import fleet_colours
 from skyrange.metrics.time_series import start_utc_ns
 from skyrange.record.manifest import MANIFEST

@@ -35,6 +35,7 @@ class Subject:
         points: NDArray[np.float64],
         opacity: str = "1",
         weight: str = "1.8",
+        *,
         close: bool = False,
         dashed: bool = False,
     ) -> list[Element]:
@@ -43,7 +44,7 @@ class Subject:
             return []
         attributes = {
             "class": f"line ink-{self.index(vehicle)}",
-            "d": svg.path_data(points, close),
+            "d": svg.path_data(points, close=close),
             "fill": "none",
             "stroke": self.colours[vehicle.id].light,
             "stroke-width": weight,

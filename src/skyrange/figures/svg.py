@@ -1,4 +1,4 @@
-"""SVG elements: numbers, ticks, paths, text and documents.
+"""SVG elements (numbers, ticks, paths, text and documents), and figures as PDF.
 
 A drawing is a tree of `xml.etree.ElementTree` elements, which escapes all text when it is written. It contains no
 reference that a viewer would have to fetch.
@@ -9,13 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
+
+from skyrange.core.errors import InputError
+from skyrange.core.files import atomic_write
 
 Floats = NDArray[np.float64]
 Attributes = Mapping[str, str | float]
@@ -94,7 +98,7 @@ def ticks(low: float, high: float, about: int = 5) -> tuple[list[float], float]:
     return [index * step for index in range(first, last + 1)], step
 
 
-def path_data(points: Floats, close: bool = False) -> str:
+def path_data(points: Floats, *, close: bool = False) -> str:
     """The `d` of a path through (n, 2) pixels, in relative steps, tenths of a pixel."""
     if not len(points):
         return ""
@@ -144,3 +148,24 @@ def document(width: float, height: float, heading: str, body: Iterable[Element],
         *body,
     )
     return Figure(ElementTree.tostring(root, encoding="unicode"), heading)
+
+
+def save_pdf(figure: Figure, path: Path) -> Path:
+    """Write a figure as a PDF of one page of its size, 1 px as 0.75 pt, and return its path. Text stays text.
+
+    Raises `InputError` if CairoSVG or the library cairo is not installed.
+    """
+    converter = load_converter()
+    with atomic_write(path) as file:
+        file.write(converter.svg2pdf(bytestring=figure.svg.encode()))
+    return path
+
+
+def load_converter() -> Any:
+    """The module `cairosvg`. Raises `InputError` if it or the library cairo is not installed."""
+    try:
+        return import_module("cairosvg")
+    except (ImportError, OSError) as error:  # OSError: the system has no library cairo
+        found = str(error).splitlines()[0]
+        hint = "Install it with: pip install 'skyrange[study]', and cairo by the system's packages (libcairo2)."
+        raise InputError.one("study", "pdf", found, "the packages CairoSVG and cairo", hint) from error

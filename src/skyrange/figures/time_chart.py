@@ -24,17 +24,18 @@ def draw_chart(
     lines: Mapping[str, tuple[Ints, Floats]],
     said: str,
     title: str,
-    width: float,
-    height: float,
+    *,
+    size_px: tuple[float, float],
     twins: Mapping[str, tuple[Ints, Floats]] | None = None,
     spans: Sequence[tuple[float, float, str]] = (),
 ) -> Figure:
     """Draw a line per aircraft of `subject`.
 
     `lines` are (n,) times in ns and (n,) values by vehicle id; `said` is the text above the axis. `twins` are drawn
-    dashed behind the lines. `spans` are shaded: from and until, in seconds, and a name. Sizes are in pixels.
+    dashed behind the lines. `spans` are shaded: from and until, in seconds, and a name. `size_px` is width and height.
     """
     twins = twins or {}
+    width, height = size_px
     drawn = [line for line in (*lines.values(), *twins.values()) if len(line[0])]
     first = min((float(times_ns[0]) for times_ns, _ in drawn), default=0.0) * 1e-9
     last = max(max((float(times_ns[-1]) for times_ns, _ in drawn), default=0.0) * 1e-9, first + 1.0)

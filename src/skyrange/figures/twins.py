@@ -8,13 +8,12 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from skyrange.figures import svg
-from skyrange.figures.base_map import BaseMap, fit_map
+from skyrange.figures.maps import BaseMap, Place, draw_claim, draw_mark, draw_places, fit_map
 from skyrange.figures.subject import Subject
 from skyrange.figures.svg import Figure
-from skyrange.figures.symbols import Place, draw_claim, draw_mark, draw_places
 from skyrange.figures.time_chart import draw_chart
 from skyrange.figures.track_simplification import select_samples
-from skyrange.metrics.mishaps import Mishap, drawing_order
+from skyrange.metrics.safety import Mishap, drawing_order
 from skyrange.metrics.time_series import Track
 
 Span = tuple[float, float, str]
@@ -30,6 +29,7 @@ def draw_twin_plan(
     twins: Mapping[str, Track],
     affected: Collection[str],
     places: Mapping[str, Place],
+    *,
     marks: Sequence[Mishap] = (),
     forged: Mapping[str, tuple[Place, Place]] | None = None,
     believed: Mapping[str, Track] | None = None,
@@ -89,7 +89,9 @@ def draw_twin_heights(
         for group in (tracks, twins)
     )
     title = f"Altitude over time in {subject.name}, attacked and not"
-    return draw_chart(subject, lines, "height above the origin, m", title, 760.0, 300.0, dashed, spans)
+    return draw_chart(
+        subject, lines, "height above the origin, m", title, size_px=(760.0, 300.0), twins=dashed, spans=spans
+    )
 
 
 def draw_departures(
@@ -109,7 +111,7 @@ def draw_departures(
         away_m = np.sqrt(((twin.at(track.time_ns[both]) - track.enu_m[both]) ** 2).sum(axis=1))
         lines[name] = (track.time_ns[both], away_m)
     title = f"Distance from the twin in {subject.name}"
-    return draw_chart(subject, lines, "metres from where it is in the twin", title, 760.0, 300.0, spans=spans)
+    return draw_chart(subject, lines, "metres from where it is in the twin", title, size_px=(760.0, 300.0), spans=spans)
 
 
 def _draw_home(subject: Subject, base: BaseMap, name: str) -> list[Element]:

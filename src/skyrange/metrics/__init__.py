@@ -1,1 +1,1 @@
-"""Metrics of one run, or of two, from its record: tracks, links, receptions, separation, mishaps, differences."""
+"""Metrics of one run, or of two, from its record: tracks, links, safety, approvals, defences, differences."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, to_seconds
-from skyrange.metrics.aircraft_measures import Ticks, departures, read_ticks
+from skyrange.metrics.aircraft import Ticks, departures, read_ticks
 from skyrange.metrics.time_series import vehicles
 from skyrange.record.read.run import RunRecord, load
 

@@ -1,4 +1,4 @@
-"""Exact comparison of two runs: the first difference in each table.
+"""Exact comparison of two runs: the first difference in each table, and the identity of a flight.
 
 Rows are compared in an order that does not depend on how they were recorded: frames by time of sending, link,
 direction, sender and serial, truth by time and vehicle. Both runs are read once, in parallel, with bounded memory. If
@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from skyrange.codec.mavlink import message_name
 from skyrange.core.ids import FrameId
 from skyrange.core.time import to_seconds
-from skyrange.metrics.aircraft_measures import DEPARTED_M, departures, read_ticks
+from skyrange.metrics.aircraft import DEPARTED_M, departures, read_ticks
 from skyrange.metrics.time_series import vehicles
+from skyrange.record.digests import combine_digests
 from skyrange.record.read.run import RunRecord, load
 from skyrange.record.read.time_order import sort_by_time
 from skyrange.record.schema import DERIVED, TABLES
@@ -117,7 +118,7 @@ class Difference:
         lines += [f"rows of {name}: {a} | {b}" for name, (a, b) in self.counts.items() if a != b]
         for name, (a, b) in self.columns.items():
             lines.append(f"columns of {name}: only in a {', '.join(a) or '-'}; only in b {', '.join(b) or '-'}")
-        lines += [_apart(vehicle, *found) for vehicle, found in self.apart.items() if found[0] > 0.0]
+        lines += [_apart(vehicle, *distance) for vehicle, distance in self.apart.items() if distance[0] > 0.0]
         lines += [f"outcome of {vehicle}: {_outcome(a)} | {_outcome(b)}" for vehicle, (a, b) in self.outcomes.items()]
         if self.numeric[0] != self.numeric[1]:
             lines.append(
@@ -163,9 +164,9 @@ def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
             columns[table] = sorted(mine - other), sorted(other - mine)
         known = digests.get(table, (None, None)) if table in ("frames", "truth") else (None, None)
         if known[0] is None or known[0] != known[1] or any(unverified):
-            found = _first_difference(table, left, right, mine & other)
-            if found is not None:
-                first[table] = found
+            difference = _first_difference(table, left, right, mine & other)
+            if difference is not None:
+                first[table] = difference
     counts = {name: (left.rows(name), right.rows(name)) for name in _COUNTED if name not in uncompared}
     ends = left.outcomes, right.outcomes
     outcomes = {
@@ -266,9 +267,9 @@ def _first_unequal_row(a: pa.Table, b: pa.Table) -> int | None:
     for name in a.column_names:
         if a.column(name).equals(b.column(name)) and not pa.types.is_floating(a.column(name).type):
             continue
-        found = np.flatnonzero(_unequal(a.column(name).combine_chunks(), b.column(name).combine_chunks()))
-        if len(found):
-            places.append(int(found[0]))
+        rows = np.flatnonzero(_unequal(a.column(name).combine_chunks(), b.column(name).combine_chunks()))
+        if len(rows):
+            places.append(int(rows[0]))
     return min(places, default=None)
 
 
@@ -279,7 +280,7 @@ def _unequal(a: pa.Array, b: pa.Array) -> NDArray[np.bool_]:
             zero_copy_only=False
         ).view(np.int64)
         return bits
-    values = pc.fill_null(pc.not_equal(a, b), False)
+    values = pc.fill_null(pc.not_equal(a, b), fill_value=False)
     gaps = pc.xor(pc.is_null(a), pc.is_null(b))
     result: NDArray[np.bool_] = pc.or_(values, gaps).to_numpy(zero_copy_only=False)
     return result
@@ -331,14 +332,14 @@ def _short(column: str, value: Any) -> str:
 
 
 def _digest(run: RunRecord, name: str) -> str | None:
-    found = (run.manifest.get("digests") or {}).get(name) if run.ended and not run.tables.spooled else None
-    return str(found) if found else None
+    digest = (run.manifest.get("digests") or {}).get(name) if run.ended and not run.tables.spooled else None
+    return str(digest) if digest else None
 
 
 def _numeric(run: RunRecord) -> str | None:
     platform = run.manifest.get("platform")
-    found = platform.get("numeric") if isinstance(platform, dict) else None
-    return str(found) if found else None
+    numeric = platform.get("numeric") if isinstance(platform, dict) else None
+    return str(numeric) if numeric else None
 
 
 def _outcome(entry: Any) -> str:
@@ -351,3 +352,23 @@ def _outcome(entry: Any) -> str:
 
 def _time(row: RowDifference) -> int:
     return row.time_ns
+
+
+def identify_flight(manifest: Mapping[str, Any]) -> str:
+    """32 hex digits over the exact digests of all frames and of all positions of a run; "" for a run without digests.
+
+    The digest of events is left out: an attack that is muted is not part of a flight, nor is when it would have begun.
+    """
+    digests = manifest.get("digests") or {}
+    parts = [str(digests.get(name, "")) for name in ("frames", "truth")]
+    return combine_digests(parts) if all(parts) else ""
+
+
+def repeats_to_the_byte(manifest: Mapping[str, Any]) -> bool:
+    """Whether a run, flown again, would be the same to the byte: it was virtual, and its engines and medium say so.
+
+    Of a record of a version that did not ask them, the builtin ones are known to be.
+    """
+    parts = [*(manifest.get("engines") or ()), *([manifest["medium"]] if manifest.get("medium") else [])]
+    repeatable = (part.get("repeatable", "bytes" if part.get("kind") == "builtin" else "outcome") for part in parts)
+    return not manifest.get("live") and all(what == "bytes" for what in repeatable)

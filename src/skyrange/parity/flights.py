@@ -19,9 +19,8 @@ from skyrange.codec.mavlink import decode, message_name
 from skyrange.contracts.links import TapPlacement
 from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import NS_PER_S
+from skyrange.metrics.paths import AIRBORNE_M, deviations_m, received_waypoints
 from skyrange.metrics.time_series import RecordedNote, Vehicle, read_notes, truth_tracks, vehicles
-from skyrange.metrics.track_deviation import AIRBORNE_M, deviations_m
-from skyrange.metrics.waypoints import received_waypoints
 from skyrange.record import RunRecord
 from skyrange.runtime.run import OnProgress
 from skyrange.scenario.model.scenario import Scenario

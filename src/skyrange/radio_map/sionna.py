@@ -185,7 +185,7 @@ class SionnaTracer:
         solid_angle = grid.spacing_m**2 * np.abs(ways[..., 2]) / np.maximum(distance, grid.spacing_m) ** 3
         return np.asarray(self._settings.samples * solid_angle / (4.0 * np.pi))
 
-    def _mean_gain(self, grid: LossGrid, diffraction: bool) -> NDArray[np.float64]:
+    def _mean_gain(self, grid: LossGrid, *, diffraction: bool) -> NDArray[np.float64]:
         """(rows, columns) gains by diffraction, or by reflection, at the grid's first height."""
         width, depth = grid.columns * grid.spacing_m, grid.rows * grid.spacing_m
         middle_east = grid.west_m + 0.5 * (grid.columns - 1) * grid.spacing_m

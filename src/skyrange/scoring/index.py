@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -74,8 +74,7 @@ class Attacks:
         return np.not_equal(self.begin_ns, NEVER)
 
 
-@dataclass(frozen=True, slots=True)
-class Windows:
+class Windows(NamedTuple):
     """The spans in which alarms about a subject are not false; one row for each attack and subject, shape (n,)."""
 
     attacks: NDArray[np.int64]

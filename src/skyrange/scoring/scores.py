@@ -10,14 +10,12 @@ import numpy as np
 import skyrange
 from skyrange.core.errors import InputError
 from skyrange.core.time import from_seconds
-from skyrange.scoring.chance_hits import share_hit_by_chance
+from skyrange.scoring.chance import share_hit_by_chance, trivial_alerts
+from skyrange.scoring.detector_measures import Selection, measure_false_alarms, measure_set
 from skyrange.scoring.index import AlertList, StudyIndex, index_alerts, index_study
-from skyrange.scoring.matching import match_alarms
-from skyrange.scoring.measures import Selection, measure_false_alarms, measure_set
+from skyrange.scoring.matching import choose_threshold, match_alarms
 from skyrange.scoring.result_file import DetectorScore, HeldOut, ScoreFile, ScoreSettings, SetScore, Threshold
 from skyrange.scoring.tables import TRIVIAL, StudyTables, keep_each_flight_once
-from skyrange.scoring.thresholds import choose_threshold
-from skyrange.scoring.trivial_detectors import trivial_alerts
 from skyrange.statistics.exact_intervals import lowest_claimable_rate
 
 

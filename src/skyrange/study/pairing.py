@@ -24,15 +24,14 @@ from skyrange.assembly.build import build
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
 from skyrange.core.files import atomic_write
 from skyrange.core.input_files import expand_user
-from skyrange.metrics.aircraft_measures import DEPARTED_M
-from skyrange.metrics.separation import NEAR_M
+from skyrange.metrics.aircraft import DEPARTED_M
+from skyrange.metrics.safety import NEAR_M
 from skyrange.record.folder import make_new_folder
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.study.levels import require_level
-from skyrange.study.parallel_runs import OnRunProgress, RunResult, run_all
-from skyrange.twins.attribution.arms import (
+from skyrange.study.parallel_runs import OnRunProgress, RunResult, require_level, run_all
+from skyrange.twins.arms import (
     ATTACKED,
     HONEST,
     Arm,
@@ -44,15 +43,14 @@ from skyrange.twins.attribution.arms import (
     plan_arms,
     scenario_of,
 )
-from skyrange.twins.attribution.attribute import (
+from skyrange.twins.attribution import (
     attribute,
     attribution_table,
     authors,
     departures_by_author,
     with_authors,
 )
-from skyrange.twins.attribution.outcomes import ArmOutcomes
-from skyrange.twins.effects import effect_rows, effects_table
+from skyrange.twins.effects import ArmOutcomes, effect_rows, effects_table
 from skyrange.twins.lie_and_truth import compare_with_truth, lie_and_truth_table
 from skyrange.twins.pair_folder import (
     ATTRIBUTION,
@@ -117,7 +115,7 @@ def pair(
     if honest and not claiming_attacks(scenario):
         kinds = ", ".join(attack.kind for attack in scenario.attacks) or "none"
         raise InputError.one("pair", "honest", kinds, "an attack that claims an aircraft, such as remote_id.spoof")
-    planned = plan_arms(attacks, arms, honest)
+    planned = plan_arms(attacks, arms, honest=honest)
     baseline = baseline_of(attacks, planned)
     build(scenario)  # raises errors in the scenario before a folder is created
     if honest:
@@ -139,7 +137,7 @@ def pair(
         ],
         jobs,
         on_progress,
-        run_reports,
+        report=run_reports,
     )
     for place, one in zip(missing, results, strict=True):
         flown[place] = one

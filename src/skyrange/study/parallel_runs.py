@@ -16,13 +16,24 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
+from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
 from skyrange.core.time import Time
 from skyrange.io.processes.program import end_with_parent
+from skyrange.record.levels import LEVELS, keeps
 from skyrange.runtime.compilation.cache_filling import fill_cache, is_cold
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.runs import fly
+
+
+def require_level(scenario: Scenario, table: str, who: str) -> None:
+    """Raise `InputError` for `who` if runs of a scenario would not keep a table that it reads."""
+    level = scenario.record.level
+    if not keeps({"record": {"level": level}}, table):
+        enough = [one for one in LEVELS if keeps({"record": {"level": one}}, table)]
+        hint = f"It reads the {table} of each run. Add --set record.level={enough[-1]}."
+        raise InputError.one(who, "record.level", level, " or ".join(reversed(enough)), hint)
+
 
 OnRunProgress = Callable[[int, Time, Time], None]
 """Callback for progress: (number of the run, current simulated time, simulated end time)."""
@@ -48,6 +59,7 @@ def run_all(
     flights: Sequence[tuple[Scenario, Path]],
     jobs: int = 2,
     on_progress: OnRunProgress | None = None,
+    *,
     report: bool = True,
 ) -> list[RunResult]:
     """Run every scenario into its folder, `jobs` at a time; returns the results in order.
@@ -56,7 +68,7 @@ def run_all(
     Ctrl-C ends the active runs; the remaining ones do not start and get the exit code of a shortfall.
     """
     if jobs <= 1 or len(flights) <= 1:
-        return _run_in_turn(flights, on_progress, report)
+        return _run_in_turn(flights, on_progress, report=report)
     forks = "fork" in multiprocessing.get_all_start_methods()
     context: Any = multiprocessing.get_context("fork" if forks else "spawn")
     results: list[RunResult | None] = [None] * len(flights)
@@ -73,8 +85,10 @@ def run_all(
                     number = waiting.pop(0)
                     inlet, outlet = context.Pipe(duplex=False)
                     scenario, folder = flights[number]
-                    told = (outlet, scenario, folder, report, os.getpid())
-                    process = context.Process(target=_child_main, args=told, daemon=True)
+                    arguments = (outlet, scenario, folder, os.getpid())
+                    process = context.Process(
+                        target=_child_main, args=arguments, kwargs={"report": report}, daemon=True
+                    )
                     process.start()
                     outlet.close()
                     children[inlet] = _Child(number, process, inlet)
@@ -124,14 +138,14 @@ def _interrupt(children: Iterable[_Child]) -> None:
 
 
 def _run_in_turn(
-    flights: Sequence[tuple[Scenario, Path]], on_progress: OnRunProgress | None, report: bool
+    flights: Sequence[tuple[Scenario, Path]], on_progress: OnRunProgress | None, *, report: bool
 ) -> list[RunResult]:
     results: list[RunResult] = []
     for number, (scenario, folder) in enumerate(flights):
         if any(one.exit_code == ShortfallError.exit_code for one in results):
             results.append(RunResult(ShortfallError.exit_code, "not flown: interrupted"))
             continue
-        results.append(_run_guarded(scenario, folder, report, _numbered_progress(number, on_progress)))
+        results.append(_run_guarded(scenario, folder, _numbered_progress(number, on_progress), report=report))
     return results
 
 
@@ -140,7 +154,7 @@ def _numbered_progress(number: int, on_progress: OnRunProgress | None) -> Callab
 
 
 def _run_guarded(
-    scenario: Scenario, folder: Path, report: bool, on_progress: Callable[[Time, Time], None] | None
+    scenario: Scenario, folder: Path, on_progress: Callable[[Time, Time], None] | None, *, report: bool
 ) -> RunResult:
     try:
         fly(scenario, folder, report=report, on_progress=on_progress)
@@ -151,7 +165,7 @@ def _run_guarded(
     return RunResult(0, "")
 
 
-def _child_main(outlet: Connection, scenario: Scenario, folder: Path, report: bool, parent: int) -> None:
+def _child_main(outlet: Connection, scenario: Scenario, folder: Path, parent: int, *, report: bool) -> None:
     """Main function of a child process, which ends with its parent."""
     end_with_parent(parent)
     if hasattr(os, "setpgid"):
@@ -165,5 +179,5 @@ def _child_main(outlet: Connection, scenario: Scenario, folder: Path, report: bo
             last = step
             outlet.send((now, end))
 
-    outlet.send(_run_guarded(scenario, folder, report, tell))
+    outlet.send(_run_guarded(scenario, folder, tell, report=report))
     outlet.close()

@@ -48,12 +48,14 @@ def fly(
     the manifest, and is told to `on_notice`. Raises the errors of `Run.execute`; after a `ShortfallError` (Ctrl-C) the
     report is written as well.
     """
-    asked = 0.0 if speed is None else speed
-    Pace(asked)  # rejects an invalid speed before a folder is created
+    pace = 0.0 if speed is None else speed
+    Pace(pace)  # rejects an invalid speed before a folder is created
     more: dict[str, Any] = {}
     if cores > 1:
         seen = any((taps, acts, monitors, observers, viewers, motion))
-        folder, reason = _fly_on_cores(scenario, out, cores, asked, seen, on_progress, on_notice, report)
+        folder, reason = _fly_on_cores(
+            scenario, out, cores, speed=pace, seen=seen, on_progress=on_progress, on_notice=on_notice, report=report
+        )
         if folder is not None:
             return _report(folder) if report else load(folder)
         more = {"cores": {"asked": cores, "used": 1, "reason": reason}}
@@ -61,7 +63,7 @@ def fly(
         run = Run.start(
             scenario,
             out,
-            speed=asked,
+            speed=pace,
             taps=taps,
             acts=acts,
             monitors=monitors,
@@ -74,7 +76,7 @@ def fly(
         run = Run.start(
             scenario,
             out,
-            speed=asked,
+            speed=pace,
             taps=taps,
             acts=acts,
             monitors=monitors,
@@ -85,10 +87,10 @@ def fly(
         )
         on_progress = _serving(viewers, on_progress)
     if speed is None and viewers is not None and not run.on_wall_clock:
-        asked = 1.0
+        pace = 1.0
     folder = run.recorder.path
     try:
-        run.execute(speed=asked, on_progress=on_progress)
+        run.execute(speed=pace, on_progress=on_progress)
     except ShortfallError:
         if report:
             _report(folder)
@@ -97,7 +99,7 @@ def fly(
 
 
 def _fly_on_cores(
-    scenario: Scenario, out: Path | None, cores: int, speed: float, seen: bool, on_progress: OnProgress | None,
+    scenario: Scenario, out: Path | None, cores: int, *, speed: float, seen: bool, on_progress: OnProgress | None,
     on_notice: Callable[[str], None] | None, report: bool,
 ) -> tuple[Path | None, str]:  # fmt: skip
     """Run `scenario` on several cores: its folder, or None and why it has to run on one; `seen` if something that is

@@ -1,1 +1,1 @@
-"""Pairs of an attacked run and its twins: folder, effects, propagation, confidence intervals."""
+"""Pairs of an attacked run and its twins: arms, folder, effects, attribution, propagation."""

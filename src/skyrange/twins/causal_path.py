@@ -81,7 +81,7 @@ def find_causal_path(run: RunRecord, propagation: Sequence[Row]) -> CausalPath:
             continue
         chain = _backwards(last, by_frame)
         decision = _decision(decisions, vehicle, chain)
-        at = _begin(path, run, chain, decision, stages, uas_ids, reached)
+        at = _begin(path, run, chain, decision, stages=stages, uas_ids=uas_ids, reached=reached)
         grouped = _grouped(chain, decision)
         if at is not None and path.steps[at].layer == "radio":  # it was another aircraft's true broadcast that counted
             grouped = [one for one in grouped if one[0] != "radio"]
@@ -121,6 +121,7 @@ def _begin(
     run: RunRecord,
     chain: Sequence[Row],
     decision: RecordedNote | None,
+    *,
     stages: Sequence[RecordedNote],
     uas_ids: Mapping[str, str],
     reached: Mapping[str, int],

@@ -1,4 +1,4 @@
-"""Consequences of hostile acts that no frame id leads to: states that stay in force, and silence.
+"""Consequences of hostile acts that no frame id leads to: states in force, silence, receptions that were lost.
 
 Frames and notes name the frames that caused them. Four kinds of consequence have no such cause. A collision follows
 from the mode, target or mission in force, which a hostile frame set before. An estimator's event follows from sensor
@@ -8,12 +8,22 @@ frames that did not arrive. `follow` finds these in the order of time.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from skyrange.codec.remote_id import noise_request
+from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId
-from skyrange.metrics.time_series import RecordedNote
+from skyrange.core.time import NS_PER_US
+from skyrange.metrics.time_series import RecordedNote, read_notes
+from skyrange.record.read.run import RunRecord
+from skyrange.record.read.transmissions import RADIO_LINK
 
 LINK, MODE, MISSION, TARGET, PARAMETERS, FENCE, ESTIMATE, BATTERY, FORCES = (
     "link", "mode", "mission", "target", "parameters", "fence", "estimate", "battery", "forces",
@@ -196,3 +206,112 @@ def _silence(
 def act_of(at_ns: int, attack: str, action: str, frame: str) -> Act:
     """An act from a label's values; its vehicle is the owner of the link or sensor."""
     return Act(at_ns, attack, action, frame, FrameId.parse(frame).link.partition(":")[2])
+
+
+Ints = NDArray[np.int64]
+
+_FRAME = ["link", "direction", "sender", "serial"]
+
+
+def lost_receptions(record: RunRecord, labels: Sequence[Mapping[str, Any]]) -> list[LostReception]:
+    """The receptions that were not decoded and ended during a burst of noise that an attack sent, in order of time.
+
+    A burst occupies the channel from its act for the duration that its request asks for. Whether the frame would have
+    been decoded without the burst is what the comparison of runs tells, not this.
+    """
+    begins_ns, ends_ns, bursts, attacks = _bursts(record, labels)
+    found: list[LostReception] = []
+    if not len(bursts):
+        return found
+    for batch in record.batches("receptions", ["time_ns", *_FRAME, "receiver", "outcome"]):
+        outcome = batch.column("outcome")
+        undecoded = pc.and_(pc.not_equal(outcome, "decoded"), pc.not_equal(outcome, "elsewhere"))
+        rows = batch.filter(undecoded)
+        time_ns = rows.column("time_ns").to_numpy()
+        latest = np.searchsorted(begins_ns, time_ns, side="right") - 1
+        during = (latest >= 0) & (time_ns <= ends_ns[np.maximum(latest, 0)])
+        for row, burst in zip(rows.filter(pa.array(during)).to_pylist(), latest[during].tolist(), strict=True):
+            frame = str(FrameId(row["link"], row["direction"], row["sender"], row["serial"]))
+            sender = str(row["link"]).partition(":")[2]
+            found.append(LostReception(row["time_ns"], attacks[burst], row["receiver"], sender, frame, bursts[burst]))
+    return sorted(found, key=lambda one: one.at_ns)
+
+
+def _bursts(record: RunRecord, labels: Sequence[Mapping[str, Any]]) -> tuple[Ints, Ints, list[str], list[str]]:
+    """Begin, end, frame and attack of each burst of noise, in order of their begin."""
+    sent = {row["frame"]: row for row in labels if row["action"] == "send" and row["frame"].startswith(RADIO_LINK)}
+    links = sorted({FrameId.parse(frame).link for frame in sent})
+    rows: list[tuple[int, int, str, str]] = []
+    for table in record.tables.frames_with_payloads([*_FRAME]) if links else ():
+        own = table.filter(pc.is_in(table.column("link"), value_set=pa.array(links, pa.string())))
+        for row in own.to_pylist():
+            frame = str(FrameId(row["link"], row["direction"], row["sender"], row["serial"]))
+            if frame not in sent:
+                continue
+            try:
+                burst = noise_request.unpack(row["payload"])
+            except DecodeError:  # a broadcast, not noise
+                continue
+            at_ns = sent[frame]["at_ns"]
+            rows.append((at_ns, at_ns + burst.duration_us * NS_PER_US, frame, sent[frame]["attack"]))
+    rows.sort()
+    begins, ends = (np.array([row[k] for row in rows], dtype=np.int64) for k in (0, 1))
+    return begins, ends, [row[2] for row in rows], [row[3] for row in rows]
+
+
+Departed = Mapping[str, Mapping[str, int]]
+"""By vehicle and attack, when the vehicle departed from the baseline because of that attack."""
+
+_PREFIX = "decision.avoid"
+_COLUMNS = ["link", "direction", "sender", "serial", "parent", "sent_ns"]
+
+
+class AbsentDecision(NamedTuple):
+    """A decision of the baseline that was not made, and the attack because of which its reason was missing."""
+
+    note: RecordedNote
+    attack: str
+    cause: str
+    """The broadcast, in the baseline, on which the decision was made there."""
+
+
+def find_absent_decisions(attacked: RunRecord, baseline: RunRecord, departed: Departed) -> Iterator[AbsentDecision]:
+    """For each departed aircraft, the first avoidance before its departure that it made in the baseline alone.
+
+    Until something differs both runs make the same decisions at the same nanosecond. Only avoidances whose reason, an
+    aircraft that was heard, had departed by then are returned.
+    """
+    made = {(note.about, note.time_ns) for note in _avoidances(attacked)}
+    first: dict[str, RecordedNote] = {}
+    for note in _avoidances(baseline):
+        until_ns = max(departed.get(note.about, {}).values(), default=-1)
+        if note.time_ns <= until_ns and (note.about, note.time_ns) not in made:
+            first.setdefault(note.about, note)
+    senders = senders_of(baseline, {cause for note in first.values() for cause in note.causes})
+    for note in first.values():
+        for cause in note.causes:
+            sender, sent_ns = senders.get(cause, ("", 0))
+            for attack, at_ns in departed.get(sender, {}).items():
+                if at_ns <= sent_ns and sender != note.about:
+                    yield AbsentDecision(note, attack, cause)
+
+
+def senders_of(record: RunRecord, causes: Collection[str]) -> dict[str, tuple[str, int]]:
+    """Of received broadcasts, by their ids: the vehicle that sent it, and when."""
+    ids = [FrameId.parse(cause) for cause in causes]
+    links = pa.array(sorted({one.link for one in ids if one.link.startswith("rid_down:")}), pa.string())
+    serials = pa.array(sorted({one.serial for one in ids}), pa.int64())
+    found: dict[str, tuple[str, int]] = {}
+    for batch in record.batches("frames", _COLUMNS) if len(links) else ():
+        own = pc.and_(
+            pc.is_in(batch.column("link"), value_set=links), pc.is_in(batch.column("serial"), value_set=serials)
+        )
+        for row in batch.filter(own).to_pylist():
+            frame = str(FrameId(row["link"], row["direction"], row["sender"], row["serial"]))
+            if frame in causes and row["parent"] is not None:
+                found[frame] = FrameId.parse(row["parent"]).link.partition(":")[2], row["sent_ns"]
+    return found
+
+
+def _avoidances(record: RunRecord) -> list[RecordedNote]:
+    return [note for note in read_notes(record, "decisions") if note.kind.startswith(_PREFIX)]

@@ -9,7 +9,7 @@ from typing import Final
 
 from skyrange.core.errors import ShortfallError
 from skyrange.gcs.protocols.mission_transfer import LIST_NAMES
-from skyrange.metrics.mishaps import first_mishaps
+from skyrange.metrics.safety import first_mishaps
 from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
 

@@ -16,37 +16,36 @@ from skyrange.core.time import NS_PER_S
 from skyrange.metrics.time_series import read_notes
 from skyrange.record.read.run import RunRecord
 from skyrange.record.schema import NAME, Column, arrow_schema
-from skyrange.twins.attribution.outcomes import ArmOutcomes
-from skyrange.twins.effects import effect_rows
+from skyrange.twins.effects import ArmOutcomes, effect_rows
 
 AVOIDS: Final = "decision.avoid"
 _F64, _I64 = pa.float64(), pa.int64()
 
 
-def _twice(name: str, kind: pa.DataType, unit: str, about: str, nullable: bool = True) -> tuple[Column, Column]:
+def _twice(name: str, kind: pa.DataType, unit: str, about: str, *, nullable: bool = True) -> tuple[Column, Column]:
     stem, _, suffix = name.rpartition("_")
     other = f"{stem}_truth_{suffix}" if unit else f"{name}_truth"
     return (
-        Column(name, kind, unit, f"{about}, in the attacked run", nullable),
-        Column(other, kind, unit, "the same in the honest run", nullable),
+        Column(name, kind, unit, f"{about}, in the attacked run", nullable=nullable),
+        Column(other, kind, unit, "the same in the honest run", nullable=nullable),
     )
 
 
 COLUMNS: Final[tuple[Column, ...]] = (
     Column("seed", _I64, "", "seed of the runs"),
     Column("vehicle", NAME, "", "operator/vehicle"),
-    *_twice("outcome", NAME, "", "outcome of the mission", False),
-    *_twice("avoidances", _I64, "", "number of decisions to avoid another aircraft", False),
+    *_twice("outcome", NAME, "", "outcome of the mission", nullable=False),
+    *_twice("avoidances", _I64, "", "number of decisions to avoid another aircraft", nullable=False),
     *_twice("avoids_s", _F64, "s", "first decision to avoid that the baseline does not have; null for none"),
     *_twice("departed_s", _F64, "s", "when it first departed from the baseline; null for never"),
-    *_twice("departure_m", _F64, "m", "largest distance from its position in the baseline", False),
+    *_twice("departure_m", _F64, "m", "largest distance from its position in the baseline", nullable=False),
     *_twice("delay_s", _F64, "s", "arrival delay against the baseline, if both missions are complete"),
-    *_twice("extra_distance_m", _F64, "m", "detour: length of the path minus that in the baseline", False),
+    *_twice("extra_distance_m", _F64, "m", "detour: length of the path minus that in the baseline", nullable=False),
     *_twice("extra_energy_j", _F64, "J", "energy drawn from the battery minus that in the baseline"),
     *_twice("min_separation_m", _F64, "m", "least distance to another aircraft in the air"),
     *_twice("nearest", NAME, "", "the other aircraft of that least distance"),
-    *_twice("near_misses", _I64, "", "number of near misses", False),
-    *_twice("collisions", _I64, "", "number of collisions", False),
+    *_twice("near_misses", _I64, "", "number of near misses", nullable=False),
+    *_twice("collisions", _I64, "", "number of collisions", nullable=False),
     Column("apart_m", _F64, "m", "largest distance between its positions in the attacked and the honest run"),
 )
 """The columns of `honest.parquet`, which has a row per seed and aircraft of the scenario."""

@@ -15,8 +15,8 @@ from skyrange.core.errors import InputError
 from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
 from skyrange.record import RunRecord, load
 from skyrange.statistics.means import Interval, estimate_mean
-from skyrange.twins.attribution.arms import NOMINAL, SHAM
-from skyrange.twins.attribution.attribute import attribution_table
+from skyrange.twins.arms import NOMINAL, SHAM
+from skyrange.twins.attribution import attribution_table
 from skyrange.twins.effects import CHANGES, MEASURES
 from skyrange.twins.failed_missions import FailedMissions, find_failed_missions
 from skyrange.twins.lie_and_truth import lie_and_truth_table

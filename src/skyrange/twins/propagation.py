@@ -18,14 +18,20 @@ import pyarrow.compute as pc
 
 from skyrange.core.ids import FrameId, link_name
 from skyrange.core.time import NS_PER_S
-from skyrange.metrics.near_misses import near_misses
-from skyrange.metrics.separation import NEAR_M
+from skyrange.metrics.aircraft import near_misses
+from skyrange.metrics.safety import NEAR_M
 from skyrange.metrics.time_series import RecordedNote, read_notes, vehicles
 from skyrange.record.read.run import RunRecord
 from skyrange.record.schema import NAME, TEXT, Column, arrow_schema
-from skyrange.twins.absent_decisions import Departed, find_absent_decisions, senders_of
-from skyrange.twins.consequences import Origin, act_of, follow
-from skyrange.twins.lost_receptions import lost_receptions
+from skyrange.twins.consequences import (
+    Departed,
+    Origin,
+    act_of,
+    find_absent_decisions,
+    follow,
+    lost_receptions,
+    senders_of,
+)
 
 PHASES: Final = ("onset", "act", "propagation", "effect")
 
@@ -38,18 +44,20 @@ COLUMNS: Final[tuple[Column, ...]] = (
         NAME,
         "",
         "the id of the attack, or of the fault where `fault` is true; null for an effect without an author",
-        True,
+        nullable=True,
     ),
-    Column("fault", pa.bool_(), "", "whether `attack` is the id of a benign fault; null if there is no id", True),
-    Column("vehicle", NAME, "", "the aircraft concerned; null if none", True),
+    Column(
+        "fault", pa.bool_(), "", "whether `attack` is the id of a benign fault; null if there is no id", nullable=True
+    ),
+    Column("vehicle", NAME, "", "the aircraft concerned; null if none", nullable=True),
     Column(
         "kind", NAME, "", "what was done (inject, send, …), `frame`, the decision's or event's kind, or `departure`"
     ),
     Column("source", NAME, "", "who acted, sent or decided"),
-    Column("link", NAME, "", "of a frame: the link that it crossed", True),
-    Column("frame", TEXT, "", "of a frame: its id", True),
-    Column("origin", TEXT, "", "of a propagation: the frame before it on the path to the hostile act", True),
-    Column("depth", pa.int32(), "", "of a propagation: number of steps from the hostile act", True),
+    Column("link", NAME, "", "of a frame: the link that it crossed", nullable=True),
+    Column("frame", TEXT, "", "of a frame: its id", nullable=True),
+    Column("origin", TEXT, "", "of a propagation: the frame before it on the path to the hostile act", nullable=True),
+    Column("depth", pa.int32(), "", "of a propagation: number of steps from the hostile act", nullable=True),
     Column(
         "way",
         NAME,
@@ -58,18 +66,26 @@ COLUMNS: Final[tuple[Column, ...]] = (
         "that it follows from: link, mode, mission, target, parameters, fence, estimate or battery; `position` for a "
         "decision on the honest broadcast of an aircraft that had departed; `absent` for a decision of the baseline "
         "that was not made because such an aircraft was elsewhere",
-        True,
+        nullable=True,
     ),
-    Column("data", TEXT, "", "of a decision or event: its details, a JSON object", True),
-    Column("departure_m", pa.float64(), "m", "of an effect: largest distance of the aircraft from the baseline", True),
-    Column("relation", NAME, "", "of an effect: how the attack relates to it, as in `attribution.parquet`", True),
+    Column("data", TEXT, "", "of a decision or event: its details, a JSON object", nullable=True),
+    Column(
+        "departure_m",
+        pa.float64(),
+        "m",
+        "of an effect: largest distance of the aircraft from the baseline",
+        nullable=True,
+    ),
+    Column(
+        "relation", NAME, "", "of an effect: how the attack relates to it, as in `attribution.parquet`", nullable=True
+    ),
     Column(
         "path",
         pa.bool_(),
         "",
         "of an effect: whether the record leads from the attack to the aircraft before it departed; if so, `origin` is "
         "the last step",
-        True,
+        nullable=True,
     ),
 )
 """Columns of `propagation.parquet`: one row per hostile act, per consequence of one, and per departed aircraft."""
@@ -98,21 +114,21 @@ def trace(
     while frontier:
         reached: dict[str, None] = {}
         for hit in _descendants(record, frontier, onset_ns):
-            own = known.setdefault(hit["frame"], {})
+            leads = known.setdefault(hit["frame"], {})
             for origin, attack, depth in _contributors(hit["origins"], known):
-                if attack in own:
+                if attack in leads:
                     continue
-                own[attack] = Origin(origin, depth + 1)
+                leads[attack] = Origin(origin, depth + 1)
                 reached[hit["frame"]] = None
                 rows.append(
                     _row(
-                        seed, "propagation", hit["sent_ns"], attack, _vehicle_of(hit["link"], fleet), "frame",
-                        hit["sender"], link=hit["link"], frame=hit["frame"], origin=origin, depth=depth + 1,
-                        way="frame",
+                        seed, "propagation", hit["sent_ns"], attack=attack, vehicle=_vehicle_of(hit["link"], fleet),
+                        kind="frame", source=hit["sender"], link=hit["link"], frame=hit["frame"], origin=origin,
+                        depth=depth + 1, way="frame",
                     )
                 )  # fmt: skip
         frontier = list(reached)
-    rows += _lost_and_noted(record, labels, known, seed, fleet, near_m, departed)
+    rows += _lost_and_noted(record, labels, known, seed, fleet, near_m=near_m, departed=departed)
     return sorted(rows, key=lambda row: (row["at_ns"], PHASES.index(row["phase"]), row["frame"] or ""))
 
 
@@ -127,8 +143,8 @@ def _acts(labels: Sequence[Mapping[str, Any]], known: Known, seed: int, fleet: s
         phase = "act" if label["attack"] in begun else "onset"
         begun.add(label["attack"])
         yield _row(
-            seed, phase, label["at_ns"], label["attack"], _vehicle_of(link, fleet), label["action"], label["actor"],
-            link=link, frame=label["frame"],
+            seed, phase, label["at_ns"], attack=label["attack"], vehicle=_vehicle_of(link, fleet),
+            kind=label["action"], source=label["actor"], link=link, frame=label["frame"],
         )  # fmt: skip
 
 
@@ -138,41 +154,43 @@ def _lost_and_noted(
     known: Known,
     seed: int,
     fleet: set[str],
+    *,
     near_m: float,
     departed: Departed,
 ) -> Iterator[dict[str, Any]]:
     """The rows of receptions that were lost to load, and of decisions and events that lead back to an act."""
     lost = lost_receptions(record, labels)
     first: set[tuple[str, str, str]] = set()
-    for one in lost:
-        if (one.attack, one.receiver, one.sender) not in first:
-            first.add((one.attack, one.receiver, one.sender))
+    for loss in lost:
+        if (loss.attack, loss.receiver, loss.sender) not in first:
+            first.add((loss.attack, loss.receiver, loss.sender))
             yield _row(
-                seed, "propagation", one.at_ns, one.attack, one.receiver if one.receiver in fleet else None,
-                "reception_lost", one.receiver, link=link_name("rid_up", one.sender), frame=one.frame,
-                origin=one.burst, depth=1, way="silence",
+                seed, "propagation", loss.at_ns, attack=loss.attack,
+                vehicle=loss.receiver if loss.receiver in fleet else None,
+                kind="reception_lost", source=loss.receiver, link=link_name("rid_up", loss.sender), frame=loss.frame,
+                origin=loss.burst, depth=1, way="silence",
             )  # fmt: skip
     decisions = read_notes(record, "decisions")
     displaced = _displaced(record, {cause for note in decisions for cause in note.causes} - known.keys(), departed)
     notes = [*decisions, *read_notes(record, "events"), *near_misses(record, near_m)]
-    told = []
+    led_back = []
     for note in sorted(notes, key=lambda note: note.time_ns):
-        found: dict[str, Origin] = {}
+        origins: dict[str, Origin] = {}
         for origin, attack, depth in _contributors([cause for cause in note.causes if cause in known], known):
-            if attack not in found or depth + 1 < found[attack].depth:
-                found[attack] = Origin(origin, depth + 1)
-        for attack, source in found.items():
+            if attack not in origins or depth + 1 < origins[attack].depth:
+                origins[attack] = Origin(origin, depth + 1)
+        for attack, source in origins.items():
             yield _note_row(note, attack, source, "frame", seed, fleet)
         for cause in note.causes:
             for attack in displaced.get(cause, ()):
-                if attack not in found:
-                    found[attack] = Origin(cause, 1)
-                    yield _note_row(note, attack, found[attack], "position", seed, fleet)
-        told.append((note, found))
+                if attack not in origins:
+                    origins[attack] = Origin(cause, 1)
+                    yield _note_row(note, attack, origins[attack], "position", seed, fleet)
+        led_back.append((note, origins))
     acts = [act_of(label["at_ns"], label["attack"], label["action"], label["frame"]) for label in labels]
     owners = {str(row.get("uas_id")): str(row["id"]) for row in record.manifest.get("vehicles") or []}
-    for one_more in follow(told, acts, lost, owners):
-        yield _note_row(one_more.note, one_more.attack, one_more.origin, one_more.way, seed, fleet)
+    for consequence in follow(led_back, acts, lost, owners):
+        yield _note_row(consequence.note, consequence.attack, consequence.origin, consequence.way, seed, fleet)
 
 
 def _displaced(record: RunRecord, causes: Collection[str], departed: Departed) -> dict[str, list[str]]:
@@ -189,8 +207,8 @@ def absent_rows(attacked: RunRecord, baseline: RunRecord, seed: int, departed: D
     """The rows of decisions that were made in `baseline` only, because in the attacked run somebody had departed."""
     fleet = {vehicle.id for vehicle in vehicles(attacked)}
     return [
-        _note_row(one.note, one.attack, Origin(one.cause, 1), "absent", seed, fleet)
-        for one in find_absent_decisions(attacked, baseline, departed)
+        _note_row(absent.note, absent.attack, Origin(absent.cause, 1), "absent", seed, fleet)
+        for absent in find_absent_decisions(attacked, baseline, departed)
     ]
 
 
@@ -204,8 +222,9 @@ def _contributors(origins: Sequence[str], known: Known) -> Iterator[tuple[str, s
 def _note_row(note: RecordedNote, attack: str, origin: Origin, way: str, seed: int, fleet: set[str]) -> dict[str, Any]:
     about = note.about if note.about in fleet else note.about.split(".", 1)[0]
     return _row(
-        seed, "propagation", note.time_ns, attack, about if about in fleet else None, note.kind, note.source,
-        origin=origin.frame, depth=origin.depth, data=json.dumps(note.data, ensure_ascii=False), way=way,
+        seed, "propagation", note.time_ns, attack=attack, vehicle=about if about in fleet else None, kind=note.kind,
+        source=note.source, origin=origin.frame, depth=origin.depth,
+        data=json.dumps(note.data, ensure_ascii=False), way=way,
     )  # fmt: skip
 
 
@@ -217,34 +236,34 @@ def effects_of(
     Which attack it is follows from the runs, never from the record; the record says by what way (`path`). A departure
     without an author has one row without an attack.
     """
-    found: list[dict[str, Any]] = []
+    effects: list[dict[str, Any]] = []
     departures: dict[str, list[Mapping[str, Any]]] = {}
     for row in attributed:
         if row["seed"] == seed and row["outcome"] == "departure":
             departures.setdefault(row["vehicle"], []).append(row)
-    for vehicle, own in departures.items():
-        at_ns = round(own[0]["departed_s"] * NS_PER_S)
-        named = [row for row in own if row["relation"] not in ("none", "unknown")]
-        for one in named or own[:1]:
-            attack = one["attack"] if named else None
+    for vehicle, departed in departures.items():
+        at_ns = round(departed[0]["departed_s"] * NS_PER_S)
+        named = [row for row in departed if row["relation"] not in ("none", "unknown")]
+        for cause in named or departed[:1]:
+            attack = cause["attack"] if named else None
             steps = [
                 row
                 for row in rows
                 if row["vehicle"] == vehicle and row["attack"] == attack and row["at_ns"] <= at_ns and _moves(row)
             ]
             last = max(steps, key=_time_ns, default=None)
-            effect = _row(seed, "effect", at_ns, attack, vehicle, "departure", "world")
-            found.append(
+            effect = _row(seed, "effect", at_ns, attack=attack, vehicle=vehicle, kind="departure", source="world")
+            effects.append(
                 effect
                 | {
-                    "departure_m": one["difference"],
-                    "relation": one["relation"],
+                    "departure_m": cause["difference"],
+                    "relation": cause["relation"],
                     "path": last is not None,
                     "origin": None if last is None else last["frame"] or last["origin"],
                     "depth": None if last is None else last["depth"] or 0,
                 }
             )
-    return sorted(found, key=lambda row: (row["at_ns"], row["vehicle"], row["attack"] or ""))
+    return sorted(effects, key=lambda row: (row["at_ns"], row["vehicle"], row["attack"] or ""))
 
 
 def _time_ns(row: Mapping[str, Any]) -> int:
@@ -274,7 +293,15 @@ def propagation_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
 
 
 def _row(
-    seed: int, phase: str, at_ns: int, attack: str | None, vehicle: str | None, kind: str, source: str, **more: Any
+    seed: int,
+    phase: str,
+    at_ns: int,
+    *,
+    attack: str | None,
+    vehicle: str | None,
+    kind: str,
+    source: str,
+    **more: Any,
 ) -> dict[str, Any]:
     row = {column.name: None for column in COLUMNS}
     return row | {

@@ -22,7 +22,7 @@ def print_pair(result: Pair) -> None:
     """
     from rich.table import Table
 
-    from skyrange.twins.attribution.attribute import unknown_subsets
+    from skyrange.twins.attribution import unknown_subsets
 
     console = terminal()
     print_failed_missions(console, map(str, result.failed_missions))
@@ -83,7 +83,7 @@ def print_pair(result: Pair) -> None:
 
 def _print_defences(console: Console, result: Pair) -> None:
     """Print what each defence did in the attacked run of the first seed, and its alarms in the twin."""
-    from skyrange.metrics.defence_acts import read_defences
+    from skyrange.metrics.defences import read_defences
 
     seed = result.seeds[0]
     false_alarms = {defence.id: defence.alarms for defence in read_defences(result.run(result.twin, seed))}
@@ -133,7 +133,7 @@ def _describe_cause(attribution: str | None, authors: Sequence[str]) -> str:
     if attribution == "unknown":
         return "the cause is unknown, because the runs without the attacks were not made"
     if attribution == "not enough placebos":
-        from skyrange.twins.attribution.outcomes import ENOUGH_PLACEBOS
+        from skyrange.twins.effects import ENOUGH_PLACEBOS
 
         return f"not shown to be an effect, which takes {ENOUGH_PLACEBOS} placebos (more --seeds)"
     if attribution == "both":

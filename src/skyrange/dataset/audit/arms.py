@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
-from skyrange.dataset.description.contents import RUNS
+from skyrange.dataset.contents import RUNS
 from skyrange.dataset.labels import ATTACK, INTRUSION, SHAM
 from skyrange.dataset.progress import require_whole
 
@@ -125,10 +125,10 @@ def _read_departures(folder: Path) -> dict[str, dict[str, int | None]]:
     columns = ["run", "vehicle", "time_ns", "effect"]
     for path in sorted(folder.glob("view=aircraft/split=*/*.parquet")):
         table = pq.ParquetFile(path).read(columns=columns)
-        last = pc.if_else(pc.fill_null(table.column("effect"), True), -1, table.column("time_ns"))
+        last = pc.if_else(pc.fill_null(table.column("effect"), fill_value=True), -1, table.column("time_ns"))
         ends = pa.table({**{name: table.column(name) for name in columns[:2]}, "last": last,
                          "known": pc.is_valid(table.column("effect")),
-                         "departed": pc.fill_null(table.column("effect"), False)})  # fmt: skip
+                         "departed": pc.fill_null(table.column("effect"), fill_value=False)})  # fmt: skip
         by = ends.group_by(["run", "vehicle"]).aggregate([("last", "max"), ("known", "min"), ("departed", "max")])
         for row in by.to_pylist():
             time_ns = max(row["last_max"], 0) if row["departed_max"] else NEVER

@@ -1,10 +1,15 @@
 """Findings of an audit: whether columns that must not tell the arm of a run tell it nevertheless.
 
 Arms that are equal in every block pass, whatever their number: nothing tells them apart. Where runs repeat to the byte
-all other arms leak (`paired`). Of other runs a classifier learns the arm on some blocks and is tested on others. A
+all other arms leak. Of other runs a classifier learns the arm on some blocks and is tested on others. A
 comparison passes if the upper end of the interval of its AUC is at most 0.55; otherwise the columns are named without
 which the classifier does worse. The interval is at least as wide as the exact one of a proportion of so many blocks: a
 column that tells the arm in a fifth of them is easily in none of a few.
+
+Up to the onset all arms of a block are one flight, and up to the first answer a sham has the shape of its attack. Of
+runs that repeat to the byte every difference is a leak, be it in one block: a classifier of few blocks misses it. Of
+other runs arms differ by chance, so a column leaks if the attacked arm is above the others, or below, in more blocks
+than chance explains.
 """
 
 from __future__ import annotations
@@ -19,9 +24,77 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError, Problem
-from skyrange.dataset.audit.paired import count_differences, find_shifted_columns
 from skyrange.statistics.exact_intervals import proportion_interval
-from skyrange.statistics.means import CONFIDENCE
+from skyrange.statistics.means import CONFIDENCE, LEVEL, adjust_by_holm, sign_test
+
+ROWS: Final = "number of rows"
+"""The name by which arms with different numbers of rows are told."""
+
+
+def count_differences(
+    columns: Sequence[str], values: Floats, attacked: NDArray[np.bool_], blocks: Sequence[str], runs: Sequence[str]
+) -> dict[str, int]:
+    """By column, the number of blocks in which an attacked run differs from another one of the block, the most first.
+
+    `values` (n, k) are those of the rows, not-a-number where there is none; rows of a run are in the order in which
+    they are compared. Columns that never differ are not among them.
+    """
+    differing_blocks: dict[str, int] = {}
+    for rows in _by_name(blocks).values():
+        places_by_run = _by_name([runs[row] for row in rows])
+        parts = {run: np.array(rows)[places] for run, places in places_by_run.items()}
+        hostile = [part for part in parts.values() if attacked[part[0]]]
+        others = [part for part in parts.values() if not attacked[part[0]]]
+        differing: set[str] = set()
+        for attacked_rows in hostile:
+            for other in others:
+                if len(attacked_rows) != len(other):
+                    differing.add(ROWS)
+                    continue
+                mine, theirs = values[attacked_rows], values[other]
+                unequal = ((mine != theirs) & ~(np.isnan(mine) & np.isnan(theirs))).any(axis=0)
+                differing |= {columns[place] for place in np.flatnonzero(unequal).tolist()}
+        for name in differing:
+            differing_blocks[name] = differing_blocks.get(name, 0) + 1
+    return dict(sorted(differing_blocks.items(), key=lambda counted: (-counted[1], counted[0])))
+
+
+def find_shifted_columns(
+    columns: Sequence[str], values: Floats, attacked: NDArray[np.bool_], blocks: Sequence[str]
+) -> list[str]:
+    """The columns whose mean over the attacked rows of a block is above that of the others, or below, in too many
+    blocks for chance: by sign tests, adjusted for the number of columns.
+    """
+    signs = []
+    for rows in _by_name(blocks).values():
+        in_block = np.array(rows)
+        mine, theirs = values[in_block[attacked[in_block]]], values[in_block[~attacked[in_block]]]
+        if len(mine) and len(theirs):
+            signs.append(np.sign(_means(mine) - _means(theirs)))
+    if not signs:
+        return []
+    above, below = ((np.array(signs) * way > 0).sum(axis=0) for way in (1, -1))
+    p_values = [
+        min(1.0, 2.0 * sign_test(int(max(up, down)), int(up + down))) if up + down else 1.0
+        for up, down in zip(above.tolist(), below.tolist(), strict=True)
+    ]
+    adjusted = adjust_by_holm(p_values)
+    return [name for p, name in sorted(zip(adjusted, columns, strict=True)) if p <= LEVEL]
+
+
+def _means(values: Floats) -> Floats:
+    """(k,) the means of (n, k) values without those that are not numbers; 0 without any."""
+    known = ~np.isnan(values)
+    means: Floats = np.where(known, values, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    return means
+
+
+def _by_name(names: Sequence[str]) -> Mapping[str, list[int]]:
+    places: dict[str, list[int]] = {}
+    for place, name in enumerate(names):
+        places.setdefault(name, []).append(place)
+    return places
+
 
 LIMIT: Final = 0.55
 """The largest upper end of an AUC's interval that passes."""
@@ -140,12 +213,14 @@ def audit_comparison(comparison: Comparison, seed: int = 0) -> LeakFinding:
     # of few blocks classifiers do worse than chance on those left out, which says nothing against a leak
     low = min(low, proportion_interval(auc * count, count, CONFIDENCE)[0])
     high = max(high, proportion_interval(max(auc, CHANCE) * count, count, CONFIDENCE)[1])
-    found = LeakFinding(comparison.name, len(attacked), count, auc, low, high, (), comparison.exempt)
+    finding = LeakFinding(comparison.name, len(attacked), count, auc, low, high, (), comparison.exempt)
     shifted = find_shifted_columns(comparison.columns, values, attacked, [str(number) for number in numbers.tolist()])
-    told = _leaking_columns(comparison.columns, rows, models, auc, generator) if low > CHANCE else ()
-    if shifted or told:
-        return replace(found, leaks=tuple(dict.fromkeys([*told, *shifted])))
-    return found if found.passed else replace(found, blocks_needed=_estimate_blocks(found.blocks, auc, low, high))
+    leaking = _leaking_columns(comparison.columns, rows, models, auc, generator) if low > CHANCE else ()
+    if shifted or leaking:
+        return replace(finding, leaks=tuple(dict.fromkeys([*leaking, *shifted])))
+    return (
+        finding if finding.passed else replace(finding, blocks_needed=_estimate_blocks(finding.blocks, auc, low, high))
+    )
 
 
 def _compare_arms(comparison: Comparison, has_both: NDArray[np.bool_]) -> LeakFinding | None:
@@ -196,19 +271,27 @@ def require_no_leak(findings: Sequence[LeakFinding]) -> None:
     blocks to say.
     """
     problems = []
-    for one in findings:
-        interval = "" if one.auc is None else f"AUC {one.auc:.2f} ({one.low:.2f} to {one.high:.2f})"
-        if one.differing:
-            told = ", ".join(f"{name} in {count} of {one.blocks} blocks" for name, count in one.differing.items())
-            problems.append(Problem(one.name, f"leaks: arms differ by {told}", "arms that are equal in every block"))
-        elif one.differing is not None and one.leaks:
-            problems.append(Problem(one.name, f"leaks: {', '.join(one.leaks)}", "nothing that is in two splits"))
-        elif one.status == "leaks":
+    for finding in findings:
+        interval = "" if finding.auc is None else f"AUC {finding.auc:.2f} ({finding.low:.2f} to {finding.high:.2f})"
+        if finding.differing:
+            counts = ", ".join(
+                f"{name} in {count} of {finding.blocks} blocks" for name, count in finding.differing.items()
+            )
+            problems.append(
+                Problem(finding.name, f"leaks: arms differ by {counts}", "arms that are equal in every block")
+            )
+        elif finding.differing is not None and finding.leaks:
+            problems.append(
+                Problem(finding.name, f"leaks: {', '.join(finding.leaks)}", "nothing that is in two splits")
+            )
+        elif finding.status == "leaks":
             expected = f"an upper end of at most {LIMIT}"
-            problems.append(Problem(one.name, f"leaks: {interval} by {', '.join(one.leaks)}", expected))
-        elif one.status == TOO_FEW:
-            what = f"too few blocks: {one.blocks} with both arms{interval and ', '}{interval}"
-            problems.append(Problem(one.name, what, f"about {one.blocks_needed} blocks, to tell a leak from chance"))
+            problems.append(Problem(finding.name, f"leaks: {interval} by {', '.join(finding.leaks)}", expected))
+        elif finding.status == TOO_FEW:
+            what = f"too few blocks: {finding.blocks} with both arms{interval and ', '}{interval}"
+            problems.append(
+                Problem(finding.name, what, f"about {finding.blocks_needed} blocks, to tell a leak from chance")
+            )
     if problems:
         raise InputError("leak audit", problems)
 
@@ -312,7 +395,7 @@ def _leaking_columns(
             shuffled[:, place] = generator.permutation(shuffled[:, place])
             scores[tested] = _midranks(model.predict_proba(shuffled)[:, 1])
         losses.append((auc - weighted_auc(scores, rows.attacked, rows.weights), name))
-    losses.sort(key=lambda one: (-one[0], one[1]))
+    losses.sort(key=lambda candidate: (-candidate[0], candidate[1]))
     named = tuple(name for loss, name in losses if loss >= max(NAMED_FROM, losses[0][0] * NAMED_SHARE))
     return named or _telling_alone(names, rows)
 

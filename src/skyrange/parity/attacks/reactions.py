@@ -18,8 +18,8 @@ from skyrange.codec.mavlink import decode, dialect, message_name
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, endpoint, link_name
 from skyrange.core.time import NS_PER_S
+from skyrange.metrics.paths import AIRBORNE_M
 from skyrange.metrics.time_series import Track, read_notes, truth_tracks, vehicles
-from skyrange.metrics.track_deviation import AIRBORNE_M
 from skyrange.record import RunRecord
 
 Floats = NDArray[np.float64]

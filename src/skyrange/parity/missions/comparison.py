@@ -29,8 +29,14 @@ from skyrange.parity.missions.flights import (
     fleet_scenario,
     flight_plan,
 )
-from skyrange.parity.missions.given_missions import GivenMission, RefusedMission, read_missions
-from skyrange.parity.missions.random_missions import RandomMission, random_mission, simpler
+from skyrange.parity.missions.mission_sources import (
+    GivenMission,
+    RandomMission,
+    RefusedMission,
+    random_mission,
+    read_missions,
+    simpler,
+)
 from skyrange.runtime.run import OnProgress
 
 FLEET: Final = 20

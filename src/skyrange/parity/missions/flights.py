@@ -25,9 +25,8 @@ from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.gcs.plan.plans import FlightPlan, from_file
 from skyrange.gcs.plan.routes import enu_points, estimated_duration_s
-from skyrange.metrics.path_distance import path_distance_m
+from skyrange.metrics.paths import AIRBORNE_M, path_distance_m
 from skyrange.metrics.time_series import Track, read_notes, truth_tracks
-from skyrange.metrics.track_deviation import AIRBORNE_M
 from skyrange.parity.flights import DEADLINE_S
 from skyrange.parity.missions.rounded_turns import read_headings, rounded_turn
 from skyrange.record import RunRecord
@@ -241,13 +240,13 @@ def compare_flights(
     path_apart_m, where = path_distance_m(first.path_m, second.path_m)
     both = list(zip(first.items, second.items, strict=False))
     time_apart_s = max((abs(a[0] - b[0]) for a, b in both if a[1] == b[1]), default=0.0)
-    one = ComparedMission(mission, *wind, flights, "", "", path_apart_m, time_apart_s)
+    compared = ComparedMission(mission, *wind, flights, "", "", path_apart_m, time_apart_s)
     undecided, detail = _shows_nothing(mission, first, second)
     if undecided:
-        return replace(one, undecided=undecided, detail=detail)
+        return replace(compared, undecided=undecided, detail=detail)
     for miss, detail in _differences(mission, flights, path_apart_m, where):
-        return replace(one, miss=miss, detail=detail)
-    return one
+        return replace(compared, miss=miss, detail=detail)
+    return compared
 
 
 def _shows_nothing(mission: ComparableMission, first: FlownMission, second: FlownMission) -> tuple[str, str]:
@@ -260,8 +259,8 @@ def _shows_nothing(mission: ComparableMission, first: FlownMission, second: Flow
         return "neither takes off", f"{first.outcome} / {second.outcome}"
     if first.crashed and second.crashed:
         return "both crash", f"{first.crashed} / {second.crashed}"
-    if said := rounded_turn(mission, first, second):
-        return "rounding", said
+    if why := rounded_turn(mission, first, second):
+        return "rounding", why
     return "", ""
 
 
@@ -326,7 +325,7 @@ def _reached_items(record: RunRecord, lifts: Mapping[str, tuple[float, float]]) 
     A delay before the take-off, and what is reported after the touchdown, depend on when the ground station acts.
     """
     owners = {link_name("autopilot", name): name for name in lifts}
-    found: dict[str, list[tuple[float, int]]] = {name: [] for name in lifts}
+    reached: dict[str, list[tuple[float, int]]] = {name: [] for name in lifts}
     for frame in record.frames_with_payloads():
         owner = owners.get(frame.link)
         if owner is None or frame.sender != endpoint(owner, "autopilot"):
@@ -336,8 +335,8 @@ def _reached_items(record: RunRecord, lifts: Mapping[str, tuple[float, float]]) 
         at_s = frame.sent_ns / NS_PER_S
         lift_s, down_s = lifts[owner]
         if lift_s <= at_s <= down_s:
-            found[owner].append((at_s - lift_s, int(decode(frame.payload).seq)))
-    return found
+            reached[owner].append((at_s - lift_s, int(decode(frame.payload).seq)))
+    return reached
 
 
 def _name(number: int) -> str:

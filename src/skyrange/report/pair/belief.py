@@ -17,10 +17,12 @@ from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.figures.subject import Subject
 from skyrange.figures.time_chart import draw_chart
 from skyrange.figures.twins import Span
-from skyrange.metrics.mishaps import mishap_kind
+from skyrange.metrics.safety import mishap_kind
 from skyrange.metrics.time_series import Record, Track, belief_errors_m, belief_tracks, labelled_acts, read_notes
 from skyrange.report import quantities
 from skyrange.report.rendering import render
+
+_CHART_PX: Final = (760.0, 300.0)
 
 Line = tuple[NDArray[np.int64], NDArray[np.float64]]
 
@@ -54,12 +56,14 @@ def render_belief(
     drawn = whom[:most]
     gaps = [_gaps(each, true, drawn) for each, true in zip(runs, tracks, strict=True)]
     title = f"Distance of belief from truth in {subject.name}"
-    away = draw_chart(subject, gaps[0], "metres from where it truly is", title, 760.0, 300.0, gaps[1], spans)
+    away = draw_chart(
+        subject, gaps[0], "metres from where it truly is", title, size_px=_CHART_PX, twins=gaps[1], spans=spans
+    )
     found, chart = innovations(run, drawn), None
     if found:
         said = "innovation over its gate, position or velocity, the larger"
         title = f"Innovations in {subject.name}"
-        chart = draw_chart(subject, found, said, title, 760.0, 300.0, innovations(twin, drawn), spans)
+        chart = draw_chart(subject, found, said, title, size_px=_CHART_PX, twins=innovations(twin, drawn), spans=spans)
     return render("pair/belief.html.jinja", gaps=away, innovations=chart, notes=_notes(run, subject, whom))
 
 

@@ -1,4 +1,4 @@
-"""Tables of effects: per aircraft, per operator, and means over seeds with 95 % intervals."""
+"""Tables of effects: per aircraft, per operator, means over seeds, and to which attacks they are attributed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from skyrange.figures.subject import Subject
 from skyrange.report import quantities
 from skyrange.report.rendering import render
 from skyrange.statistics.means import Interval
+from skyrange.twins.attribution import unknown_subsets
+from skyrange.twins.effects import ENOUGH_PLACEBOS, OUTCOMES
 from skyrange.twins.lie_and_truth import REACTIONS, format_reaction, reacts, truth_name
+from skyrange.twins.pair_folder import Pair
 
 Row = Mapping[str, Any]
 
@@ -158,3 +161,91 @@ def _change(twin: float | None, attacked: float | None) -> quantities.Quantity:
 
 def _counts(twin: int, attacked: int) -> str:
     return str(attacked) if twin == attacked else f"{twin} → {attacked}"
+
+
+_UNITS = {outcome.name: outcome.unit for outcome in OUTCOMES}
+
+
+def describe_attribution(pair: Pair, subject: Subject, seed: int) -> Mapping[str, Any]:
+    """What the page says about attribution: its table, the baseline, the placebos and what the runs do not tell."""
+    rows = [row for row in pair.attribution.to_pylist() if row["seed"] == seed]
+    return {
+        "baseline": f"the {pair.baseline or pair.reference} run",
+        "placebos": _describe_placebos(rows),
+        "table": render_attribution(subject, rows),
+        "unknown": _describe_unknown(pair),
+    }
+
+
+def render_attribution(subject: Subject, rows: Sequence[Mapping[str, Any]]) -> Markup:
+    """Render one row per aircraft and effect, with a column per attack and per fault."""
+    attacks = list(dict.fromkeys(row["attack"] for row in rows))
+    faults = {row["attack"] for row in rows if row.get("fault")}
+    places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
+    effects: dict[tuple[str, str], dict[str, Mapping[str, Any]]] = {}
+    for row in rows:
+        effects.setdefault((row["vehicle"], row["outcome"]), {})[row["attack"]] = row
+    shown = []
+    for (vehicle, outcome), own in list(effects.items())[:MAX_ROWS]:
+        first, unit = next(iter(own.values())), _UNITS[outcome]
+        shown.append(
+            {
+                "vehicle": vehicle,
+                "place": places[vehicle],
+                "outcome": outcome,
+                "numbers": [_value(first[key], unit) for key in ("difference", "limit")],
+                "relations": [_describe_relation(own[attack]) for attack in attacks],
+            }
+        )
+    return render(
+        "pair/attribution.html.jinja",
+        rows=shown,
+        attacks=[f"{one} (fault)" if one in faults else one for one in attacks],
+        total=len(effects),
+    )
+
+
+def _describe_relation(row: Mapping[str, Any]) -> Mapping[str, str]:
+    shift_s = row["shift_s"]
+    shift = f"{row['shift']} by {abs(shift_s):.1f} s" if row["shift"] is not None else ""
+    return {"relation": row["relation"] if row.get("shown", True) else "not enough placebos", "shift": shift}
+
+
+def _value(value: float, unit: str) -> quantities.Quantity:
+    if unit == "J":
+        return quantities.quantity(value / 1000.0, "kJ", 2)
+    return quantities.quantity(value, unit, 1 if unit else 0)
+
+
+def _describe_placebos(rows: Sequence[Mapping[str, Any]]) -> str:
+    """How far the limits can be trusted."""
+    if not rows:
+        return ""
+    if any("level" not in row for row in rows):
+        return "An older version of skyrange made this pair: it does not say how far its limits can be trusted."
+    if all(row["level"] == 0.0 for row in rows):
+        return (
+            "A limit is the smallest difference that counts. No placebo is needed to find it: these runs repeat to the "
+            "byte, so two runs without the attack do not differ at all, and the sham changed no outcome."
+        )
+    fewest = min(row["placebos"] for row in rows if row["level"] > 0.0)
+    what = (
+        f"{fewest} placebo{'s' * (fewest != 1)}: a difference that is no effect exceeds it in 1 of {fewest + 1} cases"
+    )
+    told = f"A limit is the smallest difference that counts, or the largest of {what}."
+    if all(row["shown"] for row in rows):
+        return told
+    return f"{told} An effect is shown from {ENOUGH_PLACEBOS} placebos on (--seeds)."
+
+
+def _describe_unknown(pair: Pair) -> str:
+    """What the runs cannot tell, "" if they tell everything."""
+    if pair.baseline is None:
+        return "The runs with the attacks' counterfactuals were not made (--arms), so no effect is attributed."
+    unknown = unknown_subsets(pair.manifest.get("active", {}))
+    if not unknown:
+        return ""
+    return (
+        f"{unknown} combinations of attacks were not run. An effect that needs such a combination is reported as "
+        "unknown; --arms subsets runs all of them."
+    )

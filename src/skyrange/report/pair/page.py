@@ -11,23 +11,23 @@ import numpy as np
 from skyrange.core.files import atomic_write
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.figures.causal_path import draw_causal_path
-from skyrange.figures.reception_map import draw_reception_map
+from skyrange.figures.maps import Place, draw_reception_map
 from skyrange.figures.subject import Subject, subject_of
 from skyrange.figures.svg import Figure
-from skyrange.figures.symbols import Place
 from skyrange.figures.twins import Span, draw_departures, draw_twin_heights, draw_twin_plan
-from skyrange.metrics.defence_acts import read_defences
-from skyrange.metrics.mishaps import find_mishaps
-from skyrange.metrics.receptions import read_receptions, summarise_receptions
+from skyrange.metrics.defences import read_defences
+from skyrange.metrics.links import read_receptions, summarise_receptions
+from skyrange.metrics.safety import find_mishaps
 from skyrange.metrics.time_series import RecordedNote, Track, read_notes, truth_tracks
 from skyrange.record import RunRecord
-from skyrange.report import quantities, reception_tables
+from skyrange.report import quantities
 from skyrange.report.pair import belief, effect_tables, propagation_timeline
-from skyrange.report.pair.attribution_table import describe_attribution
+from skyrange.report.pair.effect_tables import describe_attribution
 from skyrange.report.rendering import asset, content_policy, render
+from skyrange.report.run import sections
 from skyrange.report.run.page import colour_rules
 from skyrange.statistics.means import BOOTSTRAP_FROM, SKEWED
-from skyrange.twins.attribution.arms import HONEST
+from skyrange.twins.arms import HONEST
 from skyrange.twins.causal_path import find_causal_path
 from skyrange.twins.pair_folder import Pair
 
@@ -130,9 +130,9 @@ def draw_pair_plan(pair: Pair) -> Figure:
         truth_tracks(pair.run(pair.twin, seed)),
         _affected(own),
         _places(attacked),
-        find_mishaps(events, tracks),
-        _forged(attacked, tracks, spans),
-        _believed(attacked, spans),
+        marks=find_mishaps(events, tracks),
+        forged=_forged(attacked, tracks, spans),
+        believed=_believed(attacked, spans),
     )
 
 
@@ -302,4 +302,4 @@ def _receptions(run: RunRecord, subject: Subject, places: Mapping[str, Place]) -
         return None
     hostile = read_receptions(run, [row["id"] for row in _declared(run) if row.get("radios")])
     drawing = draw_reception_map(subject, hostile, places) if len(hostile) else None
-    return {"map": drawing, "table": reception_tables.render_receptions(rows)}
+    return {"map": drawing, "table": sections.render_receptions(rows)}

@@ -1,4 +1,8 @@
-"""Data of a run's page, read from the record once before anything is drawn."""
+"""Data of a run's page, read from the record once, and what the page's script gets of it as JSON.
+
+Numbers are integers in small units (centimetres, centiseconds, centimetres per second), each stored as the difference
+from the one before, which halves the file.
+"""
 
 from __future__ import annotations
 
@@ -12,18 +16,19 @@ from numpy.typing import NDArray
 from skyrange.core.time import NS_PER_S
 from skyrange.figures.palette import ThemeColour, base_colours, theme_colour
 from skyrange.figures.subject import Subject, subject_of
-from skyrange.metrics.approvals import FlightApprovals, measure_approvals
-from skyrange.metrics.claims import Claim, read_claims
-from skyrange.metrics.flight_summary import FlightSummary, summarise_flights
-from skyrange.metrics.link_statistics import LinkStatistics, link_statistics
-from skyrange.metrics.mishaps import Mishap, find_mishaps
-from skyrange.metrics.receptions import ReceptionSummary, reception_summaries
+from skyrange.figures.track_simplification import select_samples
+from skyrange.metrics.approvals import Claim, FlightApprovals, Prism, measure_approvals, read_claims, shown_prisms
+from skyrange.metrics.links import LinkStatistics, ReceptionSummary, link_statistics, reception_summaries
+from skyrange.metrics.paths import received_waypoints
+from skyrange.metrics.safety import Mishap, find_mishaps
+from skyrange.metrics.summary import FlightSummary, summarise_flights
 from skyrange.metrics.time_series import (
     EMPTY_TRACK,
     Record,
     RecordedNote,
     Track,
     Vehicle,
+    belief_errors_m,
     belief_tracks,
     end_ns,
     labelled_acts,
@@ -32,7 +37,6 @@ from skyrange.metrics.time_series import (
     read_notes,
     truth_tracks,
 )
-from skyrange.metrics.waypoints import received_waypoints
 from skyrange.record.levels import keeps
 
 
@@ -120,3 +124,150 @@ def read_run(record: Record) -> RunContents:
         end_ns=view,
         recorded_ns=recorded,
     )
+
+
+MAX_TRUTH_POINTS = 60_000
+"""Samples of all true tracks."""
+MAX_BELIEF_POINTS = 40_000
+"""Samples of all believed tracks."""
+MAX_PER_TRACK = 3_000
+MAX_CITY_VERTICES = 60_000
+"""Corners of all drawn buildings; those nearest to the flights are kept."""
+MAX_VOLUMES = 4_000
+"""Claimed volumes that are drawn."""
+TOLERANCE_M = 0.02
+"""A dropped sample lies no farther than this from the drawn line, unless a track exceeds the limits above."""
+_SPEED_WEIGHT_S = 0.3
+"""When tracks are thinned, an error of 1 m/s in speed weighs as much as so many metres in position."""
+
+Floats = NDArray[np.float64]
+
+
+def pack_scene(run: RunContents) -> tuple[dict[str, Any], dict[str, int]]:
+    """The data, and counts of the record and the page: `points`, `points_drawn`, `buildings`, `buildings_drawn`."""
+    fleet = run.fleet
+    places = {name: number for number, name in enumerate(run.operator_colours)}
+    notes = {"points": 0, "points_drawn": 0, "buildings": len(run.record.city), "buildings_drawn": 0}
+    aircraft = []
+    for vehicle in fleet:
+        truth, belief = run.truth[vehicle.id], run.belief[vehicle.id]
+        rows = _thinned(truth, truth.speed_mps, _budget(MAX_TRUTH_POINTS, len(fleet)))
+        seen_gaps = belief_errors_m(truth, belief)
+        seen = _thinned(belief, seen_gaps, _budget(MAX_BELIEF_POINTS, len(fleet)))
+        notes["points"] += len(truth) + len(belief)
+        notes["points_drawn"] += len(rows) + len(seen)
+        aircraft.append(
+            {
+                "id": vehicle.id,
+                "short": vehicle.short,
+                "op": places[vehicle.operator],
+                "ink": list(run.colours[vehicle.id]),
+                "home": [round(value, 2) for value in vehicle.home_enu_m] if vehicle.home_enu_m else None,
+                "truth": _packed(truth, truth.speed_mps, rows),
+                "belief": _packed(belief, seen_gaps, seen),
+                "wp": [
+                    [round(v, 1) for v in point] for point in run.waypoints.get(vehicle.id, np.zeros((0, 3))).tolist()
+                ],
+            }
+        )
+    buildings = _buildings(run.record.city, _centre(run.truth))
+    notes["buildings_drawn"] = len(buildings["h"])
+    data = {
+        "start": run.start_ns * 1e-9,
+        "end": run.end_ns * 1e-9,
+        "operators": [{"id": name, "ink": list(colour)} for name, colour in run.operator_colours.items()],
+        "vehicles": aircraft,
+        "marks": [
+            {
+                "t": mark.time_ns * 1e-9,
+                "kind": mark.kind,
+                "at": [round(m, 2) for m in mark.enu_m],
+                "words": mark.description,
+            }
+            for mark in run.marks
+        ],
+        "buildings": buildings,
+        "airspace": [*_claimed(run), *_closed(run)],
+    }
+    return data, notes
+
+
+def _claimed(run: RunContents) -> list[dict[str, Any]]:
+    """Claimed volumes with the places of their aircraft."""
+    places = {vehicle.id: place for place, vehicle in enumerate(run.fleet)}
+    found = [one for one in shown_prisms(run.claims, run.end_ns) if one[0] in places]
+    return [{"v": places[vehicle], **_prism(prism)} for vehicle, prism in found[:MAX_VOLUMES]]
+
+
+def _closed(run: RunContents) -> list[dict[str, Any]]:
+    """Constraints with their names, from their publication on."""
+    found = []
+    for row in run.manifest.get("constraints") or []:
+        start, end = max(row["start_s"], row["published_s"]), min(row["end_s"], run.end_ns / NS_PER_S)
+        if start < end:
+            ring, times = np.array(row["corners_m"], float), (round(start * NS_PER_S), round(end * NS_PER_S))
+            found.append({"name": row["id"], **_prism(Prism(ring, row["lower_m"], row["upper_m"], *times))})
+    return found
+
+
+def _prism(prism: Prism) -> dict[str, Any]:
+    """Begin and end in seconds, heights and ring in decimetres."""
+    return {
+        "t": [round(prism.start_ns * 1e-9, 1), round(prism.end_ns * 1e-9, 1)],
+        "h": [round(prism.lower_m * 10), round(prism.upper_m * 10)],
+        "r": _ring(prism.ring_m),
+    }
+
+
+def _budget(total: int, count: int) -> int:
+    return max(40, min(MAX_PER_TRACK, total // max(count, 1)))
+
+
+def _thinned(track: Track, fourth: Floats, budget: int) -> NDArray[np.int64]:
+    values = np.column_stack([track.enu_m, fourth * _SPEED_WEIGHT_S])
+    return select_samples(track.time_ns, values, budget, TOLERANCE_M)
+
+
+def _packed(track: Track, fourth: Floats, rows: NDArray[np.int64]) -> dict[str, list[int]]:
+    """`t` in centiseconds; `e`, `n`, `u` and `x` (speed or distance from truth) in hundredths; all as differences."""
+    columns = (track.time_ns[rows] * 1e-9, *track.enu_m[rows].T, fourth[rows])
+    return {name: _differences(column * 100.0) for name, column in zip("tenux", columns, strict=True)}
+
+
+def _differences(values: Floats) -> list[int]:
+    whole = np.rint(values).astype(np.int64)
+    return [int(value) for value in np.diff(whole, prepend=0)]
+
+
+def _centre(tracks: Mapping[str, Track]) -> Floats:
+    points = [track.enu_m[:, :2] for track in tracks.values() if len(track)]
+    return np.mean([rows.mean(axis=0) for rows in points], axis=0) if points else np.zeros(2)
+
+
+def _buildings(city: Sequence[Mapping[str, Any]], centre: Floats) -> dict[str, list[Any]]:
+    """`h` heights and `r` rings of each building, in decimetres; a ring is [e, n, de, dn, de, dn, …]."""
+    solid = []
+    for building in city:
+        rings = [np.asarray(ring, dtype=np.float64)[:, :2] for ring in building.get("rings") or [] if len(ring) > 2]
+        if rings:
+            away = float(np.hypot(*(rings[0].mean(axis=0) - centre)))
+            solid.append((away, float(building.get("height_m") or 0.0), rings))
+    solid.sort(key=lambda row: row[0])
+    heights: list[int] = []
+    outlines: list[list[list[int]]] = []
+    corners = 0
+    for _, height, rings in solid:
+        corners += sum(len(ring) for ring in rings)
+        if corners > MAX_CITY_VERTICES:
+            break
+        heights.append(round(height * 10))
+        outlines.append([_ring(ring) for ring in rings])
+    return {"h": heights, "r": outlines}
+
+
+def _ring(ring: Floats) -> list[int]:
+    """One outline without the repeated last corner."""
+    if len(ring) > 3 and np.allclose(ring[0], ring[-1]):
+        ring = ring[:-1]
+    whole = np.rint(ring * 10).astype(np.int64)
+    return [int(value) for value in np.diff(whole, axis=0, prepend=np.zeros((1, 2), dtype=np.int64)).ravel()]

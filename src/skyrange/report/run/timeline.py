@@ -11,7 +11,7 @@ from markupsafe import Markup
 from skyrange.core.ids import operator_of
 from skyrange.core.time import NS_PER_S
 from skyrange.figures.svg import format_tick, ticks
-from skyrange.metrics.mishaps import mishap_kind
+from skyrange.metrics.safety import mishap_kind
 from skyrange.metrics.time_series import RecordedNote, Vehicle
 from skyrange.report import quantities
 from skyrange.report.rendering import render

@@ -12,19 +12,17 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from skyrange.core.time import NS_PER_S, from_seconds
-from skyrange.metrics.aircraft_measures import Measured
-from skyrange.metrics.flight_identity import identify_flight
-from skyrange.metrics.link_statistics import link_statistics
-from skyrange.metrics.separation import NEAR_M
+from skyrange.metrics.aircraft import Measured, measure_departures, measure_growth, measure_straying
+from skyrange.metrics.exact_difference import identify_flight
+from skyrange.metrics.links import link_statistics, measure_transit_ms
+from skyrange.metrics.safety import NEAR_M
 from skyrange.metrics.time_series import read_notes
 from skyrange.record.read.run import RunRecord
 from skyrange.scoring.matching import count_episodes
 from skyrange.scoring.result_file import ScoreSettings
 from skyrange.statistics.means import Interval, estimate_mean
-from skyrange.study.matrix.distances import measure_departures, measure_growth, measure_straying
-from skyrange.study.matrix.latency import measure_transit_ms
-from skyrange.twins.attribution.arms import ATTACKED, HONEST, NOMINAL
-from skyrange.twins.attribution.outcomes import ArmOutcomes
+from skyrange.twins.arms import ATTACKED, HONEST, NOMINAL
+from skyrange.twins.effects import ArmOutcomes
 from skyrange.twins.pair_folder import Pair
 
 _STARTS: Final = ("event.attack_start", "event.fault_start")

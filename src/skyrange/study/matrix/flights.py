@@ -28,7 +28,7 @@ from skyrange.study.matrix.cells import Cell, measure_cell
 from skyrange.study.matrix.model import UNDEFENDED, Column, Matrix, Row
 from skyrange.study.matrix.verdicts import Verdicts, judge_cells
 from skyrange.study.pairing import pair
-from skyrange.twins.attribution.arms import NOMINAL, Selection, acting_attacks, claiming_attacks
+from skyrange.twins.arms import NOMINAL, Selection, acting_attacks, claiming_attacks
 from skyrange.twins.pair_folder import Pair, folder_of
 
 FORMAT: Final = "skyrange.matrix/2"
@@ -51,7 +51,7 @@ class Task:
     name: str
     """The folder's path within the matrix."""
     seeds: int
-    honest: bool
+    honest: bool = field(kw_only=True)
     candidate: str = ""
     muted: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Of an undefended cell: the defences of other cells that fly in it muted, ids by column."""
@@ -220,12 +220,12 @@ def _plan(matrix: Matrix, root: Path, refusals: dict[tuple[str, str], Sequence[P
         ids = {column.id: [table.id for table in column.tables()] for column in muted}
         if Scenario.cross_check(watched):  # two columns have ids in common
             watched, ids = scenario, {}
-        yield Task(row, None, watched, folder, _name(folder, root), matrix.seeds, honest, muted=ids)
+        yield Task(row, None, watched, folder, _name(folder, root), matrix.seeds, honest=honest, muted=ids)
         for column in columns:
             folder = root / CELLS / row.id / column.id
             cell = defended[column.id]
             waits_for = UNDEFENDED if column.id in ids else None
-            yield Task(row, column, cell, folder, _name(folder, root), matrix.seeds, honest, waits_for=waits_for)
+            yield Task(row, column, cell, folder, _name(folder, root), matrix.seeds, honest=honest, waits_for=waits_for)
             candidates = [
                 (variant.about, changes)
                 for variant in row.adaptive
@@ -238,7 +238,7 @@ def _plan(matrix: Matrix, root: Path, refusals: dict[tuple[str, str], Sequence[P
                 changed = _defended(row, column, changes)
                 waits_for = column.id if _differ_in_muted(cell, changed) else None
                 yield Task(
-                    row, column, changed, each, _name(each, root), matrix.seeds, False, what, waits_for=waits_for
+                    row, column, changed, each, _name(each, root), matrix.seeds, what, honest=False, waits_for=waits_for
                 )
 
 

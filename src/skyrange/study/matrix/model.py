@@ -105,7 +105,7 @@ class Column(Model):
         acts = any(table.plugin.nominal for table in self.tables())
         return not self.changes and not acts and all(part.cost is None for part in self.defences)
 
-    def tables(self, muted: bool = False) -> tuple[DefenceTable, ...]:
+    def tables(self, *, muted: bool = False) -> tuple[DefenceTable, ...]:
         """Its defences as tables of a scenario; their ids begin with that of the column."""
         ids = [self.id] if len(self.defences) == 1 else [f"{self.id}-{k}" for k in range(1, len(self.defences) + 1)]
         return tuple(

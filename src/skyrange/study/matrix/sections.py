@@ -120,7 +120,10 @@ def make_sections(result: MatrixResult) -> list[Section]:
             "From the attack's start: the mean, in which a seed without an alarm counts with the time to the end of "
             "its run; and seeds with an alarm.",
             ["attack", *ids],
-            [[Shown(row.id, True), *(Shown(describe_cell(result, row, one).alarm) for one in ids)] for row in attacks],
+            [
+                [Shown(row.id, name=True), *(Shown(describe_cell(result, row, one).alarm) for one in ids)]
+                for row in attacks
+            ],
         ),
         Section("Cost and worth of each defence", COST, _COST_HEAD, list(_costs(result))),
         Section("With benign faults", FAULTS, ["fault", UNDEFENDED, *ids], [_faults(result, row) for row in faults]),
@@ -135,7 +138,7 @@ def make_sections(result: MatrixResult) -> list[Section]:
             IDLE,
             ["attack or fault", "defences"],
             [
-                [Shown(row.id, True), Shown(", ".join(result.cell(row.id).idle))]
+                [Shown(row.id, name=True), Shown(", ".join(result.cell(row.id).idle))]
                 for row in result.matrix.rows
                 if result.cell(row.id).idle
             ],
@@ -151,7 +154,7 @@ def introduce(result: MatrixResult) -> str:
     return INTRODUCTION.format(seeds=result.matrix.seeds, tests=len(verdicts.of), needed=verdicts.seeds_needed)
 
 
-def write_markdown(result: MatrixResult, title: str, figure: str, links: bool) -> str:
+def write_markdown(result: MatrixResult, title: str, figure: str, *, links: bool) -> str:
     """The page in Markdown; with `links`, cells lead to their reports. `figure` names the image, "" for none."""
     parts = [f"# {title}\n"] if title else []
     if failed := result.failed_missions:
@@ -164,33 +167,43 @@ def write_markdown(result: MatrixResult, title: str, figure: str, links: bool) -
         parts.append(f"## {section.title}\n")
         if section.text:
             parts.append(f"{section.text.strip()}\n")
-        rows = [[_markdown(cell, links) for cell in row] for row in section.rows]
+        rows = [[_markdown(cell, links=links) for cell in row] for row in section.rows]
         lines = [list(section.head), ["---"] * len(section.head), *rows]
         parts.append("".join(f"| {' | '.join(line)} |\n" for line in lines))
     return "\n".join(parts)
 
 
-def _markdown(cell: Shown, links: bool) -> str:
+def _markdown(cell: Shown, *, links: bool) -> str:
     text = cell.text.replace("|", "\\|").replace("\n", " ")
     if cell.name:
         return f"`{text}`"
     text = f"[{text}]({cell.folder}/report.html)" if links and cell.folder else text
-    text = _mark(text, cell.strong, cell.slanted)
-    return f"{text}; {_mark(cell.after, cell.after_strong, cell.after_slanted)}" if cell.after else text
+    text = _mark(text, strong=cell.strong, slanted=cell.slanted)
+    if not cell.after:
+        return text
+    return f"{text}; {_mark(cell.after, strong=cell.after_strong, slanted=cell.after_slanted)}"
 
 
-def _mark(text: str, strong: bool, slanted: bool) -> str:
+def _mark(text: str, *, strong: bool, slanted: bool) -> str:
     return f"**{text}**" if strong else f"*{text}*" if slanted else text
 
 
 def _effects(result: MatrixResult, row: Row) -> list[Shown]:
-    line = [Shown(f"{row.id} ({UNITS[row.measure][0]})", True)]
+    line = [Shown(f"{row.id} ({UNITS[row.measure][0]})", name=True)]
     for column in (UNDEFENDED, *(one.id for one in result.matrix.columns)):
         text = describe_cell(result, row, column)
         after = "" if column == UNDEFENDED or text.refused else text.adaptive
-        marks = text.stops, text.in_every_flight
-        after_marks = text.stops_adaptive, text.in_every_flight_adaptive
-        line.append(Shown(text.effect, False, *marks, text.folder, after, *after_marks))
+        line.append(
+            Shown(
+                text.effect,
+                strong=text.stops,
+                slanted=text.in_every_flight,
+                folder=text.folder,
+                after=after,
+                after_strong=text.stops_adaptive,
+                after_slanted=text.in_every_flight_adaptive,
+            )
+        )
     return line
 
 
@@ -212,7 +225,7 @@ def _verdicts(result: MatrixResult) -> Iterator[list[Shown]]:
             f"{one.p:.2g}",
             verdict,
         )
-        yield [Shown(row, True), Shown(column, True), *map(Shown, texts)]
+        yield [Shown(row, name=True), Shown(column, name=True), *map(Shown, texts)]
 
 
 _COST_HEAD: Final = (
@@ -237,7 +250,7 @@ def _costs(result: MatrixResult) -> Iterator[list[Shown]]:
             f"{one.frames_per_h:+.0f}",
             "–" if one.latency_ms is None else f"{one.latency_ms[0]:+.2f}, {one.latency_ms[1]:+.2f}",
         )
-        yield [Shown(column.id, True), *map(Shown, texts)]
+        yield [Shown(column.id, name=True), *map(Shown, texts)]
 
 
 def _harms(faults: Sequence[FaultHarm]) -> str:
@@ -251,8 +264,8 @@ def _harms(faults: Sequence[FaultHarm]) -> str:
     return "; ".join(texts) or ("none" if faults else "–")
 
 
-def _count(found: Count) -> str:
-    return f"{found.shown} of {found.of}, {found.in_every_flight} in every flight"
+def _count(count: Count) -> str:
+    return f"{count.shown} of {count.of}, {count.in_every_flight} in every flight"
 
 
 def format_alarms(alarms: int, hours: float, limits: Limits) -> str:
@@ -275,11 +288,11 @@ def _difference(value: Interval | None) -> str:
 
 
 def _faults(result: MatrixResult, row: Row) -> list[Shown]:
-    line = [Shown(f"{row.id} ({UNITS[row.measure][0]})", True)]
+    line = [Shown(f"{row.id} ({UNITS[row.measure][0]})", name=True)]
     for column in (UNDEFENDED, *(one.id for one in result.matrix.columns)):
         cell = result.cell(row.id, column)
         after = "" if column == UNDEFENDED or cell.refused else _alarm_rate(cell)
-        line.append(Shown(format_effect(cell.effect, row.measure, False), folder=cell.folder, after=after))
+        line.append(Shown(format_effect(cell.effect, row.measure, unit=False), folder=cell.folder, after=after))
     return line
 
 
@@ -294,9 +307,9 @@ def _candidates(result: MatrixResult) -> Iterator[list[Shown]]:
         for column in result.matrix.columns:
             for one in result.cell(row.id, column.id).adaptive:
                 effect = Shown(format_effect(one.effect, row.measure), folder=one.folder)
-                yield [Shown(row.id, True), Shown(column.id, True), Shown(one.candidate), effect]
+                yield [Shown(row.id, name=True), Shown(column.id, name=True), Shown(one.candidate), effect]
 
 
 def _reasons(result: MatrixResult) -> Iterator[list[Shown]]:
     for column, reason in dict.fromkeys((column, reason) for _, column, reason in refusals(result)):
-        yield [Shown(column, True), Shown(reason)]
+        yield [Shown(column, name=True), Shown(reason)]

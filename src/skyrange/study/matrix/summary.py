@@ -117,7 +117,7 @@ class Cost:
     """Mean growth of median and 95th percentile of the delay of frames on the links that it protects."""
 
 
-def format_effect(effect: Interval | None, measure: str, unit: bool = True) -> str:
+def format_effect(effect: Interval | None, measure: str, *, unit: bool = True) -> str:
     """A mean effect with its interval and unit."""
     if effect is None:
         return "–"
@@ -130,7 +130,7 @@ def format_effect(effect: Interval | None, measure: str, unit: bool = True) -> s
 
 def _format(cell: Cell, measure: str) -> str:
     """The effect of a cell; in how many runs missions are complete, if not in all; how it still grows, if it does."""
-    text, done = format_effect(cell.effect, measure, False), sum(cell.complete)
+    text, done = format_effect(cell.effect, measure, unit=False), sum(cell.complete)
     if done < len(cell.complete):
         text += f", {done} of {len(cell.complete)} complete"
     speed = measured_growth(cell)
@@ -210,8 +210,8 @@ def _fault_harms(result: MatrixResult, column: Column) -> Iterator[FaultHarm]:
 def _count(result: MatrixResult, rows: Sequence[Row], column: Column, *, adaptive: bool = False) -> Count:
     verdicts = result.verdicts
     return Count(
-        sum(verdicts.stops(row.id, column.id, adaptive) for row in rows),
-        sum(verdicts.in_every_flight(row.id, column.id, adaptive) for row in rows),
+        sum(verdicts.stops(row.id, column.id, adaptive=adaptive) for row in rows),
+        sum(verdicts.in_every_flight(row.id, column.id, adaptive=adaptive) for row in rows),
         len(rows),
     )
 

@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
-from skyrange.statistics.share_tests import LEVEL, adjust_by_holm, pairs_needed, share_test, sign_test
+from skyrange.statistics.means import LEVEL, adjust_by_holm, pairs_needed, share_test, sign_test
 from skyrange.study.matrix.cells import Cell
 from skyrange.study.matrix.model import UNDEFENDED
 
@@ -67,12 +67,12 @@ class Verdicts(NamedTuple):
         """
         return pairs_needed(len(self.of))
 
-    def stops(self, row: str, column: str, adaptive: bool = False) -> bool:
+    def stops(self, row: str, column: str, *, adaptive: bool = False) -> bool:
         """Whether a defence is shown to stop an attack."""
         found = self.of.get((row, column, adaptive))
         return found is not None and found.stops
 
-    def in_every_flight(self, row: str, column: str, adaptive: bool = False) -> bool:
+    def in_every_flight(self, row: str, column: str, *, adaptive: bool = False) -> bool:
         """Whether a defence stopped an attack in every flight."""
         found = self.of.get((row, column, adaptive))
         return found is not None and found.in_every_flight

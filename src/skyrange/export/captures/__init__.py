@@ -1,1 +1,0 @@
-"""Export of runs as packet captures."""
