@@ -9,7 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrange.twins.attribution import Attacks, Relation, complete, relations, subsets
+from skyrange.twins import attribution as relations
+from skyrange.twins.attribution import (
+    Attacks,
+    Relation,
+    complete,
+    subsets,
+)
 
 A, B, C = "abc"
 

@@ -197,7 +197,7 @@ def tables() -> str:
 
 def pair_tables() -> str:
     """The tables of a pair's folder."""
-    from skyrange.twins.attribution.attribute import COLUMNS as ATTRIBUTION
+    from skyrange.twins.attribution import COLUMNS as ATTRIBUTION
     from skyrange.twins.effects import COLUMNS as EFFECTS
     from skyrange.twins.lie_and_truth import COLUMNS as LIE_AND_TRUTH
     from skyrange.twins.pair_folder import ATTRIBUTION as ATTRIBUTION_FILE

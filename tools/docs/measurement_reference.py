@@ -120,8 +120,8 @@ def score_format() -> str:
 
 def study_file() -> str:
     """The keys of a study's file."""
-    from skyrange.study.sweep.design import model as described
-    from skyrange.study.sweep.design.model import Study
+    from skyrange.study.design import model as described
+    from skyrange.study.design.model import Study
 
     schema = Study.model_json_schema()
     places = {
@@ -140,8 +140,8 @@ def study_file() -> str:
 
 def study_measures() -> str:
     """The measures in the table `runs` of a study."""
-    from skyrange.study.sweep.columns import column_of
-    from skyrange.study.variants.run_measures import QUANTITIES
+    from skyrange.study.columns import column_of
+    from skyrange.study.run_measures import QUANTITIES
 
     return table(
         ("column", "unit", "meaning"),

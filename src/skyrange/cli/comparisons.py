@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from skyrange.study.matrix.flights import MatrixResult
     from skyrange.study.matrix.sections import Shown
-    from skyrange.study.variants.flights import Comparison
-    from skyrange.twins.attribution.arms import Selection
+    from skyrange.study.variants import Comparison
+    from skyrange.twins.arms import Selection
     from skyrange.twins.pair_folder import Pair
 
 
@@ -60,13 +60,13 @@ def pair(options: PairOptions, *, as_json: bool) -> None:
     from skyrange.cli.output.progress import compile_if_cold, parallel_progress
     from skyrange.cli.output.warnings import print_warnings
     from skyrange.study.pairing import pair as fly_pair
-    from skyrange.twins.attribution.arms import acting_attacks, plan_arms
+    from skyrange.twins.arms import acting_attacks, plan_arms
     from skyrange.twins.failed_missions import require_baseline
 
     scenario = options.scenario.load()
     print_warnings(scenario)
     compile_if_cold(quiet=as_json)
-    flights = options.seeds * len(plan_arms(acting_attacks(scenario), options.arms, options.honest))
+    flights = options.seeds * len(plan_arms(acting_attacks(scenario), options.arms, honest=options.honest))
     with parallel_progress(scenario.name, flights, quiet=as_json) as on_progress:
         result = fly_pair(
             scenario,
@@ -86,7 +86,7 @@ def pair(options: PairOptions, *, as_json: bool) -> None:
 
 def describe_pair(result: Pair) -> dict[str, Any]:
     """A pair as plain data, for `--json`."""
-    from skyrange.twins.attribution.arms import HONEST
+    from skyrange.twins.arms import HONEST
 
     intervals = {
         vehicle: {key: interval._asdict() for key, interval in quantities.items()}
@@ -103,8 +103,7 @@ def describe_pair(result: Pair) -> dict[str, Any]:
 def compare(options: VariantOptions, *, as_json: bool) -> None:
     """`skyrange compare`."""
     from skyrange.cli.output.progress import compile_if_cold, parallel_progress
-    from skyrange.study.variants.flights import compare_variants, read_variants
-    from skyrange.study.variants.report import write_comparison_report
+    from skyrange.study.variants import compare_variants, read_variants, write_comparison_report
     from skyrange.twins.failed_missions import require_baseline
 
     scenario = options.scenario
@@ -136,7 +135,7 @@ def print_comparison(console: Console, result: Comparison) -> None:
     """Print the missions that failed without an attack, then the tables of a comparison."""
     from rich.table import Table
 
-    from skyrange.study.variants.sections import make_tables
+    from skyrange.study.variants import make_tables
 
     print_failed_missions(console, result.failed_missions)
     for shown in make_tables(result):
@@ -154,7 +153,7 @@ def matrix(options: MatrixOptions, *, as_json: bool) -> None:
     from skyrange.core.errors import InputError
     from skyrange.study.matrix.flights import describe, fly_matrix
     from skyrange.study.matrix.model import read_matrix, select
-    from skyrange.study.matrix.report import write_matrix_page, write_matrix_report
+    from skyrange.study.matrix.page import write_matrix_page, write_matrix_report
     from skyrange.twins.failed_missions import require_baseline
 
     chosen = select(read_matrix(options.file), tuple(options.rows), tuple(options.columns))

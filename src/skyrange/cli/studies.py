@@ -13,11 +13,11 @@ from skyrange.cli.output.console import print_json, print_notice, print_text, te
 
 if TYPE_CHECKING:
     from skyrange.statistics.means import Interval
-    from skyrange.study.sweep.design.model import Study
-    from skyrange.study.sweep.execution.executors import Executor
-    from skyrange.study.sweep.execution.storage import BlockStorage
-    from skyrange.study.sweep.execution.study_run import StudyResult
-    from skyrange.study.sweep.folder import StudyFolder
+    from skyrange.study.design.model import Study
+    from skyrange.study.execution.executors import Executor
+    from skyrange.study.execution.storage import BlockStorage
+    from skyrange.study.execution.study_run import StudyResult
+    from skyrange.study.folder import StudyFolder
 
 study_app = typer.Typer(
     help="Fly many runs of a scenario, by factors, arms and seeds, and measure them.\n\n"
@@ -96,8 +96,7 @@ class Workers(NamedTuple):
     def executor(self) -> Executor:
         """What flies the blocks. Raises `InputError` for `jobs` of a cluster."""
         from skyrange.core.errors import InputError
-        from skyrange.study.sweep.execution.local_pool import LocalPool
-        from skyrange.study.sweep.execution.ray_pool import RayPool
+        from skyrange.study.execution.executors import LocalPool, RayPool
 
         if self.cluster is None:
             return LocalPool(self.at_a_time())
@@ -108,7 +107,7 @@ class Workers(NamedTuple):
     def storage(self) -> BlockStorage | None:
         """The storage between this machine and a cluster. Raises `InputError` without a cluster."""
         from skyrange.core.errors import InputError
-        from skyrange.study.sweep.execution.storage import BlockStorage
+        from skyrange.study.execution.storage import BlockStorage
 
         if self.storage_url is None:
             return None
@@ -138,8 +137,8 @@ def run(
 ) -> None:
     """Fly a study: every point of its design with every seed in every arm. A study that was begun is continued."""
     from skyrange.cli.output.progress import compile_if_cold, map_progress
-    from skyrange.study.sweep.design.model import read_study
-    from skyrange.study.sweep.execution.study_run import run_study
+    from skyrange.study.design.model import read_study
+    from skyrange.study.execution.study_run import run_study
 
     study = read_study(file, changes or [])
     workers = Workers(jobs, on, storage)
@@ -168,8 +167,8 @@ def register(
 
     The report of the study says what was registered; all else is exploratory.
     """
-    from skyrange.study.sweep.design.model import read_study
-    from skyrange.study.sweep.registration import register_study
+    from skyrange.study.design.model import read_study
+    from skyrange.study.registration import register_study
 
     folder, registered = register_study(read_study(file, changes or []), out)
     if as_json:
@@ -196,8 +195,8 @@ def resume(
     as_json: AsJson = False,
 ) -> None:
     """Fly the blocks of a study that are not finished."""
-    from skyrange.study.sweep.execution.study_run import forget_failures
-    from skyrange.study.sweep.folder import open_folder, require_unchanged
+    from skyrange.study.execution.study_run import forget_failures
+    from skyrange.study.folder import open_folder, require_unchanged
 
     study = open_folder(folder)
     require_unchanged(study, other_version=other_version)
@@ -211,8 +210,8 @@ def resume(
 @study_app.command("status", epilog="Example: skyrange study status studies/drift")
 def status(*, folder: Folder, as_json: AsJson = False) -> None:
     """Print how many blocks of a study are finished, and which runs failed."""
-    from skyrange.study.sweep.execution.study_run import list_failures
-    from skyrange.study.sweep.folder import open_folder
+    from skyrange.study.execution.study_run import list_failures
+    from skyrange.study.folder import open_folder
 
     opened = open_folder(folder)
     finished, failures = len(opened.finished()), list_failures(opened)
@@ -232,10 +231,10 @@ def show(*, folder: Folder, as_json: AsJson = False) -> None:
     """Print what each arm measured at each point: means over the seeds, with 95 % confidence intervals."""
     from rich.table import Table
 
-    from skyrange.study.sweep.folder import open_folder
-    from skyrange.study.sweep.quantities import QUANTITIES
-    from skyrange.study.sweep.report.summary import read_samples, summarise_study, tells_something
-    from skyrange.study.sweep.results import write_results
+    from skyrange.study.folder import open_folder
+    from skyrange.study.registration import QUANTITIES
+    from skyrange.study.results import write_results
+    from skyrange.study.summary import read_samples, summarise_study, tells_something
 
     opened = open_folder(folder)
     write_results(opened)
@@ -271,7 +270,7 @@ def report(
     pdf: Annotated[bool, typer.Option("--pdf", help="Write the figures as PDF as well, for papers.")] = False,
 ) -> None:
     """Write report.html: effects with intervals, dose-response curves, interactions, failures; and figures as SVG."""
-    from skyrange.study.sweep.report.page import write_study_report
+    from skyrange.study.page import write_study_report
 
     print_text(f"report {write_study_report(folder, pdf=pdf)}")
 
@@ -310,7 +309,7 @@ def score(
     """
     from skyrange.cli.output.score_tables import tabulate_scores
     from skyrange.scoring.result_file import ScoreSettings, read_scores, write_scores
-    from skyrange.study.sweep.scores.score_tables import score_study
+    from skyrange.study.score_tables import score_study
 
     others = [read_scores(file) for file in beside or ()]
     settings = ScoreSettings(target_per_h=rate)
@@ -332,8 +331,8 @@ def score(
 
 
 def _estimate(study: Study, workers: Workers, *, as_json: bool) -> None:
-    from skyrange.study.sweep.design.blocks import list_blocks
-    from skyrange.study.sweep.execution.estimate import estimate_study
+    from skyrange.study.design.blocks import list_blocks
+    from skyrange.study.execution.study_run import estimate_study
 
     estimate = estimate_study(study, list_blocks(study), workers.at_a_time())
     if as_json:
@@ -349,7 +348,7 @@ def _estimate(study: Study, workers: Workers, *, as_json: bool) -> None:
 
 def _fly(folder: StudyFolder, executor: Executor, storage: BlockStorage | None, *, as_json: bool) -> None:
     from skyrange.cli.output.progress import map_progress
-    from skyrange.study.sweep.execution.study_run import run_blocks
+    from skyrange.study.execution.study_run import run_blocks
 
     with map_progress(folder.study.name, "blocks", quiet=as_json) as on_block:
         result = run_blocks(folder, executor, on_block, storage)
@@ -358,7 +357,7 @@ def _fly(folder: StudyFolder, executor: Executor, storage: BlockStorage | None, 
 
 def _print_result(result: StudyResult, *, as_json: bool) -> None:
     from skyrange.cli.output.warnings import print_failed_missions
-    from skyrange.study.sweep.execution.study_run import list_failed_missions
+    from skyrange.study.execution.study_run import list_failed_missions
     from skyrange.twins.failed_missions import require_baseline
 
     folder, missions = result.folder, list_failed_missions(result.folder)

@@ -31,6 +31,7 @@ from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.parallel_runs import OnRunProgress, RunResult, require_level, run_all
+from skyrange.twins import attribution as attribute
 from skyrange.twins.arms import (
     ATTACKED,
     HONEST,
@@ -44,7 +45,6 @@ from skyrange.twins.arms import (
     scenario_of,
 )
 from skyrange.twins.attribution import (
-    attribute,
     attribution_table,
     authors,
     departures_by_author,

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from skyrange.assembly.build import build
 from skyrange.core.files import atomic_write
 from skyrange.core.time import NS_PER_S
+from skyrange.metrics.paths import AIRBORNE_M
 from skyrange.metrics.time_series import Vehicle, read_notes, vehicles
-from skyrange.metrics.track_deviation import AIRBORNE_M
 from skyrange.parity.flights import with_autopilot
 from skyrange.record import RunRecord
 from skyrange.scenario.model.scenario import Scenario
