@@ -14,16 +14,20 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.city.buildings import Building
-from skyrange.city.city import City
+from skyrange.city.city import Building, City
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.radio.builtin.state import ANTENNAS
 from skyrange.radio.control_link.propagation import Propagation
-from skyrange.radio.propagation.link_budget import NO_SIGNAL, MediumParams, index_positions, received_power_dbm
+from skyrange.radio.propagation.link_budget import (
+    NO_SIGNAL,
+    MediumParams,
+    append_received_powers,
+    index_positions,
+    received_power_dbm,
+)
 from skyrange.radio.propagation.loss_table import NO_TABLE
 from skyrange.radio.propagation.obstruction import Obstacles, has_line_of_sight, obstacle_index, trace_line
-from skyrange.radio.propagation.pair_losses import append_received_powers
 from tests.property.test_loss_table_lookup import TABLES
 from tests.tiers import examples
 

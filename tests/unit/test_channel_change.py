@@ -28,8 +28,7 @@ from skyrange.defence.control_link.channel_change import (
     stay_ns,
 )
 from skyrange.defence.placement import Alarm
-from skyrange.radio.control_link.channel_changes import ChannelChanges
-from skyrange.radio.control_link.following_jammers import FollowingJammers
+from skyrange.radio.control_link.channel_changes import ChannelChanges, FollowingJammers
 from skyrange.radio.control_link.interference import BurstAtReceiver
 from skyrange.radio.control_link.params import WifiParams
 from skyrange.radio.control_link.wifi_link import BEACON_NS, Transmitter, WifiLink

@@ -21,8 +21,7 @@ from skyrange.contracts.frames.frame import Fate
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time
-from skyrange.radio.control_link.cellular_link import CellularLink
-from skyrange.radio.control_link.cellular_rates import EFFICIENCY, MIN_SNIR_DB, block_error, quality_of
+from skyrange.radio.control_link.cellular_link import EFFICIENCY, MIN_SNIR_DB, CellularLink, block_error, quality_of
 from skyrange.radio.control_link.interference import BurstAtReceiver, Interference
 from skyrange.radio.control_link.params import BaseStation, CellularParams, WifiParams
 from skyrange.radio.control_link.wifi_link import Transmitter, WifiLink

@@ -30,8 +30,8 @@ from skyrange.contracts.medium import (
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import HOPPER, SNIFFER
+from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.contract import MediumContext
 from skyrange.radio.external.medium import ExternalMedium
 

@@ -19,8 +19,7 @@ from skyrange.radio.control_link.params import WifiParams
 from skyrange.radio.control_link.propagation import Propagation
 from skyrange.radio.control_link.wifi_link import Transmitter, WifiLink
 from skyrange.radio.control_link.wifi_rates import DIFS_NS, MAX_RETRIES, airtime_ns
-from skyrange.radio.phy.channels import centre_mhz
-from skyrange.radio.phy.waveforms import OFDM
+from skyrange.radio.phy import OFDM, centre_mhz
 from skyrange.radio.spectrum import NoiseBurst, Spectrum
 
 NOISE_DBM = -94.0

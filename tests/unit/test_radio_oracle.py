@@ -16,11 +16,11 @@ from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_MS
 from skyrange.radio import ground_receptions
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import COMPANION
 from skyrange.radio.builtin.medium import BuiltinMedium
+from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.oracle import Oracle
-from skyrange.radio.phy.framing import MAX_BODY_BYTES, OVERHEAD_BYTES, TRANSPORT_WAVEFORM
+from skyrange.radio.phy import MAX_BODY_BYTES, OVERHEAD_BYTES, TRANSPORT_WAVEFORM
 from skyrange.testing import InputMessage, check_agent
 
 STEP = Oracle.service_ns

@@ -12,10 +12,9 @@ from skyrange.contracts.medium import ANY_CHANNEL, OnAir, RadioSpec, ReceptionOu
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_MS, NS_PER_US
 from skyrange.radio.builtin.backoff import ERROR_NS
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import SNIFFER
 from skyrange.radio.builtin.medium import BuiltinMedium, fixed_positions
-from skyrange.radio.builtin.params import BuiltinParams
+from skyrange.radio.builtin.params import BuiltinParams, RadioEnvironment
 from skyrange.radio.contract import BUILTIN, MediumContext
 
 HORIZON = RadioEnvironment(horizon_m=1_000.0, chance=False)

@@ -23,8 +23,7 @@ from skyrange.radio.control_link.params import CellularParams, WifiParams
 from skyrange.radio.control_link.propagation import Propagation
 from skyrange.radio.control_link.wifi_link import Transmitter, WifiLink
 from skyrange.radio.control_link.wifi_rates import WIDTH_MHZ
-from skyrange.radio.phy.channels import WIFI_CHANNELS, centre_mhz
-from skyrange.radio.phy.waveforms import OFDM
+from skyrange.radio.phy import OFDM, WIFI_CHANNELS, centre_mhz
 from skyrange.radio.propagation.loss_table import NO_TABLE
 from skyrange.radio.propagation.loss_table_file import read_loss_table
 from skyrange.radio.propagation.path_loss import noise_dbm

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from skyrange.install.compilation import compile_sources
-from skyrange.radio.external.engine_trial import try_engine
+from skyrange.radio.external.engine import try_engine
 
 
 class CompiledEngine(NamedTuple):

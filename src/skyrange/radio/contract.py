@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 from skyrange.contracts.medium import Medium, RadioSpec
 from skyrange.contracts.plugins.registry import MEDIA, Plugin
-from skyrange.radio.builtin.environment import OPEN_GROUND, RadioEnvironment
-from skyrange.radio.builtin.params import BuiltinParams
+from skyrange.radio.builtin.params import OPEN_GROUND, BuiltinParams, RadioEnvironment
 
 if TYPE_CHECKING:
     from skyrange.city.city import City

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from skyrange.city.city import City
 from skyrange.contracts.medium import ANY_CHANNEL, Floats, RadioSpec, RadioTable, ReceptionOutcome, TxBatch, Waveform
 from skyrange.core.time import NS_PER_S
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import SNIFFER
+from skyrange.radio.builtin.params import RadioEnvironment
 from tools.agreement.radio.setups import EngineSetup
 
 FRAME_BYTES = 250

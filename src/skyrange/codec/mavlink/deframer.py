@@ -12,7 +12,7 @@ import re
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from skyrange.codec.mavlink.frame_layout import (
+from skyrange.codec.mavlink.frames import (
     CHECKSUM,
     HEADER_V1,
     HEADER_V2,

@@ -43,8 +43,7 @@ from skyrange.radio.builtin.state import (
     MediumState,
     Radios,
 )
-from skyrange.radio.phy.channels import centre_mhz, filter_overlap
-from skyrange.radio.phy.waveforms import WIDTH_MHZ, bits_success_probability, frame_bits, is_wifi
+from skyrange.radio.phy import WIDTH_MHZ, bits_success_probability, centre_mhz, filter_overlap, frame_bits, is_wifi
 from skyrange.radio.propagation.fading import directed_pair_of
 from skyrange.radio.propagation.link_budget import NO_SIGNAL, MediumParams, received_power_dbm
 from skyrange.radio.propagation.obstruction import Obstacles

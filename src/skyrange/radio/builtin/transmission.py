@@ -48,8 +48,7 @@ from skyrange.radio.builtin.state import (
     MediumState,
     Radios,
 )
-from skyrange.radio.phy.channels import centre_mhz, filter_overlap
-from skyrange.radio.phy.waveforms import LOCK_SNIR_DB, MIN_SNIR_DB, WIDTH_MHZ, airtime_ns, is_wifi
+from skyrange.radio.phy import LOCK_SNIR_DB, MIN_SNIR_DB, WIDTH_MHZ, airtime_ns, centre_mhz, filter_overlap, is_wifi
 from skyrange.radio.propagation.link_budget import (
     BUCKET_SIDE_M,
     MAX_RANDOM_GAIN_DB,

@@ -17,8 +17,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port, hash64
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.radio.control_link.cellular_link import NO_CELL, CellularLink
-from skyrange.radio.control_link.channel_changes import ChannelChanges
-from skyrange.radio.control_link.following_jammers import FollowingJammers
+from skyrange.radio.control_link.channel_changes import ChannelChanges, FollowingJammers
 from skyrange.radio.control_link.foreign_radio import ForeignRadio
 from skyrange.radio.control_link.interference import BurstAtReceiver
 from skyrange.radio.control_link.propagation import Propagation
@@ -37,8 +36,7 @@ from skyrange.radio.control_link.wifi_rates import (
     fill_successes,
     success_probability,
 )
-from skyrange.radio.phy.channels import centre_mhz, filter_overlap
-from skyrange.radio.phy.waveforms import OFDM
+from skyrange.radio.phy import OFDM, centre_mhz, filter_overlap
 from skyrange.radio.propagation.link_budget import max_range_m
 from skyrange.radio.spectrum import ManagementFrame, NoiseBurst, Spectrum, Transmission
 

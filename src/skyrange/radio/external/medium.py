@@ -55,11 +55,9 @@ from skyrange.radio.builtin.listening import find_tuned
 from skyrange.radio.builtin.medium import BuiltinMedium
 from skyrange.radio.builtin.state import radio_arrays
 from skyrange.radio.contract import MediumContext
-from skyrange.radio.external.engine_starts import WIFI, EngineStarts
-from skyrange.radio.external.noise import PIECE_NS, NoiseSources, background_pieces
-from skyrange.radio.external.paths import PathFinder
-from skyrange.radio.phy.channels import centre_mhz
-from skyrange.radio.phy.waveforms import MAX_BYTES, MIN_BYTES
+from skyrange.radio.external.engine import WIFI, EngineStarts
+from skyrange.radio.external.paths import PIECE_NS, NoiseSources, PathFinder, background_pieces
+from skyrange.radio.phy import MAX_BYTES, MIN_BYTES, centre_mhz
 from skyrange.radio.propagation.loss_table import NO_TABLE
 
 DEADLINE_S: Final = 60.0

@@ -16,8 +16,7 @@ from skyrange.codec.remote_id.link_payload import Transport
 from skyrange.contracts.frames.payloads import Ints
 from skyrange.core.time import NEVER, Time
 from skyrange.remoteid.broadcast_profiles import TRANSPORTS, Broadcast
-from skyrange.remoteid.drip.schedule import PAGE_NS, Kind
-from skyrange.remoteid.drip.sender import Sender
+from skyrange.remoteid.drip.sender import PAGE_NS, Kind, Sender
 
 
 class DuePage(NamedTuple):

@@ -40,9 +40,8 @@ from skyrange.codec.f3411 import (
 )
 from skyrange.codec.f3411.authentication import join_pages
 from skyrange.core.errors import DecodeError
-from skyrange.remoteid.drip.keys import verify
-from skyrange.remoteid.drip.registry import Anchor
-from skyrange.remoteid.drip.verification.endorsed_keys import EndorsedKey, EndorsedKeys
+from skyrange.remoteid.drip.registry import Anchor, verify
+from skyrange.remoteid.drip.verification.endorsed_keys import EndorsedKey, EndorsedKeys, Signed, SignedMessages
 from skyrange.remoteid.drip.verification.observed_sender import (
     MAX_HEARD,
     MAX_WAITING,
@@ -52,7 +51,6 @@ from skyrange.remoteid.drip.verification.observed_sender import (
     is_dynamic,
     split_bodies,
 )
-from skyrange.remoteid.drip.verification.signed_messages import Signed, SignedMessages
 from skyrange.remoteid.drip.verification.verdicts import Judged, Policy, Refusal, Track, Trust, Verified
 
 MAX_TRACKS: Final = 64
