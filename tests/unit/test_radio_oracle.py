@@ -31,7 +31,7 @@ def oracle(recording: bool = False) -> Oracle:
     radios = [RadioSpec(name, listening=COMPANION) for name in NAMES]
     radios.append(RadioSpec("mast", (0.0, 0.0, 3.0), COMPANION))
     medium = BuiltinMedium(radios, Chance(1), surroundings=RadioEnvironment(chance=False))
-    return Oracle(medium, NAMES, NAMES, {"mast": "blue"}, recording)
+    return Oracle(medium, NAMES, NAMES, {"mast": "blue"}, recording=recording)
 
 
 class Still:

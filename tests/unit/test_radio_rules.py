@@ -24,7 +24,7 @@ OUTCOMES = ReceptionOutcome
 def _offer(params: BuiltinParams, east_m: dict[str, float], frames: dict[str, int]) -> tuple[BuiltinMedium, OnAir]:
     """Radios on a line, of which some send a frame at the times given, in ns."""
     radios = [RadioSpec(name, (east, 0.0, 30.0), SNIFFER) for name, east in east_m.items()]
-    medium = BuiltinMedium(radios, Chance(1), None, HORIZON, True, params=params)
+    medium = BuiltinMedium(radios, Chance(1), None, HORIZON, every_pair=True, params=params)
     names = [radio.name for radio in medium.radios]
     same = np.zeros(len(frames), dtype=np.int64)
     medium.offer(

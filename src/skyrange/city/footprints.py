@@ -29,7 +29,7 @@ INSTALL_HINT = "Install it with `pip install 'skyrange[city]'`."
 class Projection:
     """Reprojects coordinates of one system to longitude and latitude in degrees of WGS 84."""
 
-    def __init__(self, name: str, crs: str, authority_order: bool = False) -> None:
+    def __init__(self, name: str, crs: str, *, authority_order: bool = False) -> None:
         """`name` is the file, `crs` anything that pyproj knows: EPSG code, URN, URL or WKT.
 
         With `authority_order`, coordinates of a geographic system are latitude, longitude, as CityGML writes them;

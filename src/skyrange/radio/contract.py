@@ -54,7 +54,13 @@ def _make_builtin(params: BuiltinParams, context: MediumContext) -> Medium:
 
     table = context.loss_table if context.loss_table is not None else NO_TABLE
     return BuiltinMedium(
-        context.radios, context.chance, context.city, context.surroundings, context.every_pair, table, params
+        context.radios,
+        context.chance,
+        context.city,
+        context.surroundings,
+        every_pair=context.every_pair,
+        table=table,
+        params=params,
     )
 
 

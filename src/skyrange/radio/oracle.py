@@ -163,6 +163,7 @@ class Oracle:
         senders: Sequence[str],
         receivers: Sequence[str],
         grounds: Mapping[str, str] | None = None,
+        *,
         recording: bool = False,
         spectrum: Spectrum | None = None,
     ) -> None:
@@ -336,10 +337,14 @@ class Oracle:
         if len(rows):
             keys = heard.key[rows]
             payloads = link_payload.pack_rows(
-                self._in_flight.transport(keys), heard.channel[rows], self._in_flight.counter(keys),
-                self._in_flight.address(keys), np.clip(np.round(heard.rssi_dbm[rows] * 100.0), -32767, 32767),
-                heard.ended_ns[rows], self._in_flight.bodies(keys),
-            )  # fmt: skip
+                transport=self._in_flight.transport(keys),
+                channel=heard.channel[rows],
+                counter=self._in_flight.counter(keys),
+                address=self._in_flight.address(keys),
+                rssi_cdbm=np.clip(np.round(heard.rssi_dbm[rows] * 100.0), -32767, 32767),
+                time_ns=heard.ended_ns[rows],
+                bodies=self._in_flight.bodies(keys),
+            )
             outbox.send_block(place[rows], payloads, self._refs.parents(*self._in_flight.frames(keys)))
         if self._ground:
             self._report(heard, outbox)

@@ -175,7 +175,13 @@ class Broadcaster:
             places.append(np.array([row], dtype=np.int64))
             payloads.append(
                 link_rows(
-                    transport, ANY_CHANNEL, counter, self.addresses[row : row + 1], NO_RSSI, at_ns, Payloads.of([body])
+                    transport=transport,
+                    channel=ANY_CHANNEL,
+                    counter=counter,
+                    address=self.addresses[row : row + 1],
+                    rssi_cdbm=NO_RSSI,
+                    time_ns=at_ns,
+                    bodies=Payloads.of([body]),
                 )
             )
 
@@ -202,7 +208,10 @@ class Broadcaster:
         if self._pages is not None:
             for place, row in enumerate(rows.tolist()):
                 self._pages.sent(row, at_ns.item(place), bodies[place])
-        return link_rows(transport, ANY_CHANNEL, counter, self.addresses[rows], NO_RSSI, at_ns, bodies)
+        return link_rows(
+            transport=transport, channel=ANY_CHANNEL, counter=counter, address=self.addresses[rows],
+            rssi_cdbm=NO_RSSI, time_ns=at_ns, bodies=bodies,
+        )  # fmt: skip
 
     def _message(self, kind: int, rows: Ints, now: Time, table: Any) -> Bodies:
         if kind == MessageType.LOCATION:

@@ -46,7 +46,7 @@ def reach_trials(city: City, seed: int = 1) -> Iterator[Trial]:
     walls = obstacle_index(city.walls())
     surroundings = RadioEnvironment(horizon_m=3_000.0, chance=False)
     radios = [RadioSpec(f"{row:04d}") for row in range(len(candidates.enu_m))]
-    finder = PathFinder(radios, radio_arrays(radios, Chance(1)), Chance(1), city, surroundings, False)
+    finder = PathFinder(radios, radio_arrays(radios, Chance(1)), Chance(1), city, surroundings, own_losses=False)
     table = RadioTable(0, candidates.enu_m, np.zeros_like(candidates.enu_m))
     for sender in range(len(CLASSES) * REACH_SENDERS):
         kind = sender // REACH_SENDERS

@@ -71,7 +71,7 @@ class Deframer:
         """
         return self._scan(self._pending, ended=True)
 
-    def _scan(self, buffer: bytes, ended: bool) -> list[Piece]:
+    def _scan(self, buffer: bytes, *, ended: bool) -> list[Piece]:
         pieces: list[Piece] = []
         counts = self.counts
         size = len(buffer)

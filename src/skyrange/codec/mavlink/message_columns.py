@@ -82,7 +82,7 @@ def payload_dtype(message_id: int) -> np.dtype[Any]:
 
 
 @compiled
-def _pack(
+def _pack(  # noqa: PLR0917
     raw: NDArray[np.uint8], number: int, extra: int, systems: Ints, component: int, sequences: Ints,
     out: Bytes, starts: Ints, sizes: Ints, at: int, crcs: NDArray[np.uint16],
 ) -> int:  # fmt: skip
@@ -169,7 +169,7 @@ KIND_TABLES: Final = (_KIND, _EXTRA, _CRC)
 
 
 @compiled
-def _classify(
+def _classify(  # noqa: PLR0917
     data: Bytes, starts: Ints, sizes: Ints, kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16],
     found: Ints,
 ) -> None:  # fmt: skip

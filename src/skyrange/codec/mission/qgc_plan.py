@@ -214,7 +214,7 @@ class _ItemReader:
         if problems.total > before or frame is None or command is None:
             return
         positions = [f"{where}.params[{place}]" for place in range(7)]
-        item = check_item(frame, command, values, go_on is True, positions, problems)
+        item = check_item(frame, command, values, positions, problems, autocontinue=go_on is True)
         if item is None:
             return
         self.done.append(item)

@@ -74,7 +74,7 @@ def encode_legacy(frame: RidFrame, *, random: bool = True) -> bytes:
     """
     if len(frame.body) != SIZE:
         raise ValueError(f"a body of {len(frame.body)} bytes, a legacy advertisement holds one message of {SIZE}")
-    return ACCESS_ADDRESS + _pdu_with_crc(ADV_NONCONN_IND, random, _address(frame) + _advertising_data(frame))
+    return ACCESS_ADDRESS + _pdu_with_crc(ADV_NONCONN_IND, _address(frame) + _advertising_data(frame), random=random)
 
 
 def encode_auxiliary(frame: RidFrame, *, set_id: int = 0, random: bool = True) -> bytes:
@@ -88,7 +88,7 @@ def encode_auxiliary(frame: RidFrame, *, set_id: int = 0, random: bool = True) -
     return (
         ACCESS_ADDRESS
         + bytes([S8])
-        + _pdu_with_crc(ADV_EXT_IND, random, bytes([len(extended)]) + extended + service_data)
+        + _pdu_with_crc(ADV_EXT_IND, bytes([len(extended)]) + extended + service_data, random=random)
     )
 
 
@@ -106,7 +106,7 @@ def encode_pointer(frame: RidFrame, *, channel: int, offset_us: int, set_id: int
     steps = offset_us // (300 if coarse else 30)
     aux = channel | coarse << 7 | steps << 8 | CODED << 21  # bit 6, clock accuracy: 51…500 ppm
     extended = bytes([_DATA_INFO | _POINTER]) + _data_info(frame, set_id) + aux.to_bytes(3, "little")
-    return ACCESS_ADDRESS + bytes([S8]) + _pdu_with_crc(ADV_EXT_IND, False, bytes([len(extended)]) + extended)
+    return ACCESS_ADDRESS + bytes([S8]) + _pdu_with_crc(ADV_EXT_IND, bytes([len(extended)]) + extended, random=False)
 
 
 def decode_packet(packet: bytes, *, coded: bool) -> RidFrame:
@@ -140,7 +140,7 @@ def decode_packet(packet: bytes, *, coded: bool) -> RidFrame:
     return RidFrame(RidHeader(transport, counter=counter, address=address), body)
 
 
-def _pdu_with_crc(kind: int, random: bool, payload: bytes) -> bytes:
+def _pdu_with_crc(kind: int, payload: bytes, *, random: bool) -> bytes:
     """The PDU header, the payload and their CRC."""
     if len(payload) > 255:
         raise ValueError(f"a payload of {len(payload)} bytes, at most 255")

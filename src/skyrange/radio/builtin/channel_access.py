@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.medium import ANY_CHANNEL, Floats, Ints, TransmissionFate, Waveform
+from skyrange.contracts.medium import ANY_CHANNEL, Floats, Ints, TransmissionFate, TxBatch, Waveform
 from skyrange.core.chance import uniform4
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
@@ -116,7 +116,7 @@ def background_power_mw(params: MediumParams, who: np.uint64, piece: int, centre
 
 
 @compiled
-def _busy_until(
+def _busy_until(  # noqa: PLR0917
     params: MediumParams,
     obstacles: Obstacles,
     radios: Radios,
@@ -165,7 +165,7 @@ def _busy_until(
 
 
 @compiled
-def try_access(
+def try_access(  # noqa: PLR0917
     params: MediumParams,
     obstacles: Obstacles,
     radios: Radios,
@@ -217,28 +217,23 @@ _WAVEFORMS: Final = len(Waveform)
 
 
 @compiled
-def queue_frames(
+def queue_frames(  # noqa: PLR0917
     radios: Radios,
     state: MediumState,
     seed: np.uint64,
     order: Ints,
-    key: Ints,
-    radio: Ints,
-    at: Ints,
-    kind: Ints,
-    channel: Ints,
-    size: Ints,
-    power: Floats,
+    frames: TxBatch,
     fate: NDArray[np.int8],
     nth: Ints,
     dbm: Floats,
 ) -> int:
     """Queue the Wi-Fi frames among some offered ones; returns how many of all were not queued.
 
-    `order` sorts the rows by radio, time and row; the other inputs are columns of a `TxBatch`. For each row `fate` gets
+    `order` sorts the rows of `frames` by radio, time and row. For each row `fate` gets
     what became of it, `nth` the number of good frames of the same radio and instant before it, and `dbm` its power. The
     state needs room for all of them.
     """
+    radio, at, kind, channel, power, size, key = frames
     others, before, count = 0, -1, 0
     for place in range(order.shape[0]):
         row = order[place]

@@ -33,7 +33,7 @@ def wifi_chain(channel: int = 6) -> ScanSchedule:
     return ScanSchedule((ScanStep(channel, _WIFI),))
 
 
-def bluetooth_chain(window_ns: Time, interval_ns: Time, coded: bool = True) -> ScanSchedule:
+def bluetooth_chain(window_ns: Time, interval_ns: Time, *, coded: bool = True) -> ScanSchedule:
     """A chain that scans the advertising channels by turns, one interval each; with `coded`, 1M and Coded by turns
     too.
     """

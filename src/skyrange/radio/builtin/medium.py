@@ -56,7 +56,7 @@ _NO_TIME = np.iinfo(np.int64).max
 
 
 @compiled
-def _run(
+def _run(  # noqa: PLR0917
     params: MediumParams,
     obstacles: Obstacles,
     radios: Radios,
@@ -98,6 +98,7 @@ class BuiltinMedium(MediumBase):
         chance: Chance,
         city: City | None = None,
         surroundings: RadioEnvironment = OPEN_GROUND,
+        *,
         every_pair: bool = False,
         table: LossTable = NO_TABLE,
         params: BuiltinParams = DEFAULT_PARAMS,
@@ -118,17 +119,17 @@ class BuiltinMedium(MediumBase):
             -math.inf if surroundings.carrier_sense_dbm is None else float(surroundings.carrier_sense_dbm),
         )
         self._params = MediumParams(
-            np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF),
-            float(surroundings.horizon_m),
-            surroundings.chance,
-            float(surroundings.city_busy),
-            10.0 ** (0.1 * surroundings.city_dbm),
-            every_pair,
-            len(table.places) > 0,
-            table._replace(lookups=np.zeros_like(table.lookups)),
-            params.capture_db,
-            params.preamble_choice == "strongest",
-            params.eifs,
+            seed=np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF),
+            horizon_m=float(surroundings.horizon_m),
+            randomness=surroundings.chance,
+            background_share=float(surroundings.city_busy),
+            background_mean_mw=10.0 ** (0.1 * surroundings.city_dbm),
+            every_pair=every_pair,
+            tabled=len(table.places) > 0,
+            table=table._replace(lookups=np.zeros_like(table.lookups)),
+            capture_db=params.capture_db,
+            strongest_preamble=params.preamble_choice == "strongest",
+            eifs=params.eifs,
         )
         self._state = medium_state.empty_state(len(self.radios))
         self._emitters = np.zeros((3, 0), dtype=np.int64)
@@ -185,10 +186,7 @@ class BuiltinMedium(MediumBase):
         order = rows if count == 1 else np.lexsort((rows, at, radio))
         self._state = medium_state.grow(self._state, waiting=int(self._state.counts[0]) + 4 * count)
         fate, nth, power = np.empty(count, dtype=np.int8), np.empty(count, dtype=np.int64), np.empty(count)
-        others = queue_frames(
-            self._radios, self._state, self._params.seed, order, requests.key, radio, at, kind, requests.channel,
-            requests.size_bytes, requests.power_dbm, fate, nth, power,
-        )  # fmt: skip
+        others = queue_frames(self._radios, self._state, self._params.seed, order, requests, fate, nth, power)
         if not others:
             return
         for row in np.flatnonzero(fate == REFUSED).tolist():
@@ -196,12 +194,12 @@ class BuiltinMedium(MediumBase):
         for row in order[fate[order] == ADVERTISED].tolist():
             draw = self._chance.uniform4("radio.access", int(self._radios.who[radio[row]]), int(at[row]), int(nth[row]))
             self._advertise(
-                int(requests.key[row]), int(radio[row]), int(kind[row]), int(at[row]), int(requests.size_bytes[row]),
-                float(power[row]), int(nth[row]), draw,
+                int(requests.key[row]), int(radio[row]), kind=int(kind[row]), at=int(at[row]),
+                size=int(requests.size_bytes[row]), dbm=float(power[row]), nth=int(nth[row]), draw=draw,
             )  # fmt: skip
 
     def _advertise(
-        self, key: int, radio: int, kind: int, at: Time, size: int, dbm: float, nth: int, draw: Sequence[float]
+        self, key: int, radio: int, *, kind: int, at: Time, size: int, dbm: float, nth: int, draw: Sequence[float]
     ) -> None:
         """Queue the bursts of one advertising event."""
         extended = kind == Waveform.BLE_CODED

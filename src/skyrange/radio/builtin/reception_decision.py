@@ -107,7 +107,7 @@ def _overlapping(state: MediumState, s: int) -> Ints:
 
 
 @compiled
-def frame_success_probability(
+def frame_success_probability(  # noqa: PLR0917
     kind: int, bits: float, start: int, end: int, signal: float, noise: float, begins: Ints, ends: Ints, mw: Floats,
     count: int,
 ) -> tuple[float, float]:  # fmt: skip
@@ -149,7 +149,7 @@ def _release(state: MediumState, s: int) -> None:
 
 
 @compiled
-def decide_receptions(
+def decide_receptions(  # noqa: PLR0917
     params: MediumParams,
     obstacles: Obstacles,
     radios: Radios,

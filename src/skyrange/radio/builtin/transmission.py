@@ -80,7 +80,7 @@ def free_slot(state: MediumState) -> int:
 
 
 @compiled
-def _find_receivers(
+def _find_receivers(  # noqa: PLR0917
     params: MediumParams, obstacles: Obstacles, radios: Radios, pos: Floats, vel: Floats, state: MediumState, s: int
 ) -> None:
     """Fill a slot's list of receivers.
@@ -209,7 +209,7 @@ def _leave_reception(state: MediumState, radio: int, now: int) -> None:
 
 
 @compiled
-def start_transmission(
+def start_transmission(  # noqa: PLR0917
     params: MediumParams,
     obstacles: Obstacles,
     radios: Radios,

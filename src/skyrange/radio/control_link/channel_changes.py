@@ -10,7 +10,7 @@ import numpy as np
 from skyrange.contracts.channel_orders import ChannelOrder, End
 from skyrange.contracts.channel_plans import ChannelPolicy
 from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.contracts.medium import Floats
+from skyrange.contracts.medium import RadioTable
 from skyrange.core.chance import Chance
 from skyrange.core.ids import Port, hash64
 from skyrange.core.time import NS_PER_MS, Time, ceil_to
@@ -136,16 +136,15 @@ class FollowingJammers:
         now: Time,
         bursts: Sequence[NoiseBurst],
         propagation: Mapping[float, Propagation],
-        pos: Floats,
-        vel: Floats,
+        radios: RadioTable,
     ) -> Sequence[NoiseBurst]:
         """The bursts, those of jammers that follow on the channel where they are now."""
         if not any(burst.bssid for burst in bursts):
             return bursts
-        return [self._tune(now, burst, propagation, pos, vel) if burst.bssid else burst for burst in bursts]
+        return [self._tune(now, burst, propagation, radios) if burst.bssid else burst for burst in bursts]
 
     def _tune(
-        self, now: Time, burst: NoiseBurst, propagation: Mapping[float, Propagation], pos: Floats, vel: Floats
+        self, now: Time, burst: NoiseBurst, propagation: Mapping[float, Propagation], radios: RadioTable
     ) -> NoiseBurst:
         key = burst.radio, burst.bssid
         at = self._centres.setdefault(key, burst.centre_mhz)
@@ -154,7 +153,7 @@ class FollowingJammers:
             centre = centre_mhz(OFDM, station.channel)
             if centre != at:
                 rows = np.array([burst.radio]), np.array([station.row])
-                gain = propagation[centre].gains_db(pos, vel, *rows, centre, now).item()
+                gain = propagation[centre].gains_db(radios, *rows, centre, now).item()
                 if station.power_dbm + gain >= PREAMBLE_DBM:
                     at = self._centres[key] = centre
         return burst._replace(centre_mhz=at)

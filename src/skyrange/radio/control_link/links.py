@@ -11,7 +11,7 @@ import numpy as np
 
 from skyrange.codec.wifi_management import DEAUTHENTICATION, decode_management
 from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.contracts.medium import Floats, Ints
+from skyrange.contracts.medium import Floats, Ints, RadioTable
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port, hash64
@@ -72,6 +72,7 @@ class ControlLinks:
         wifi: Sequence[WifiLink],
         cellular: Sequence[CellularLink],
         spectrum: Spectrum,
+        *,
         places: Mapping[str, tuple[float, float, float]],
         propagation: Mapping[float, Propagation],
         chance: Chance,
@@ -148,34 +149,37 @@ class ControlLinks:
         sent, frames = self._spectrum.take()
         if table is None:
             return out
-        pos = np.concatenate([table.pos_enu_m, self._fixed])
-        vel = np.concatenate([table.vel_enu_mps, np.zeros_like(self._fixed)])
-        self._update_occupancy(pos, sent)
+        radios = RadioTable(
+            table.from_ns,
+            np.concatenate([table.pos_enu_m, self._fixed]),
+            np.concatenate([table.vel_enu_mps, np.zeros_like(self._fixed)]),
+        )
+        self._update_occupancy(radios.pos_enu_m, sent)
         if self._changes.carry_out(now, out):
             self._read_channels()
-        self._update_wifi(now, pos, vel, out)
+        self._update_wifi(now, radios, out)
         for frame in frames:
-            self._receive(frame, pos, vel, out)
-        self._update_cellular(now, pos, vel, out)
+            self._receive(frame, radios, out)
+        self._update_cellular(now, radios, out)
         return out
 
     # ---------------------------------------------------------------- Wi-Fi
 
-    def _update_wifi(self, now: Time, pos: Floats, vel: Floats, out: Outbox) -> None:
-        bursts = self._jammers.tune(now, self._spectrum.bursts, self._propagation, pos, vel)
+    def _update_wifi(self, now: Time, radios: RadioTable, out: Outbox) -> None:
+        bursts = self._jammers.tune(now, self._spectrum.bursts, self._propagation, radios)
         for channel, links in self._by_channel.items():
             centre = centre_mhz(OFDM, channel)
             propagation = self._propagation[centre]
             one = np.array([link.station.row for link in links])
             other = np.array([link.aircraft.row for link in links])
-            gains = propagation.gains_db(pos, vel, one, other, centre, now).tolist()
+            gains = propagation.gains_db(radios, one, other, centre, now).tolist()
             for link, gain in zip(links, gains, strict=True):
                 if link.aircraft.channel != channel:
                     gain = -math.inf
                 link.to_aircraft.signal_dbm = link.station.power_dbm + gain
                 link.to_station.signal_dbm = link.aircraft.power_dbm + gain
             ends = {transmitter.row for link in links for transmitter in (link.station, link.aircraft)}
-            met = _NoiseAt(bursts, propagation, pos, vel, sorted(ends), centre, WIDTH_MHZ, now)
+            met = _NoiseAt(bursts, propagation, radios, sorted(ends), centre_mhz=centre, width_mhz=WIDTH_MHZ, now=now)
             for link in links:
                 link.to_aircraft.interference.bursts = met.between(link.station, link.aircraft)
                 link.to_station.interference.bursts = met.between(link.aircraft, link.station)
@@ -185,22 +189,23 @@ class ControlLinks:
                     if direction.outcomes is not None and direction.snir_db(now) >= MIN_SNIR_DB[0]:
                         direction.heard_dbm = direction.signal_dbm
                 both = min(link.to_aircraft.snir_db(now), link.to_station.snir_db(now))
-                change = link.update_association(now, success_probability(0, both, _BEACON_BITS) >= 0.5)
+                hears_beacons = success_probability(0, both, _BEACON_BITS) >= 0.5
+                change = link.update_association(now, beacons_heard=hears_beacons)
                 if change:
                     kind = "event.link_up" if link.associated else "event.link_down"
                     out.note(kind, link.name, {"channel": "wifi", "why": change})
-        self._update_foreign(now, pos, vel, bursts)
+        self._update_foreign(now, radios, bursts)
 
-    def _update_foreign(self, now: Time, pos: Floats, vel: Floats, bursts: Sequence[NoiseBurst]) -> None:
+    def _update_foreign(self, now: Time, table: RadioTable, bursts: Sequence[NoiseBurst]) -> None:
         """Work out how attackers' radios and the ends of links on their channels hear each other."""
         for channel, radios in self._foreign_by_channel.items():
             centre = centre_mhz(OFDM, channel)
             propagation = self._propagation[centre]
             one = np.array([radio.transmitter.row for radio in radios for _ in range(2)])
             other = np.array([end.row for radio in radios for end in (radio.link.station, radio.link.aircraft)])
-            gains = propagation.gains_db(pos, vel, one, other, centre, now).reshape(-1, 2).tolist()
+            gains = propagation.gains_db(table, one, other, centre, now).reshape(-1, 2).tolist()
             rows = sorted({*one.tolist(), *other.tolist()})
-            met = _NoiseAt(bursts, propagation, pos, vel, rows, centre, WIDTH_MHZ, now)
+            met = _NoiseAt(bursts, propagation, table, rows, centre_mhz=centre, width_mhz=WIDTH_MHZ, now=now)
             for radio, both in zip(radios, gains, strict=True):
                 own, link = radio.transmitter, radio.link
                 for end, gain, sent, heard in (
@@ -256,7 +261,7 @@ class ControlLinks:
             transmitter.airtime_ns = 0
             transmitter.occupancy += _OCCUPANCY_WEIGHT * (share - transmitter.occupancy)
 
-    def _receive(self, frame: ManagementFrame, pos: Floats, vel: Floats, out: Outbox) -> None:
+    def _receive(self, frame: ManagementFrame, radios: RadioTable, out: Outbox) -> None:
         """Let the links that a management frame is about receive it, or not."""
         try:
             decoded = decode_management(frame.mac_frame)
@@ -272,7 +277,7 @@ class ControlLinks:
                 if receiver.channel != frame.channel:
                     continue
                 if decoded.source == sender.address and decoded.is_for(receiver.address):
-                    self._deauthenticate(frame, link, direction, receiver, pos, vel, out)
+                    self._deauthenticate(frame, link, direction, receiver, radios, out)
 
     def _deauthenticate(
         self,
@@ -280,14 +285,13 @@ class ControlLinks:
         link: WifiLink,
         direction: WifiDirection,
         receiver: Transmitter,
-        pos: Floats,
-        vel: Floats,
+        radios: RadioTable,
         out: Outbox,
     ) -> None:
         """A deauthentication that claims to come from the link's other end reaches `receiver`, or does not."""
         centre = centre_mhz(OFDM, frame.channel)
         rows = np.array([frame.radio]), np.array([receiver.row])
-        gain = self._propagation[centre].gains_db(pos, vel, *rows, centre, frame.at_ns).item()
+        gain = self._propagation[centre].gains_db(radios, *rows, centre, frame.at_ns).item()
         noise_mw = direction.interference.steady_mw(frame.at_ns)
         snir_db = frame.power_dbm + gain - 10.0 * math.log10(noise_mw)
         heard = success_probability(0, snir_db, 8.0 * len(frame.mac_frame))
@@ -307,12 +311,12 @@ class ControlLinks:
 
     # ---------------------------------------------------------------- cellular
 
-    def _update_cellular(self, now: Time, pos: Floats, vel: Floats, out: Outbox) -> None:
+    def _update_cellular(self, now: Time, radios: RadioTable, out: Outbox) -> None:
         for link, (rows, cell_dbm, cell_loads) in zip(self._cellular, self._cells, strict=True):
             params = link.params
             centre = params.frequency_mhz
             propagation = self._propagation[centre]
-            gains = propagation.gains_db(pos, vel, rows, np.full(len(rows), link.row), centre, now)
+            gains = propagation.gains_db(radios, rows, np.full(len(rows), link.row), centre, now)
             powers = cell_dbm + gains
             was = link.serving
             change = link.measure(now, powers)
@@ -323,7 +327,9 @@ class ControlLinks:
             cells_mw = cell_loads * 10.0 ** (0.1 * powers)
             others_mw = float(cells_mw.sum() - cells_mw[candidate])
             ends = [link.row, int(rows[candidate])]
-            met = _NoiseAt(self._spectrum.bursts, propagation, pos, vel, ends, centre, width, now)
+            met = _NoiseAt(
+                self._spectrum.bursts, propagation, radios, ends, centre_mhz=centre, width_mhz=width, now=now
+            )
             down, up = link.to_aircraft.interference, link.to_station.interference
             down.noise_mw = 10.0 ** (0.1 * link.aircraft_noise_dbm) + others_mw
             down.bursts = met.at(ends[1], ends[0])
@@ -345,25 +351,25 @@ class _NoiseAt:
         self,
         bursts: Sequence[NoiseBurst],
         propagation: Propagation,
-        pos: Floats,
-        vel: Floats,
+        radios: RadioTable,
         rows: Sequence[int],
-        centre: float,
-        width: float,
+        *,
+        centre_mhz: float,
+        width_mhz: float,
         now: Time,
     ) -> None:
         self._bursts = [
             burst
             for burst in bursts
-            if burst.to_ns > now and filter_overlap(burst.centre_mhz, burst.width_mhz, centre, width) > 0.0
+            if burst.to_ns > now and filter_overlap(burst.centre_mhz, burst.width_mhz, centre_mhz, width_mhz) > 0.0
         ]
         self._column = {row: column for column, row in enumerate(rows)}
         self._gains = np.zeros((0, len(rows)))
         if self._bursts:
             one: Ints = np.repeat(np.array([burst.radio for burst in self._bursts]), len(rows))
             other: Ints = np.tile(np.array(rows), len(self._bursts))
-            self._gains = propagation.gains_db(pos, vel, one, other, centre, now).reshape(-1, len(rows))
-        self._shares = [filter_overlap(b.centre_mhz, b.width_mhz, centre, width) for b in self._bursts]
+            self._gains = propagation.gains_db(radios, one, other, centre_mhz, now).reshape(-1, len(rows))
+        self._shares = [filter_overlap(b.centre_mhz, b.width_mhz, centre_mhz, width_mhz) for b in self._bursts]
 
     def at(self, sender: int, receiver: int, power_dbm: float = math.inf) -> list[BurstAtReceiver]:
         """The bursts for frames of `power_dbm` from the row `sender` to the row `receiver`.

@@ -341,7 +341,7 @@ class WifiLink:
         """As `TunableChannel.retune`."""
         (self.aircraft if order.end == "aircraft" else self.station).order = order
 
-    def update_association(self, now: Time, beacons_heard: bool) -> str:
+    def update_association(self, now: Time, *, beacons_heard: bool) -> str:
         """Give up the association after too many lost beacons, and find it again; returns why, if it has changed."""
         if beacons_heard:
             self._beacon_ns = now

@@ -148,7 +148,7 @@ def try_engine(who: str, command: Sequence[str]) -> tuple[str, str]:
     engine = EngineSocket(who, command, TRIAL_S)
     try:
         radios = [EngineRadio("one", 1, 7.0), EngineRadio("two", 2, 7.0)]
-        kind, body = engine.request(MessageType.HELLO, encode_hello(Hello(1, 1000.0, False, radios)))
+        kind, body = engine.request(MessageType.HELLO, encode_hello(Hello(1, 1000.0, own_losses=False, radios=radios)))
         if kind != MessageType.READY:
             raise ComponentError(who, f"answered {kind.name} instead of READY")
         ready = decode_ready(body)

@@ -107,7 +107,7 @@ class ExternalMedium:
         own_losses = context.losses == "engine"
         self._arrays = radio_arrays(self.radios, context.chance)
         self._finder = PathFinder(
-            self.radios, self._arrays, context.chance, context.city, surroundings, own_losses, table
+            self.radios, self._arrays, context.chance, context.city, surroundings, own_losses=own_losses, table=table
         )
         self._noise = NoiseSources()
         self._channels = {

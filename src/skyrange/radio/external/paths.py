@@ -19,7 +19,7 @@ from skyrange.core.time import NS_PER_MS, Time
 from skyrange.radio.builtin.channel_access import BACKGROUND_INTERVAL_NS, background_power_mw
 from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.builtin.state import Radios
-from skyrange.radio.propagation.link_budget import MediumParams, append_received_powers, index_positions
+from skyrange.radio.propagation.link_budget import IndexedRadios, MediumParams, append_received_powers, index_positions
 from skyrange.radio.propagation.loss_table import NO_TABLE, LossTable
 from skyrange.radio.propagation.obstruction import obstacle_index
 from skyrange.radio.propagation.path_loss import dipole_dbi, noise_dbm
@@ -61,6 +61,7 @@ class PathFinder:
         chance: Chance,
         city: City | None,
         surroundings: RadioEnvironment,
+        *,
         own_losses: bool,
         table: LossTable = NO_TABLE,
     ) -> None:
@@ -68,14 +69,14 @@ class PathFinder:
         self._obstacles = obstacle_index(city.walls()) if city is not None and not own_losses else obstacle_index()
         self.own_losses = own_losses
         self.params = MediumParams(
-            np.uint64(chance.seed & 0xFFFF_FFFF_FFFF_FFFF),
-            float(surroundings.horizon_m),
-            surroundings.chance and not own_losses,
-            float(surroundings.city_busy),
-            10.0 ** (0.1 * surroundings.city_dbm),
-            False,
-            len(table.places) > 0,
-            table._replace(lookups=np.zeros_like(table.lookups)),
+            seed=np.uint64(chance.seed & 0xFFFF_FFFF_FFFF_FFFF),
+            horizon_m=float(surroundings.horizon_m),
+            randomness=surroundings.chance and not own_losses,
+            background_share=float(surroundings.city_busy),
+            background_mean_mw=10.0 ** (0.1 * surroundings.city_dbm),
+            every_pair=False,
+            tabled=len(table.places) > 0,
+            table=table._replace(lookups=np.zeros_like(table.lookups)),
         )
         self._floor_dbm = float(noise_dbm(arrays.best_noise_db, _WIDTH_MHZ)) - BELOW_NOISE_DB
         count = len(radios)
@@ -101,10 +102,13 @@ class PathFinder:
             self._indexed = pos
         # with own losses only the horizon counts: what the engine's model will say is not known here
         floor = _NO_FLOOR_DBM if self.own_losses else self._floor_dbm
+        arrays = self._arrays
+        radios = IndexedRadios(
+            arrays.who, arrays.antenna, arrays.best_dbi, pos, table.vel_enu_mps, self._head, self._follow
+        )
         count = append_received_powers(
-            self.params, self._obstacles, self._arrays.who, self._arrays.antenna, pos, table.vel_enu_mps, self._head,
-            self._follow, self._arrays.best_dbi, sender, power_dbm, centre_mhz, at, floor, self._rows, self._dbm, 0,
-        )  # fmt: skip
+            self.params, self._obstacles, radios, sender, power_dbm, centre_mhz, at, floor, self._rows, self._dbm, 0
+        )
         paths = np.zeros(count, dtype=PATH)
         paths["radio"] = self._rows[:count]
         if self.own_losses:

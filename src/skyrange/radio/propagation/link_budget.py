@@ -63,7 +63,7 @@ class MediumParams(NamedTuple):
 
 
 @compiled
-def tabled_loss_db(
+def tabled_loss_db(  # noqa: PLR0917
     table: LossTable, ax: float, ay: float, az: float, bx: float, by: float, bz: float, distance: float,
     wavelength: float,
 ) -> float:  # fmt: skip
@@ -73,7 +73,7 @@ def tabled_loss_db(
 
 
 @compiled
-def median_power_dbm(
+def median_power_dbm(  # noqa: PLR0917
     power_dbm: float, distance: float, az: float, bz: float, wavelength: float, pattern_a: float, gain_a: float,
     pattern_b: float, gain_b: float,
 ) -> float:  # fmt: skip
@@ -88,9 +88,9 @@ def median_power_dbm(
 
 
 @compiled
-def random_gain_db(
+def random_gain_db(  # noqa: PLR0917
     seed: np.uint64, who_a: np.uint64, who_b: np.uint64, ax: float, ay: float, az: float, bx: float, by: float,
-    bz: float, fade: tuple[float, float], hidden: bool,
+    bz: float, fade: tuple[float, float], hidden: bool,  # noqa: FBT001
 ) -> float:  # fmt: skip
     """What shadowing and fading add for two radios at two positions, in dB, at most `MAX_RANDOM_GAIN_DB`.
 
@@ -106,8 +106,8 @@ def random_gain_db(
 
 
 @compiled
-def path_power_dbm(
-    obstacles: Obstacles, seed: np.uint64, randomness: bool, who_a: np.uint64, who_b: np.uint64, ax: float, ay: float,
+def path_power_dbm(  # noqa: PLR0917
+    obstacles: Obstacles, seed: np.uint64, randomness: bool, who_a: np.uint64, who_b: np.uint64, ax: float, ay: float,  # noqa: FBT001
     az: float, bx: float, by: float, bz: float, speed_mps: float, wavelength: float, centre: float, time_ns: int,
     median_dbm: float, tabled_db: float, guiding_db: float, floor_dbm: float, street_a: int,
 ) -> float:  # fmt: skip
@@ -127,14 +127,14 @@ def path_power_dbm(
     if randomness:
         fade = fade_draws(seed, pair_of(who_a, who_b), time_ns, coherence_ns(speed_mps, wavelength), centre)
         if not tabled_db < NLOS_LOSS_DB:
-            hidden += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, True)
+            hidden += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, hidden=True)
     loss = tabled_db
     margin = hidden - floor_dbm
     drawn = not randomness
     if not covered:
         if margin < NLOS_LOSS_DB:  # it can only be received with line of sight
             if randomness:
-                clear += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, False)
+                clear += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, hidden=False)
             drawn = True
             margin = min(clear - floor_dbm, NLOS_LOSS_DB)
             if margin + guiding_db < 0.0:
@@ -150,13 +150,13 @@ def path_power_dbm(
         power = hidden - loss
     else:
         if not drawn:
-            clear += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, False)
+            clear += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, hidden=False)
         power = clear - loss
     return power if power >= floor_dbm else NO_SIGNAL
 
 
 @compiled
-def received_power_dbm(
+def received_power_dbm(  # noqa: PLR0917
     params: MediumParams,
     obstacles: Obstacles,
     who: NDArray[np.uint64],
@@ -224,17 +224,29 @@ def index_positions(head: Ints, follow: Ints, pos: Floats) -> None:
         head[place] = i
 
 
+class IndexedRadios(NamedTuple):
+    """Radios, and the index of their positions."""
+
+    who: NDArray[np.uint64]
+    """(n,) hashes of their names."""
+    antenna: Floats
+    """(n, 2) pattern and gain in dBi."""
+    best_dbi: float
+    """The highest gain of any antenna."""
+    pos: Floats
+    """(n, 3) m."""
+    vel: Floats
+    """(n, 3) m/s."""
+    head: Ints
+    follow: Ints
+    """The index that `index_positions` made of `pos`."""
+
+
 @compiled
-def append_received_powers(
+def append_received_powers(  # noqa: PLR0917
     params: MediumParams,
     obstacles: Obstacles,
-    who: NDArray[np.uint64],
-    antenna: Floats,
-    pos: Floats,
-    vel: Floats,
-    head: Ints,
-    follow: Ints,
-    best_dbi: float,
+    radios: IndexedRadios,
     sender: int,
     power_dbm: float,
     centre: float,
@@ -246,13 +258,12 @@ def append_received_powers(
 ) -> int:
     """Append the rows of all radios that one sender reaches, ascending, and the power at each; returns the new count.
 
-    Arrays are as in `received_power_dbm`: `who` (n,) hashes of the radios' names, `antenna` (n, 2), `pos` and `vel`
-    (n, 3) in m and m/s. `head` and `follow` are the index that `link_budget.index_positions` made of `pos`, and
-    `best_dbi` is the highest gain of any antenna. `power_dbm` goes into the sender's antenna, `centre` is in MHz,
-    `time_ns` addresses the fading. `rows` and `dbm` are written from `count` on and need room for all n radios there.
+    `power_dbm` goes into the sender's antenna, `centre` is in MHz, `time_ns` addresses the fading. `rows` and `dbm` are
+    written from `count` on and need room for all n radios there.
 
     A radio is left out if its power is below `floor_dbm`, if it is farther than the horizon, or if it has no position.
     """
+    who, antenna, best_dbi, pos, vel, head, follow = radios
     least = floor_dbm - params.table.best_gain_db  # the losses of a table may be less than those of free space
     if params.randomness:
         least -= MAX_RANDOM_GAIN_DB

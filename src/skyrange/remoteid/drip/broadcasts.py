@@ -105,7 +105,7 @@ class AuthenticationPages:
                     legacy = transport == Transport.BT4
                     pages = split_with_parity(message, int(clock_s), parity=legacy)
                     times = queue.repeats if legacy else 1
-                    waiting.extend((transport, queue.counter, body) for body in _bodies(pages, legacy) * times)
+                    waiting.extend((transport, queue.counter, body) for body in _bodies(pages, legacy=legacy) * times)
                     if legacy:
                         queue.counter = (queue.counter + 1) % 256
         self._fresh.clear()
@@ -122,5 +122,5 @@ class AuthenticationPages:
         return found
 
 
-def _bodies(pages: Sequence[Authentication], legacy: bool) -> list[bytes]:
+def _bodies(pages: Sequence[Authentication], *, legacy: bool) -> list[bytes]:
     return [encode(page) for page in pages] if legacy else [encode(MessagePack(tuple(pages)))]
