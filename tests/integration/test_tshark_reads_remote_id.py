@@ -11,8 +11,9 @@ import pytest
 
 from skyrange.codec import capture
 from skyrange.codec.f3411 import BasicId, Location, MessagePack, System, encode
-from skyrange.codec.remote_id import ble, wifi
+from skyrange.codec.remote_id import ble
 from skyrange.codec.remote_id.link_payload import RidFrame, RidHeader, Transport
+from tests.remote_id_encoders import encode_nan_sync_beacon, encode_pointer
 from tests.tiers import needs_tshark
 
 TSHARK = shutil.which("tshark")
@@ -104,10 +105,10 @@ def test_bluetooth_packets(recorded: bytes, tmp_path: Path) -> None:
 
 def test_the_parts_that_only_announce(tmp_path: Path) -> None:
     extended = RidFrame(SENT[3].header, PACK)
-    first = capture.ble_radio_header(38, -80.0, coded=True, auxiliary=False) + ble.encode_pointer(
+    first = capture.ble_radio_header(38, -80.0, coded=True, auxiliary=False) + encode_pointer(
         extended, channel=20, offset_us=6000
     )
-    sync = capture.radiotap_header(149, 6.0, -55.0) + wifi.encode_nan_sync_beacon(ADDRESS)
+    sync = capture.radiotap_header(149, 6.0, -55.0) + encode_nan_sync_beacon(ADDRESS)
     both = capture.file_header(capture.INTERFACES) + capture.packet_block(1, START_UTC_NS, first)
     pointer, beacon = read(
         both + capture.packet_block(0, START_UTC_NS, sync), tmp_path, "_ws.col.Protocol",

@@ -14,6 +14,7 @@ from skyrange.codec.f3411 import BasicId, Location, MessagePack, SelfId, encode
 from skyrange.codec.remote_id import ble, wifi
 from skyrange.codec.remote_id.link_payload import NO_RSSI, RidFrame, RidHeader, Transport, pack, unpack
 from skyrange.core.errors import DecodeError
+from tests.remote_id_encoders import encode_nan_sync_beacon, encode_pointer
 
 ADDRESS = bytes.fromhex("c21122334455")
 SINGLE = encode(Location(2, 40.7, -73.9, 12.5))
@@ -135,7 +136,7 @@ def test_an_extended_advertisement_byte_by_byte() -> None:
      (0, 245_700, 1 << 7 | 819 << 8 | 2 << 21)],
 )  # fmt: skip
 def test_a_pointer_says_channel_time_and_phy(channel: int, offset_us: int, expected: int) -> None:
-    raw = ble.encode_pointer(frame(Transport.BT5, PACK), channel=channel, offset_us=offset_us)
+    raw = encode_pointer(frame(Transport.BT5, PACK), channel=channel, offset_us=offset_us)
     assert raw[5:9].hex() == "07070618"
     assert int.from_bytes(raw[11:14], "little") == expected
     with pytest.raises(DecodeError, match="address"):
@@ -154,7 +155,7 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(ValueError, match="ssid"):
         wifi.encode_beacon(frame(Transport.WIFI_BEACON, PACK), ssid=b"")
     with pytest.raises(ValueError, match="offset"):
-        ble.encode_pointer(frame(Transport.BT5, PACK), channel=37, offset_us=6000)
+        encode_pointer(frame(Transport.BT5, PACK), channel=37, offset_us=6000)
 
 
 def test_other_networks_are_no_remote_id() -> None:
@@ -162,7 +163,7 @@ def test_other_networks_are_no_remote_id() -> None:
     with pytest.raises(DecodeError, match="without Remote ID"):
         wifi.decode_frame(wifi._with_fcs(foreign))
     with pytest.raises(DecodeError, match="without Remote ID"):
-        wifi.decode_frame(wifi.encode_nan_sync_beacon(ADDRESS))
+        wifi.decode_frame(encode_nan_sync_beacon(ADDRESS))
 
 
 def test_channels_and_frequencies() -> None:
