@@ -289,9 +289,9 @@ def decode_losses(body: bytes) -> NDArray[np.float64]:
 def _decode_floats(body: bytes, width: int) -> NDArray[np.float64]:
     reader = _Reader(body)
     (count,) = reader.fields(_COUNT)
-    found = np.frombuffer(reader.take(8 * width * count), dtype="<f8").reshape(count, width).copy()
+    rows = np.frombuffer(reader.take(8 * width * count), dtype="<f8").reshape(count, width).copy()
     reader.end()
-    return found
+    return rows
 
 
 def decode_forked(body: bytes) -> int:

@@ -292,8 +292,8 @@ class Oracle:
         if not len(chosen):
             return
         at = columns.at_ns[chosen] if self._last is None else np.maximum(columns.at_ns[chosen], self._last + 1)
-        asked = rows.time_ns[chosen]
-        at = np.where((asked > at) & (asked <= at + MAX_AHEAD_NS), asked, at)
+        requested_ns = rows.time_ns[chosen]
+        at = np.where((requested_ns > at) & (requested_ns <= at + MAX_AHEAD_NS), requested_ns, at)
         keys = self._in_flight.add(now, rows, chosen, at, *self._refs.read(inbox, columns.order[chosen]))
         kind, channel = kind[chosen], rows.channel[chosen].astype(np.int64)
         channel[channel == ANY_CHANNEL] = ANY

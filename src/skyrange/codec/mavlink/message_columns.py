@@ -171,30 +171,30 @@ KIND_TABLES: Final = (_KIND, _EXTRA, _CRC)
 @compiled
 def _classify(  # noqa: PLR0917
     data: Bytes, starts: Ints, sizes: Ints, kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16],
-    found: Ints,
+    out: Ints,
 ) -> None:  # fmt: skip
     """Write each frame's kind to `found`."""
     for row in range(starts.shape[0]):
-        found[row] = kind_at(data, starts[row], sizes[row], kinds, extras, crcs)
+        out[row] = kind_at(data, starts[row], sizes[row], kinds, extras, crcs)
 
 
 @compiled
-def _read_ids(data: Bytes, starts: Ints, sizes: Ints, found: Ints) -> None:
+def _read_ids(data: Bytes, starts: Ints, sizes: Ints, out: Ints) -> None:
     for row in range(starts.shape[0]):
         at = starts[row]
-        found[row] = -1
+        out[row] = -1
         if sizes[row] >= _MIN_FRAME:
             if data[at] == _MAGIC and sizes[row] >= _HEADER + _CHECKSUM:
-                found[row] = np.int64(data[at + 7]) | np.int64(data[at + 8]) << 8 | np.int64(data[at + 9]) << 16
+                out[row] = np.int64(data[at + 7]) | np.int64(data[at + 8]) << 8 | np.int64(data[at + 9]) << 16
             elif data[at] == _MAGIC_V1:
-                found[row] = data[at + 5]
+                out[row] = data[at + 5]
 
 
 def message_ids(payloads: Payloads) -> Ints:
     """(n,) the message ids in the headers, known or not; -1 for a payload that cannot be a MAVLink frame."""
-    found = np.empty(len(payloads), dtype=np.int64)
-    _read_ids(*payloads.arrays, found)
-    return found
+    ids = np.empty(len(payloads), dtype=np.int64)
+    _read_ids(*payloads.arrays, ids)
+    return ids
 
 
 @compiled

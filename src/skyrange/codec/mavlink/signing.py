@@ -166,8 +166,8 @@ class Signer:
 
         MAVLink 1 cannot be signed.
         """
-        found = self._verify(frame) if is_signed(frame) else SignatureRefusal.UNSIGNED
-        return None if found is not None and message_id(frame) in ACCEPTED_UNSIGNED else found
+        refusal = self._verify(frame) if is_signed(frame) else SignatureRefusal.UNSIGNED
+        return None if refusal is not None and message_id(frame) in ACCEPTED_UNSIGNED else refusal
 
     def _verify(self, frame: bytes) -> SignatureRefusal | None:
         if sha256(self.key.secret + frame[:-_DIGEST]).digest()[:_DIGEST] != frame[-_DIGEST:]:
@@ -212,7 +212,7 @@ class SignedConnections:
         """
         self._ports = tuple(ports)
         self._connections = list(connections)
-        self._signers = [Signer(one.key, link) for one in connections]
+        self._signers = [Signer(connection.key, link) for connection in connections]
         self._link = link
         self._note = note
         self._unsigned: set[int] = set()
@@ -222,9 +222,11 @@ class SignedConnections:
         self._index_ports()
 
     def _index_ports(self) -> None:
-        signed = [(number, one) for number, one in enumerate(self._connections) if number not in self._unsigned]
-        self._send_ports = {one.send_port: number for number, one in signed}
-        receiving = {one.receive_port: number for number, one in signed}
+        signed = [
+            (number, connection) for number, connection in enumerate(self._connections) if number not in self._unsigned
+        ]
+        self._send_ports = {connection.send_port: number for number, connection in signed}
+        receiving = {connection.receive_port: number for number, connection in signed}
         self._receive_index = np.array([receiving.get(port, -1) for port in self._ports], dtype=np.int64)
         self._send_index = np.array([self._send_ports.get(port, -1) for port in self._ports], dtype=np.int64)
 
@@ -249,19 +251,21 @@ class SignedConnections:
             self._index_ports()
 
     def _find(self, vehicle: str) -> int | None:
-        return next((number for number, one in enumerate(self._connections) if one.vehicle == vehicle), None)
+        return next(
+            (number for number, connection in enumerate(self._connections) if connection.vehicle == vehicle), None
+        )
 
     def start(self, now: Time, vehicle: str | None = None) -> None:
         """Start signing on all connections, or on those of one aircraft."""
-        for one, signer in zip(self._connections, self._signers, strict=True):
-            if vehicle is None or one.vehicle == vehicle:
+        for connection, signer in zip(self._connections, self._signers, strict=True):
+            if vehicle is None or connection.vehicle == vehicle:
                 signer.start(now)
 
     def set_clock(self, now: Time, vehicle: str, unix_ns: int) -> None:
         """Advance the timestamps of one aircraft's connections to a clock that was set, never backwards."""
         self._begin(now)
-        for one, signer in zip(self._connections, self._signers, strict=True):
-            if one.vehicle == vehicle:
+        for connection, signer in zip(self._connections, self._signers, strict=True):
+            if connection.vehicle == vehicle:
                 signer.set_clock(unix_ns)
 
     @property
@@ -277,14 +281,16 @@ class SignedConnections:
         """
         self._begin(now)
         rows = np.flatnonzero(self._receive_index[mail.places] >= 0)
-        mine = mail.payloads.take(rows)
+        payloads = mail.payloads.take(rows)
         keep = np.ones(len(mail.payloads), dtype=np.bool_)
         numbers = self._receive_index[mail.places[rows]].tolist()
-        for row, number, kind, frame in zip(rows.tolist(), numbers, classify_frames(mine).tolist(), mine, strict=True):
-            found = self._signers[number].check(frame) if kind >= 0 else self._check_other(number, frame)
-            if found is not None and not self._connections[number].exempt:
+        for row, number, kind, frame in zip(
+            rows.tolist(), numbers, classify_frames(payloads).tolist(), payloads, strict=True
+        ):
+            refusal = self._signers[number].check(frame) if kind >= 0 else self._check_other(number, frame)
+            if refusal is not None and not self._connections[number].exempt:
                 keep[row] = False
-                self._refuse(number, found, frame, inbox, mail.order.item(row), out)
+                self._refuse(number, refusal, frame, inbox, mail.order.item(row), out)
         return mail if keep.all() else mail.take(np.flatnonzero(keep))
 
     def sign_outbox(self, now: Time, out: Outbox) -> None:

@@ -283,15 +283,15 @@ class BuiltinMedium(MediumBase):
         rows = state.heard[:, :heard]
         order = np.lexsort((rows[1], rows[0], rows[3]))
         rows, levels = rows[:, order], state.heard_db[:, :heard][:, order]
-        told = state.sent[:, :sent].copy()
+        sent_rows = state.sent[:, :sent].copy()
         if self._refused:
             refused = [
                 (key, radio, channel, at, at, int(TransmissionFate.REFUSED))
                 for key, radio, channel, at in self._refused
             ]
-            told = np.concatenate((np.array(refused, dtype=np.int64).T, told), axis=1)
+            sent_rows = np.concatenate((np.array(refused, dtype=np.int64).T, sent_rows), axis=1)
             self._refused = []
-        return OnAir(Sent(*told), Heard(rows[0], rows[1], rows[2], rows[3], levels[0], levels[1], rows[4]))
+        return OnAir(Sent(*sent_rows), Heard(rows[0], rows[1], rows[2], rows[3], levels[0], levels[1], rows[4]))
 
 
 def fixed_positions(radios: Sequence[RadioSpec], from_ns: Time = 0) -> RadioTable:
@@ -303,11 +303,11 @@ def fixed_positions(radios: Sequence[RadioSpec], from_ns: Time = 0) -> RadioTabl
 def check_radios(radios: Sequence[RadioSpec], city: City | None, surroundings: RadioEnvironment) -> None:
     """Raise one `InputError` with everything that is wrong."""
     problems = []
-    seen: set[str] = set()
+    names: set[str] = set()
     for radio in radios:
-        if radio.name in seen:
+        if radio.name in names:
             problems.append(Problem(radio.name, "two radios", "names that are used once"))
-        seen.add(radio.name)
+        names.add(radio.name)
         problems += _faults_of(radio, city)
     if not 0.0 < surroundings.horizon_m < math.inf:
         problems.append(Problem("horizon_m", repr(surroundings.horizon_m), "a positive number of metres"))

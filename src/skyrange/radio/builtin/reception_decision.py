@@ -90,7 +90,7 @@ def _before(state: MediumState, s: int, other: int) -> bool:
 @compiled
 def _overlapping(state: MediumState, s: int) -> Ints:
     """Slots of the bursts that overlap one in time, in the order of addition."""
-    found = np.empty(state.slot.shape[1], dtype=np.int64)
+    slots = np.empty(state.slot.shape[1], dtype=np.int64)
     count = 0
     for other in range(state.slot.shape[1]):
         if other == s or state.slot[STATE, other] == FREE:
@@ -98,12 +98,12 @@ def _overlapping(state: MediumState, s: int) -> Ints:
         if state.slot[START, other] >= state.slot[END, s] or state.slot[END, other] <= state.slot[START, s]:
             continue
         place = count
-        while place > 0 and _before(state, other, found[place - 1]):
-            found[place] = found[place - 1]
+        while place > 0 and _before(state, other, slots[place - 1]):
+            slots[place] = slots[place - 1]
             place -= 1
-        found[place] = other
+        slots[place] = other
         count += 1
-    return found[:count]
+    return slots[:count]
 
 
 @compiled

@@ -91,9 +91,9 @@ class ControlLinks:
         self._fixed = np.array(list(places.values()), dtype=np.float64).reshape(-1, 3)
         rows = {name: row for row, name in enumerate((*spectrum.radios, *places))}
         self._foreign = sorted(foreign, key=lambda radio: (radio.link.name, radio.transmitter.name))
-        sending = [one for link in self._wifi for one in (link.station, link.aircraft)]
+        sending = [end for link in self._wifi for end in (link.station, link.aircraft)]
         sending += [radio.transmitter for radio in self._foreign]
-        self._transmitters = list({id(one): one for one in sending}.values())
+        self._transmitters = list({id(transmitter): transmitter for transmitter in sending}.values())
         for transmitter in self._transmitters:
             transmitter.row = rows[transmitter.name]
         self._rows = np.array([t.row for t in self._transmitters], dtype=np.int64)
@@ -101,8 +101,8 @@ class ControlLinks:
         self._changes = ChannelChanges(self._wifi, chance)
         self._jammers = FollowingJammers([link.station for link in self._wifi])
         self._read_channels()
-        for one in self._cellular:
-            one.row = rows[one.vehicle]
+        for cellular_link in self._cellular:
+            cellular_link.row = rows[cellular_link.vehicle]
         self._cells = [
             (
                 np.array([rows[cell_name(link, place)] for place in range(len(link.params.base_stations))]),
@@ -123,7 +123,7 @@ class ControlLinks:
         )
         self._background = np.array(
             [
-                self._city_busy if min(abs(t.channel - one) for one in _TRAFFIC_CHANNELS) < 2 else 0.0
+                self._city_busy if min(abs(t.channel - busy_channel) for busy_channel in _TRAFFIC_CHANNELS) < 2 else 0.0
                 for t in self._transmitters
             ]
         )
@@ -170,19 +170,19 @@ class ControlLinks:
         for channel, links in self._by_channel.items():
             centre = centre_mhz(OFDM, channel)
             propagation = self._propagation[centre]
-            one = np.array([link.station.row for link in links])
-            other = np.array([link.aircraft.row for link in links])
-            gains = propagation.gains_db(radios, one, other, centre, now).tolist()
+            stations = np.array([link.station.row for link in links])
+            aircraft = np.array([link.aircraft.row for link in links])
+            gains = propagation.gains_db(radios, stations, aircraft, centre, now).tolist()
             for link, gain in zip(links, gains, strict=True):
                 if link.aircraft.channel != channel:
                     gain = -math.inf
                 link.to_aircraft.signal_dbm = link.station.power_dbm + gain
                 link.to_station.signal_dbm = link.aircraft.power_dbm + gain
             ends = {transmitter.row for link in links for transmitter in (link.station, link.aircraft)}
-            met = _NoiseAt(bursts, propagation, radios, sorted(ends), centre_mhz=centre, width_mhz=WIDTH_MHZ, now=now)
+            noise = _NoiseAt(bursts, propagation, radios, sorted(ends), centre_mhz=centre, width_mhz=WIDTH_MHZ, now=now)
             for link in links:
-                link.to_aircraft.interference.bursts = met.between(link.station, link.aircraft)
-                link.to_station.interference.bursts = met.between(link.aircraft, link.station)
+                link.to_aircraft.interference.bursts = noise.between(link.station, link.aircraft)
+                link.to_station.interference.bursts = noise.between(link.aircraft, link.station)
             self._choose_rates(now, links)
             for link in links:
                 for direction in (link.to_aircraft, link.to_station):
@@ -201,34 +201,37 @@ class ControlLinks:
         for channel, radios in self._foreign_by_channel.items():
             centre = centre_mhz(OFDM, channel)
             propagation = self._propagation[centre]
-            one = np.array([radio.transmitter.row for radio in radios for _ in range(2)])
-            other = np.array([end.row for radio in radios for end in (radio.link.station, radio.link.aircraft)])
-            gains = propagation.gains_db(table, one, other, centre, now).reshape(-1, 2).tolist()
-            rows = sorted({*one.tolist(), *other.tolist()})
-            met = _NoiseAt(bursts, propagation, table, rows, centre_mhz=centre, width_mhz=WIDTH_MHZ, now=now)
+            foreign_rows = np.array([radio.transmitter.row for radio in radios for _ in range(2)])
+            end_rows = np.array([end.row for radio in radios for end in (radio.link.station, radio.link.aircraft)])
+            gains = propagation.gains_db(table, foreign_rows, end_rows, centre, now).reshape(-1, 2).tolist()
+            rows = sorted({*foreign_rows.tolist(), *end_rows.tolist()})
+            noise = _NoiseAt(bursts, propagation, table, rows, centre_mhz=centre, width_mhz=WIDTH_MHZ, now=now)
             for radio, both in zip(radios, gains, strict=True):
-                own, link = radio.transmitter, radio.link
+                attacker, link = radio.transmitter, radio.link
                 for end, gain, sent, heard in (
                     (link.station, both[0], radio.to_station.path, radio.from_station),
                     (link.aircraft, both[1], radio.to_aircraft.path, radio.from_aircraft),
                 ):
                     if end.channel != channel:
                         gain = -math.inf
-                    sent.signal_dbm, heard.signal_dbm = own.power_dbm + gain, end.power_dbm + gain
-                    sent.interference.bursts, heard.interference.bursts = met.between(own, end), met.between(end, own)
+                    sent.signal_dbm, heard.signal_dbm = attacker.power_dbm + gain, end.power_dbm + gain
+                    sent.interference.bursts, heard.interference.bursts = (
+                        noise.between(attacker, end),
+                        noise.between(end, attacker),
+                    )
 
     def _choose_rates(self, now: Time, links: Sequence[WifiLink]) -> None:
         """Let each direction use the rate with the greatest average of rate times success, as Minstrel does."""
         directions = [direction for link in links for direction in (link.to_aircraft, link.to_station)]
         snir = np.array([direction.snir_db(now) for direction in directions])
-        found = np.empty((len(directions), len(RATES_MBPS)))
-        fill_successes(snir, _PROBE_BITS, found)
+        successes = np.empty((len(directions), len(RATES_MBPS)))
+        fill_successes(snir, _PROBE_BITS, successes)
         for place, link in enumerate(links):
-            mine = found[2 * place : 2 * place + 2]
+            of_link = successes[2 * place : 2 * place + 2]
             if link.successes is None:
-                link.successes = mine.copy()
+                link.successes = of_link.copy()
             else:
-                link.successes += _RATE_WEIGHT * (mine - link.successes)
+                link.successes += _RATE_WEIGHT * (of_link - link.successes)
             best = np.argmax(link.successes * RATES_MBPS, axis=1).tolist()
             link.to_aircraft.rate, link.to_station.rate = best
 
@@ -247,7 +250,10 @@ class ControlLinks:
             )
             if t.airtime_ns
         ]
-        uses += [(one.radio, one.channel, one.ended_ns - one.started_ns, math.nan) for one in sent]
+        uses += [
+            (transmission.radio, transmission.channel, transmission.ended_ns - transmission.started_ns, math.nan)
+            for transmission in sent
+        ]
         table = np.array(uses, dtype=np.float64).reshape(-1, 4)
         senders, channels = table[:, :2].astype(np.int64).T
         airtime, reach_m = table[:, 2], np.where(np.isnan(table[:, 3]), self._reach_m[:, None], table[:, 3])
@@ -327,15 +333,15 @@ class ControlLinks:
             cells_mw = cell_loads * 10.0 ** (0.1 * powers)
             others_mw = float(cells_mw.sum() - cells_mw[candidate])
             ends = [link.row, int(rows[candidate])]
-            met = _NoiseAt(
+            noise = _NoiseAt(
                 self._spectrum.bursts, propagation, radios, ends, centre_mhz=centre, width_mhz=width, now=now
             )
             down, up = link.to_aircraft.interference, link.to_station.interference
             down.noise_mw = 10.0 ** (0.1 * link.aircraft_noise_dbm) + others_mw
-            down.bursts = met.at(ends[1], ends[0])
+            down.bursts = noise.at(ends[1], ends[0])
             # the uplink uses a share of the band, and so does the noise that it meets
             up.bursts = [
-                burst._replace(receiver_mw=burst.receiver_mw * params.share) for burst in met.at(ends[0], ends[1])
+                burst._replace(receiver_mw=burst.receiver_mw * params.share) for burst in noise.at(ends[0], ends[1])
             ]
             link.set_conditions(now, float(powers[candidate]), params.aircraft_dbm + float(gains[candidate]))
             change_of_state = link.monitor(now, link.to_aircraft.snir_db(now))
@@ -366,9 +372,9 @@ class _NoiseAt:
         self._column = {row: column for column, row in enumerate(rows)}
         self._gains = np.zeros((0, len(rows)))
         if self._bursts:
-            one: Ints = np.repeat(np.array([burst.radio for burst in self._bursts]), len(rows))
-            other: Ints = np.tile(np.array(rows), len(self._bursts))
-            self._gains = propagation.gains_db(radios, one, other, centre_mhz, now).reshape(-1, len(rows))
+            jammers: Ints = np.repeat(np.array([burst.radio for burst in self._bursts]), len(rows))
+            victims: Ints = np.tile(np.array(rows), len(self._bursts))
+            self._gains = propagation.gains_db(radios, jammers, victims, centre_mhz, now).reshape(-1, len(rows))
         self._shares = [filter_overlap(b.centre_mhz, b.width_mhz, centre_mhz, width_mhz) for b in self._bursts]
 
     def at(self, sender: int, receiver: int, power_dbm: float = math.inf) -> list[BurstAtReceiver]:
@@ -376,13 +382,13 @@ class _NoiseAt:
 
         A reactive jammer that does not hear such a frame is left out.
         """
-        found = []
+        met = []
         for place, burst in enumerate(self._bursts):
             sent_db, received_db = self._gains[place, self._column[sender]], self._gains[place, self._column[receiver]]
             if burst.turnaround_ns and power_dbm + sent_db < PREAMBLE_DBM:
                 continue
             in_filter_dbm = burst.power_dbm + 10.0 * math.log10(self._shares[place])
-            found.append(
+            met.append(
                 BurstAtReceiver(
                     burst.from_ns,
                     burst.to_ns,
@@ -391,7 +397,7 @@ class _NoiseAt:
                     in_filter_dbm + sent_db,
                 )
             )
-        return found
+        return met
 
     def between(self, sender: Transmitter, receiver: Transmitter) -> list[BurstAtReceiver]:
         """The same for two radios of a Wi-Fi link."""

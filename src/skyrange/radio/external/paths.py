@@ -139,30 +139,40 @@ class NoiseSources:
     """Jammers, and until when the noise of each was handed over. Deep-copyable."""
 
     def __init__(self) -> None:
-        self._told: dict[Emission, Time] = {}
+        self._handed_over: dict[Emission, Time] = {}
 
     def emit(self, now: Time, sources: EmitterTable) -> None:
         """From `now` on, just these sources make noise; a piece that was handed over already lasts to its end."""
-        told: dict[Emission, Time] = {}
+        handed_over: dict[Emission, Time] = {}
         for row in zip(*(column.tolist() for column in sources), strict=True):
-            one = Emission(*row)
-            told[one] = self._told.get(one, max(one.from_ns, now))
-        self._told = told
+            source = Emission(*row)
+            handed_over[source] = self._handed_over.get(source, max(source.from_ns, now))
+        self._handed_over = handed_over
 
     def pieces(self, after: Time, until: Time, table: RadioTable, finder: PathFinder) -> tuple[list[Rows], list[Rows]]:
         """`NOISE` rows that begin after `after` and up to `until`, and the `PATH` rows of each."""
         rows, paths = [], []
-        for one, told in sorted(self._told.items()):
-            begin = max(told, after + 1)
-            while begin <= until and begin < one.to_ns:
-                end = min((begin // PIECE_NS + 1) * PIECE_NS, one.to_ns)
-                found = finder.find(table, one.radio, one.power_dbm, one.centre_mhz, begin)
+        for source, since in sorted(self._handed_over.items()):
+            begin = max(since, after + 1)
+            while begin <= until and begin < source.to_ns:
+                end = min((begin // PIECE_NS + 1) * PIECE_NS, source.to_ns)
+                reached = finder.find(table, source.radio, source.power_dbm, source.centre_mhz, begin)
                 row = np.zeros(1, dtype=NOISE)
-                row[0] = (begin, end, one.centre_mhz, one.width_mhz, one.power_dbm, one.radio, 0, len(found), 0)
+                row[0] = (
+                    begin,
+                    end,
+                    source.centre_mhz,
+                    source.width_mhz,
+                    source.power_dbm,
+                    source.radio,
+                    0,
+                    len(reached),
+                    0,
+                )
                 rows.append(row)
-                paths.append(found)
+                paths.append(reached)
                 begin = end
-            self._told[one] = begin
+            self._handed_over[source] = begin
         return rows, paths
 
 
