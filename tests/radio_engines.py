@@ -8,7 +8,7 @@ import pytest
 
 from skyrange.core.errors import SkyrangeError
 from skyrange.radio.external import ns3, omnetpp
-from skyrange.radio.external.engine_program import find_engine
+from skyrange.radio.external.engine import find_engine
 
 
 def _find(name: str, title: str, variable: str, install: str) -> tuple[Path | None, str]:

@@ -135,7 +135,7 @@ def _ardupilot() -> Finding:
 
 def _ns3() -> Finding:
     """The ns-3 engine that a run would use: path, release, and whether it transmits a frame."""
-    from skyrange.radio.external.engine_trial import try_engine
+    from skyrange.radio.external.engine import try_engine
     from skyrange.radio.external.ns3 import HOW_TO_GET, INSTALL, find_program
 
     try:

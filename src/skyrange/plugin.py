@@ -151,7 +151,7 @@ if TYPE_CHECKING:
     from skyrange.fault.bodies import OnBodies
     from skyrange.fault.contract import FaultContext, FaultParts
     from skyrange.fault.declaration import fault
-    from skyrange.radio.builtin.environment import RadioEnvironment
+    from skyrange.radio.builtin.params import RadioEnvironment
     from skyrange.radio.contract import MediumContext, MediumPlugin
     from skyrange.radio.external.medium import ExternalMedium
     from skyrange.utm.approval_service import FlightApproval, policy_plugin

@@ -23,7 +23,7 @@ from skyrange.core.time import NS_PER_MS
 from skyrange.radio.builtin.listening import SNIFFER
 from skyrange.radio.contract import MediumContext, MediumPlugin
 from skyrange.radio.external.medium import ExternalMedium
-from skyrange.radio.phy.waveforms import airtime_ns
+from skyrange.radio.phy import airtime_ns
 from skyrange.testing import check_medium
 from tests.radio_engines import needs_ns3, needs_omnetpp
 

@@ -15,8 +15,8 @@ from skyrange.contracts.plugins.registry import NoParams
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_MS, Time
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.medium import BuiltinMedium
+from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.builtin.state import FREE, STATE
 from skyrange.radio.contract import MediumPlugin
 from skyrange.testing import NonConformance, check_medium

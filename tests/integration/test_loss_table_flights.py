@@ -15,9 +15,9 @@ from skyrange.contracts.medium import RadioSpec, TxBatch, Waveform
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import SNIFFER
 from skyrange.radio.builtin.medium import BuiltinMedium, fixed_positions
+from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.propagation.loss_table import NO_TABLE
 from skyrange.radio_map.mapping import MapLayout
 from skyrange.record import load as load_run

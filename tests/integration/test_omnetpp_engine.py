@@ -34,7 +34,7 @@ from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US
 from skyrange.io.processes.engine_socket import EngineSocket
 from skyrange.radio.external.omnetpp import OMNETPP, find_command
-from skyrange.radio.phy.waveforms import airtime_ns
+from skyrange.radio.phy import airtime_ns
 from skyrange.testing import check_medium
 from tests.radio_engines import needs_omnetpp
 

@@ -48,7 +48,8 @@ def plan_file(folder: Path, away_m: float = 0.0) -> Path:
         MissionItem(3, 16, 0.0, 0.0, 0.0, 0.0, *at(away_m, 150.0), 20.0),
         MissionItem(2, 20, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     )
-    fence = polygon(corners, True) + circle(at(away_m, 0.0), 70.0, True) + circle(at(away_m - 40.0, 0.0), 5.0, False)
+    fence = polygon(corners, inclusion=True) + circle(at(away_m, 0.0), 70.0, inclusion=True)
+    fence += circle(at(away_m - 40.0, 0.0), 5.0, inclusion=False)
     rally = (rally_point(at(away_m + RALLY[0], RALLY[1]), RALLY[2]),)
     file = folder / "fenced.plan"
     file.write_text(format_plan(Mission(items, (*at(away_m, 0.0), 408.0), fence, rally)))

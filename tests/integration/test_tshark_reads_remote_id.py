@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.codec.capture import pcapng, remote_id_packet
+from skyrange.codec import capture
 from skyrange.codec.f3411 import BasicId, Location, MessagePack, System, encode
-from skyrange.codec.remote_id import ble, wifi
+from skyrange.codec.remote_id import ble
 from skyrange.codec.remote_id.link_payload import RidFrame, RidHeader, Transport
+from tests.remote_id_encoders import encode_nan_sync_beacon, encode_pointer
 from tests.tiers import needs_tshark
 
 TSHARK = shutil.which("tshark")
@@ -36,10 +37,10 @@ SENT = [
 ]
 
 
-def read(capture: bytes, folder: Path, *fields: str) -> list[dict[str, str]]:
+def read(packets: bytes, folder: Path, *fields: str) -> list[dict[str, str]]:
     """The first value of each field of each packet."""
     path = folder / "remote_id.pcapng"
-    path.write_bytes(capture)
+    path.write_bytes(packets)
     assert TSHARK is not None
     wanted = [word for field in fields for word in ("-e", field)]
     done = subprocess.run(
@@ -50,16 +51,16 @@ def read(capture: bytes, folder: Path, *fields: str) -> list[dict[str, str]]:
 
 
 @pytest.fixture(scope="module")
-def capture() -> bytes:
-    head = pcapng.file_header(remote_id_packet.INTERFACES)
+def recorded() -> bytes:
+    head = capture.file_header(capture.INTERFACES)
     return head + b"".join(
-        remote_id_packet.packet_block(frame, START_UTC_NS, f"frame {row}") for row, frame in enumerate(SENT)
+        capture.reception_block(frame, START_UTC_NS, f"frame {row}") for row, frame in enumerate(SENT)
     )
 
 
-def test_wifi_frames(capture: bytes, tmp_path: Path) -> None:
+def test_wifi_frames(recorded: bytes, tmp_path: Path) -> None:
     beacon, nan = read(
-        capture, tmp_path, "frame.time_epoch", "frame.comment", "radiotap.channel.freq", "radiotap.dbm_antsignal",
+        recorded, tmp_path, "frame.time_epoch", "frame.comment", "radiotap.channel.freq", "radiotap.dbm_antsignal",
         "radiotap.datarate", "wlan.fcs.status", "wlan.fc.type_subtype", "wlan.sa", "wlan.bssid", "wlan.da",
         "wlan.fixed.timestamp", "wlan.tag.oui", "wlan.tag.vendor.oui.type", "wlan.tag.vendor.data",
         "nan.service_id", "nan.sda.service_info",
@@ -83,9 +84,9 @@ def test_wifi_frames(capture: bytes, tmp_path: Path) -> None:
     assert int(nan["nan.sdea.service_update_indicator"], 0) == 0x22
 
 
-def test_bluetooth_packets(capture: bytes, tmp_path: Path) -> None:
+def test_bluetooth_packets(recorded: bytes, tmp_path: Path) -> None:
     legacy, extended = read(
-        capture, tmp_path, "frame.time_epoch", "btle_rf.channel", "btle_rf.signal_dbm", "btle_rf.flags",
+        recorded, tmp_path, "frame.time_epoch", "btle_rf.channel", "btle_rf.signal_dbm", "btle_rf.flags",
         "btle.advertising_header.pdu_type", "btle.advertising_address", "btcommon.eir_ad.entry.uuid_16",
         "btcommon.eir_ad.entry.service_data", "btle.extended_advertising.advertising_data_info.did", "btle.crc",
     )[2:]  # fmt: skip
@@ -104,13 +105,13 @@ def test_bluetooth_packets(capture: bytes, tmp_path: Path) -> None:
 
 def test_the_parts_that_only_announce(tmp_path: Path) -> None:
     extended = RidFrame(SENT[3].header, PACK)
-    first = pcapng.ble_radio_header(38, -80.0, coded=True, auxiliary=False) + ble.encode_pointer(
+    first = capture.ble_radio_header(38, -80.0, coded=True, auxiliary=False) + encode_pointer(
         extended, channel=20, offset_us=6000
     )
-    sync = pcapng.radiotap_header(149, 6.0, -55.0) + wifi.encode_nan_sync_beacon(ADDRESS)
-    capture = pcapng.file_header(remote_id_packet.INTERFACES) + pcapng.packet_block(1, START_UTC_NS, first)
+    sync = capture.radiotap_header(149, 6.0, -55.0) + encode_nan_sync_beacon(ADDRESS)
+    both = capture.file_header(capture.INTERFACES) + capture.packet_block(1, START_UTC_NS, first)
     pointer, beacon = read(
-        capture + pcapng.packet_block(0, START_UTC_NS, sync), tmp_path, "_ws.col.Protocol",
+        both + capture.packet_block(0, START_UTC_NS, sync), tmp_path, "_ws.col.Protocol",
         "btle.extended_advertising_header.aux_pointer.channel", "btle.extended_advertising_header.aux_pointer.aux_phy",
         "btle.extended_advertising_header.aux_pointer.aux_offset", "nan.service_id",
         "wlan.fcs.status", "wlan.bssid",
@@ -128,12 +129,12 @@ def test_tshark_agrees_on_the_crc(flip: int, complaint: str, tmp_path: Path) -> 
 
     Only of the uncoded packet: tshark 4.0 counts the coding indicator of a coded one into its CRC.
     """
-    header = bytearray(pcapng.ble_radio_header(37, -80.0, coded=False, auxiliary=False))
+    header = bytearray(capture.ble_radio_header(37, -80.0, coded=False, auxiliary=False))
     flags = struct.unpack_from("<H", header, 8)[0]
     struct.pack_into("<H", header, 8, flags & ~0x0C00)
     packet = bytearray(ble.encode_legacy(SENT[2]))
     packet[20] ^= flip
-    raw = pcapng.file_header(remote_id_packet.INTERFACES) + pcapng.packet_block(1, START_UTC_NS, bytes(header + packet))
+    raw = capture.file_header(capture.INTERFACES) + capture.packet_block(1, START_UTC_NS, bytes(header + packet))
     assert read(raw, tmp_path, "_ws.expert.message")[0]["_ws.expert.message"] == complaint
 
 

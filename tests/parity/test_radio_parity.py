@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from skyrange.contracts.medium import Waveform
 from skyrange.core.time import NS_PER_MS
-from skyrange.radio.phy.waveforms import airtime_ns
+from skyrange.radio.phy import airtime_ns
 from tests.radio_engines import needs_ns3, needs_omnetpp
 from tools.agreement.radio.agreement import PARTIAL, WITHIN
 from tools.agreement.radio.experiments import FRAME_BYTES, Trial, contention_trials, hidden_trials, run_trial

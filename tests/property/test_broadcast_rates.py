@@ -12,7 +12,7 @@ from itertools import pairwise, product
 from typing import NamedTuple
 
 from skyrange.codec.drip import Evidence, Link, decode_manifest, decode_sam, session_id
-from skyrange.codec.drip.pages import join_with_parity
+from skyrange.codec.drip.messages import join_with_parity
 from skyrange.codec.f3411 import (
     EPOCH_2019_S,
     Authentication,
@@ -28,9 +28,8 @@ from skyrange.codec.f3411 import (
 from skyrange.codec.remote_id.link_payload import RidFrame, unpack
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.remoteid.broadcast_profiles import TRANSPORTS, US_PERIOD_NS, Broadcast, broadcast_cycle
-from skyrange.remoteid.drip.credentials import Credentials
 from skyrange.remoteid.drip.registry import Registry
-from skyrange.remoteid.drip.schedule import PAGE_NS, RECOMMENDED, REQUIRED, Rates
+from skyrange.remoteid.drip.sender import PAGE_NS, RECOMMENDED, REQUIRED, Credentials, Rates
 from tests.unit.test_remoteid_broadcaster import UTC_US, Aircraft, beat, position
 
 FLOWN_S = 66

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyrange.codec.mavlink import Packer, decode, message_id
-from skyrange.codec.mavlink.frame_layout import LAYOUTS
+from skyrange.codec.mavlink.frames import LAYOUTS
 from skyrange.codec.mavlink.message_columns import message_ids, pack_batches, payload_dtype
 from skyrange.contracts.frames.payloads import Payloads
 from tests.cases import each_case

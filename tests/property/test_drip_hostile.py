@@ -19,8 +19,7 @@ from skyrange.codec.drip import (
 from skyrange.codec.f3411 import Authentication, decode, encode
 from skyrange.core.errors import DecodeError
 from skyrange.remoteid.drip.registry import Registry
-from skyrange.remoteid.drip.schedule import Kind
-from skyrange.remoteid.drip.sender import Sender
+from skyrange.remoteid.drip.sender import Kind, Sender
 from skyrange.remoteid.drip.verification.observed_sender import MAX_HEARD
 from skyrange.remoteid.drip.verification.observer import MAX_TRACKS, Observer
 from skyrange.remoteid.drip.verification.verdicts import Judged, Policy, Trust

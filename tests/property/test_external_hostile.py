@@ -12,7 +12,7 @@ from skyrange.codec.mavlink import decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.deframer import Deframer
 from skyrange.codec.mavlink.flight_modes import is_arducopter_multirotor
-from skyrange.codec.mavlink.frame_layout import LAYOUTS, checksum, pack_header_v2
+from skyrange.codec.mavlink.frames import LAYOUTS, checksum, pack_header_v2
 from skyrange.core.errors import InputError
 from skyrange.io.mavlink.connections import Address, MavlinkConnection, make_connection
 from skyrange.vehicle.contract import VehicleSpec

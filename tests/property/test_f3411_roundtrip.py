@@ -23,6 +23,7 @@ from skyrange.codec.f3411 import (
     encode,
 )
 from skyrange.core.errors import DecodeError
+from tests.remote_id_encoders import split_pages
 from tests.tiers import examples
 
 NIBBLE = st.integers(0, 15)
@@ -184,7 +185,7 @@ def test_every_truncation_and_every_tail_is_refused(message: Message, data: st.D
 def test_authentication_data_travel_in_pages_in_any_order(
     auth_type: int, proof: bytes, timestamp_s: int, order: object
 ) -> None:
-    pages = list(authentication.split_pages(auth_type, proof, timestamp_s))
+    pages = list(split_pages(auth_type, proof, timestamp_s))
     received = [decode(encode(page)) for page in pages]
     order.shuffle(received)  # type: ignore[attr-defined]
     assert authentication.join_pages(page for page in received if isinstance(page, Authentication)) == proof

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrange.city.feature_stream import compact_feature, parse_document
+from skyrange.city.geojson import compact_feature, parse_document
 
 NUMBERS = st.integers(-(2**70), 2**70) | st.floats(allow_nan=False)
 VALUES = st.recursive(

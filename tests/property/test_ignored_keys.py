@@ -27,7 +27,9 @@ FENCED = json.loads(
         Mission(
             (),
             HOME,
-            polygon(CORNERS, True) + circle(CORNERS[0], 30.0, False) + return_point(CORNERS[1], 20.0),
+            polygon(CORNERS, inclusion=True)
+            + circle(CORNERS[0], 30.0, inclusion=False)
+            + return_point(CORNERS[1], 20.0),
             (rally_point(CORNERS[2], 15.0),),
         )
     )

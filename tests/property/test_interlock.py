@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.deframer import Deframer
-from skyrange.codec.mavlink.frame_layout import LAYOUTS, checksum, pack_header_v2
+from skyrange.codec.mavlink.frames import LAYOUTS, checksum, pack_header_v2
 from skyrange.vehicle.external.interlock import PERMITTED_COMMANDS, PERMITTED_MESSAGES, Interlock
 from tests.tiers import examples
 

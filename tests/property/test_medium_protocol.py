@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from skyrange.codec import medium_protocol as protocol
 from skyrange.core.errors import DecodeError
+from tests import engine_messages
 
 NUMBERS = st.floats(allow_nan=False, width=64)
 TEXTS = st.text(max_size=20)
@@ -75,31 +76,31 @@ def _plain(value: Any) -> Any:
 
 @given(HELLOS)
 def test_a_hello_is_decoded_as_it_was(hello: protocol.Hello) -> None:
-    assert _plain(protocol.decode_hello(protocol.encode_hello(hello))) == _plain(hello)
+    assert _plain(engine_messages.decode_hello(protocol.encode_hello(hello))) == _plain(hello)
 
 
 @given(ADVANCES)
 def test_an_advance_is_decoded_as_it_was(advance: protocol.Advance) -> None:
-    assert _plain(protocol.decode_advance(protocol.encode_advance(advance), 3)) == _plain(advance)
+    assert _plain(engine_messages.decode_advance(protocol.encode_advance(advance), 3)) == _plain(advance)
 
 
 @given(DONES)
 def test_a_done_is_decoded_as_it_was(done: protocol.Done) -> None:
-    assert _plain(protocol.decode_done(protocol.encode_done(done))) == _plain(done)
+    assert _plain(protocol.decode_done(engine_messages.encode_done(done))) == _plain(done)
 
 
 @given(TEXTS, TEXTS, st.integers(0, 2**32 - 1), st.integers(0, 7), st.integers(0, 10**9))
 def test_a_ready_is_decoded_as_it_was(name: str, release: str, waveforms: int, abilities: int, lookahead: int) -> None:
     ready = protocol.Ready(name, release, waveforms, protocol.Ability(abilities), lookahead)
-    assert protocol.decode_ready(protocol.encode_ready(ready)) == ready
+    assert protocol.decode_ready(engine_messages.encode_ready(ready)) == ready
 
 
 DECODERS = [
-    protocol.decode_hello,
-    lambda body: protocol.decode_advance(body, 3),
+    engine_messages.decode_hello,
+    lambda body: engine_messages.decode_advance(body, 3),
     protocol.decode_done,
     protocol.decode_ready,
-    protocol.decode_path_losses,
+    engine_messages.decode_path_losses,
     protocol.decode_losses,
     protocol.decode_forked,
     protocol.decode_failed,
@@ -117,8 +118,8 @@ def test_hostile_bodies_raise_only_decode_errors(body: bytes, which: int) -> Non
 
 @given(st.data())
 def test_a_body_that_was_cut_or_extended_is_refused(data: st.DataObject) -> None:
-    body = data.draw(st.one_of(HELLOS.map(protocol.encode_hello), DONES.map(protocol.encode_done)))
-    decode = protocol.decode_hello if body.startswith(protocol.MAGIC) else protocol.decode_done
+    body = data.draw(st.one_of(HELLOS.map(protocol.encode_hello), DONES.map(engine_messages.encode_done)))
+    decode = engine_messages.decode_hello if body.startswith(protocol.MAGIC) else protocol.decode_done
     cut = data.draw(st.integers(0, len(body) - 1))
     with pytest.raises(DecodeError):
         decode(body[:cut])
@@ -136,7 +137,7 @@ def test_hostile_headers_raise_only_decode_errors(header: bytes) -> None:
 
 
 def test_another_version_is_named() -> None:
-    body = bytearray(protocol.encode_ready(protocol.Ready("x", "1", 3, protocol.Ability(0), 0)))
+    body = bytearray(engine_messages.encode_ready(protocol.Ready("x", "1", 3, protocol.Ability(0), 0)))
     body[8] = 9
     with pytest.raises(DecodeError, match="version 9 of the medium protocol; this is version 1"):
         protocol.decode_ready(bytes(body))

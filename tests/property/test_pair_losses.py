@@ -14,16 +14,22 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.city.buildings import Building
-from skyrange.city.city import City
+from skyrange.city.city import Building, City
+from skyrange.contracts.medium import RadioTable
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.radio.builtin.state import ANTENNAS
 from skyrange.radio.control_link.propagation import Propagation
-from skyrange.radio.propagation.link_budget import NO_SIGNAL, MediumParams, index_positions, received_power_dbm
+from skyrange.radio.propagation.link_budget import (
+    NO_SIGNAL,
+    IndexedRadios,
+    MediumParams,
+    append_received_powers,
+    index_positions,
+    received_power_dbm,
+)
 from skyrange.radio.propagation.loss_table import NO_TABLE
 from skyrange.radio.propagation.obstruction import Obstacles, has_line_of_sight, obstacle_index, trace_line
-from skyrange.radio.propagation.pair_losses import append_received_powers
 from tests.property.test_loss_table_lookup import TABLES
 from tests.tiers import examples
 
@@ -66,8 +72,8 @@ def test_powers_of_all_pairs_are_those_of_each_pair(
     for sender, power in zip(senders.tolist(), powers.tolist(), strict=True):
         start.append(
             append_received_powers(
-                params, obstacles, who, antenna, pos, vel, head, follow, best_dbi, sender, power, centre, time_ns,
-                floor_dbm, rows, dbm, start[-1],
+                params, obstacles, IndexedRadios(who, antenna, best_dbi, pos, vel, head, follow), sender, power, centre,
+                time_ns, floor_dbm, rows, dbm, start[-1],
             )
         )  # fmt: skip
     for k, sender in enumerate(senders.tolist()):
@@ -128,10 +134,8 @@ def test_a_sender_reaches_some_and_not_others() -> None:
     index_positions(head, follow, pos)
     who = np.arange(3, dtype=np.uint64)
     rows, dbm = np.empty(3, dtype=np.int64), np.empty(3)
-    count = append_received_powers(
-        params, OPEN, who, np.zeros((3, 2)), pos, np.zeros((3, 3)), head, follow, 0.0, 0, 10.0, 2437.0, 0, -90.0, rows,
-        dbm, 0,
-    )  # fmt: skip
+    radios = IndexedRadios(who, np.zeros((3, 2)), 0.0, pos, np.zeros((3, 3)), head, follow)
+    count = append_received_powers(params, OPEN, radios, 0, 10.0, 2437.0, 0, -90.0, rows, dbm, 0)
     assert rows[:count].tolist() == [2]
     assert dbm[0] == pytest.approx(10.0 - (32.4 + 20.0 * math.log10(2437.0) + 20.0 * math.log10(0.9)), abs=0.06)
 
@@ -150,10 +154,10 @@ def test_the_gain_of_a_path_is_the_same_both_ways(seed: int, spread_m: float, ra
     table = TABLES[-1] if tabled else NO_TABLE
     names = [f"radio{k}" for k in range(n)]
     antennas = [(str(rng.choice(ANTENNAS)), float(rng.uniform(-3.0, 9.0))) for _ in names]
-    path = Propagation(names, antennas, Chance(seed), TOWN_CITY, randomness, table)
+    path = Propagation(names, antennas, Chance(seed), TOWN_CITY, randomness=randomness, table=table)
     pos = rng.uniform([-spread_m, -spread_m, 0.0], [spread_m, spread_m, 60.0], (n, 3))
     vel = rng.normal(0.0, 8.0, (n, 3))
     one, other = (ends.astype(np.int64) for ends in np.triu_indices(n, 1))
-    there = path.gains_db(pos, vel, one, other, 2437.0, 1_234_567_890)
-    back = path.gains_db(pos, vel, other, one, 2437.0, 1_234_567_890)
+    there = path.gains_db(RadioTable(0, pos, vel), one, other, 2437.0, 1_234_567_890)
+    back = path.gains_db(RadioTable(0, pos, vel), other, one, 2437.0, 1_234_567_890)
     assert there == pytest.approx(back, abs=1e-6)

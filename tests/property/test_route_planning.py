@@ -12,8 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from skyrange.city.buildings import Building
-from skyrange.city.city import City
+from skyrange.city.city import Building, City
 from skyrange.planning.costs import Costs
 from skyrange.planning.lattice import NO_WAY, raise_field, search
 from skyrange.planning.limits import Limits, NoRouteError

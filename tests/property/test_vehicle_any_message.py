@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from skyrange.codec.mavlink import dialect
-from skyrange.codec.mavlink.frame_layout import LAYOUTS, checksum, pack_header_v2
+from skyrange.codec.mavlink.frames import LAYOUTS, checksum, pack_header_v2
 from skyrange.codec.mavlink.message_columns import payload_dtype
 from skyrange.vehicle.builtin.commands import HANDLERS
 from skyrange.vehicle.contract import VehicleSpec

@@ -6,12 +6,12 @@ from skyrange.codec.drip import session_id
 from skyrange.codec.f3411 import BasicId, IdType, Location, encode
 from skyrange.core.time import NS_PER_S
 from skyrange.remoteid.drip.registry import Registration, Registry
-from skyrange.remoteid.drip.schedule import (
+from skyrange.remoteid.drip.sender import (
     REQUIRED,
     Kind,
     Rates,
+    Sender,
 )
-from skyrange.remoteid.drip.sender import Sender
 from skyrange.remoteid.drip.verification.observer import Observer
 from skyrange.remoteid.drip.verification.verdicts import Judged, Policy, Trust, Verified
 

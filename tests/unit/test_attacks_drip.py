@@ -22,14 +22,12 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, NS_PER_US, Epoch, Time
-from skyrange.radio.phy.framing import OVERHEAD_BYTES
-from skyrange.radio.phy.waveforms import OFDM, airtime_ns
+from skyrange.radio.phy import OFDM, OVERHEAD_BYTES, airtime_ns
 from skyrange.remoteid.broadcast_profiles import sender_address
 from skyrange.remoteid.drip.registry import Anchor, Registration, Registry
 from skyrange.remoteid.drip.sender import Sender
 from skyrange.remoteid.drip.verification.observer import Observer
-from skyrange.remoteid.drip.verification.policy import Acceptance, accepts
-from skyrange.remoteid.drip.verification.verdicts import Policy, Refusal, Trust
+from skyrange.remoteid.drip.verification.verdicts import Acceptance, Policy, Refusal, Trust, accepts
 from tests.unit.test_attack_remote_id import ORIGIN, made, place, sent
 
 SUPPRESS_PAGES = AttackPlugin.find("remote_id.suppress_pages")

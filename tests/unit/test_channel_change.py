@@ -13,6 +13,7 @@ from skyrange.assembly.build import build
 from skyrange.contracts.channel_orders import ChannelOrder
 from skyrange.contracts.channel_plans import EndReport, FrameOutcome
 from skyrange.contracts.mailboxes import Outbox
+from skyrange.contracts.medium import RadioTable
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
@@ -28,8 +29,7 @@ from skyrange.defence.control_link.channel_change import (
     stay_ns,
 )
 from skyrange.defence.placement import Alarm
-from skyrange.radio.control_link.channel_changes import ChannelChanges
-from skyrange.radio.control_link.following_jammers import FollowingJammers
+from skyrange.radio.control_link.channel_changes import ChannelChanges, FollowingJammers
 from skyrange.radio.control_link.interference import BurstAtReceiver
 from skyrange.radio.control_link.params import WifiParams
 from skyrange.radio.control_link.wifi_link import BEACON_NS, Transmitter, WifiLink
@@ -222,10 +222,10 @@ def test_a_jammer_finds_the_new_channel_after_its_search_time_if_it_hears_it(gai
     jammers = FollowingJammers([access_point])
     burst = NoiseBurst(1, 2412.0, 20.0, 0.0, 0, 99, 20_000, access_point.address, NS_PER_S)
     paths = {2462.0: _Path(gain_db)}
-    nowhere = np.zeros((2, 3))
+    nowhere = RadioTable(0, np.zeros((2, 3)), np.zeros((2, 3)))
 
     def centre(at: Time) -> float:
-        return jammers.tune(at, [burst], paths, nowhere, nowhere)[0].centre_mhz  # type: ignore[arg-type]
+        return jammers.tune(at, [burst], paths, nowhere)[0].centre_mhz  # type: ignore[arg-type]
 
     assert centre(11 * NS_PER_S - 1) == 2412.0
     assert centre(11 * NS_PER_S) == (2462.0 if found else 2412.0)

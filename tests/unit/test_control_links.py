@@ -21,8 +21,7 @@ from skyrange.contracts.frames.frame import Fate
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time
-from skyrange.radio.control_link.cellular_link import CellularLink
-from skyrange.radio.control_link.cellular_rates import EFFICIENCY, MIN_SNIR_DB, block_error, quality_of
+from skyrange.radio.control_link.cellular_link import EFFICIENCY, MIN_SNIR_DB, CellularLink, block_error, quality_of
 from skyrange.radio.control_link.interference import BurstAtReceiver, Interference
 from skyrange.radio.control_link.params import BaseStation, CellularParams, WifiParams
 from skyrange.radio.control_link.wifi_link import Transmitter, WifiLink
@@ -148,7 +147,9 @@ def test_a_lost_answer_repeats_a_frame_that_has_arrived() -> None:
 def test_an_association_ends_after_seven_beacons_and_takes_time_to_return() -> None:
     link = wifi_link(reassociation_ms=400)
     times = range(0, 3 * NS_PER_S, 20 * NS_PER_MS)
-    changes = [(t / NS_PER_S, link.update_association(t, not 500 * NS_PER_MS <= t < 2 * NS_PER_S)) for t in times]
+    changes = [
+        (t / NS_PER_S, link.update_association(t, beacons_heard=not 500 * NS_PER_MS <= t < 2 * NS_PER_S)) for t in times
+    ]
     changes = [(at, why) for at, why in changes if why]
     assert changes == [(1.2, "no beacons"), (2.0, "beacons")]
     assert link.down_until == 2_400 * NS_PER_MS

@@ -21,9 +21,9 @@ from skyrange.defence.receptions import OwnAircraft, Reader
 from skyrange.defence.remote_id.drip import SignatureCheck
 from skyrange.remoteid.broadcast_profiles import Broadcast, sender_address
 from skyrange.remoteid.drip.broadcasts import AuthenticationPages
-from skyrange.remoteid.drip.credentials import Credentials
 from skyrange.remoteid.drip.registry import Registry
-from skyrange.remoteid.drip.verification.policy import Verification
+from skyrange.remoteid.drip.sender import Credentials
+from skyrange.remoteid.drip.verification.verdicts import Verification
 from skyrange.remoteid.drip.verification.verifier import Verifier
 
 ORIGIN = Origin(40.778, -73.955, 20.0)

@@ -397,7 +397,7 @@ _MESSAGES = st.sampled_from([
 
 @st.composite
 def _frames(draw: st.DrawFn) -> bytes:
-    from skyrange.codec.mavlink.frame_layout import LAYOUTS, checksum, pack_header_v2
+    from skyrange.codec.mavlink.frames import LAYOUTS, checksum, pack_header_v2
 
     number = draw(_MESSAGES)
     body = draw(st.binary(min_size=1, max_size=LAYOUTS[number].size))

@@ -12,14 +12,22 @@ from skyrange.codec.drip.messages import encode_manifest, manifest_evidence
 from skyrange.codec.f3411 import BasicId, Location, MessagePack, encode
 from skyrange.codec.f3411.authentication import join_pages
 from skyrange.core.time import NS_PER_S
-from skyrange.remoteid.drip.keys import Identity, range_secret, sign
-from skyrange.remoteid.drip.registry import Level, Registration, Registry, child_level, endorse
-from skyrange.remoteid.drip.schedule import (
+from skyrange.remoteid.drip.registry import (
+    Identity,
+    Level,
+    Registration,
+    Registry,
+    child_level,
+    endorse,
+    range_secret,
+    sign,
+)
+from skyrange.remoteid.drip.sender import (
     REQUIRED,
     Kind,
     Schedule,
+    Sender,
 )
-from skyrange.remoteid.drip.sender import Sender
 from skyrange.remoteid.drip.verification.observer import Observer
 from skyrange.remoteid.drip.verification.verdicts import Policy, Refusal, Trust
 from tests.unit.drip_air import OTHER, OWN, REGISTRY, T0, Air, location

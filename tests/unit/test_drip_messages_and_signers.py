@@ -7,8 +7,8 @@ import math
 from skyrange.codec.drip import Evidence, SamType, encode_sam, split_with_parity
 from skyrange.codec.drip.messages import encode_manifest, manifest_evidence
 from skyrange.codec.f3411 import MessageType, encode
-from skyrange.remoteid.drip.keys import Identity, sign
-from skyrange.remoteid.drip.schedule import (
+from skyrange.remoteid.drip.registry import Identity, sign
+from skyrange.remoteid.drip.sender import (
     REQUIRED,
     Kind,
 )

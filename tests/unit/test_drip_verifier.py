@@ -14,11 +14,9 @@ from skyrange.codec.f3411.authentication import join_pages
 from skyrange.core.time import NS_PER_S
 from skyrange.remoteid.broadcast_profiles import Broadcast
 from skyrange.remoteid.drip.broadcasts import AuthenticationPages
-from skyrange.remoteid.drip.credentials import Credentials
 from skyrange.remoteid.drip.registry import Registry
-from skyrange.remoteid.drip.schedule import PAGE_NS
-from skyrange.remoteid.drip.verification.policy import Acceptance, Verification, accepts
-from skyrange.remoteid.drip.verification.verdicts import Trust
+from skyrange.remoteid.drip.sender import PAGE_NS, Credentials
+from skyrange.remoteid.drip.verification.verdicts import Acceptance, Trust, Verification, accepts
 from skyrange.remoteid.drip.verification.verifier import MAX_TOLD, Verifier
 
 START_S = 220_000_000

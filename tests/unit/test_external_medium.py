@@ -30,16 +30,22 @@ from skyrange.contracts.medium import (
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import HOPPER, SNIFFER
+from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.contract import MediumContext
 from skyrange.radio.external.medium import ExternalMedium
 
-ENGINE = """
-import os, socket, sys
+ENGINE = (
+    f"""
+import sys
+sys.path.insert(0, {str(Path(__file__).parents[2])!r})
+"""
+    + """
+import os, socket
 import numpy as np
 from skyrange.codec import medium_protocol as p
 from skyrange.codec.medium_protocol import MessageType as M
+from tests import engine_messages as e
 link = socket.socket(fileno=0)
 passed = []
 def read(count):
@@ -59,13 +65,14 @@ def answer(kind, body=b""):
     link.sendall(p.pack(kind, number, body))
 def ready(**other):
     fields = dict(name="test", release="1", waveforms=2, abilities=p.Ability(5), lookahead_ns=0) | other
-    answer(M.READY, p.encode_ready(p.Ready(**fields)))
+    answer(M.READY, e.encode_ready(p.Ready(**fields)))
 def done(sent=(), heard=(), active=0):
-    answer(M.DONE, p.encode_done(p.Done(active, 0, np.array(list(sent), p.SENT), np.array(list(heard), p.HEARD))))
+    answer(M.DONE, e.encode_done(p.Done(active, 0, np.array(list(sent), p.SENT), np.array(list(heard), p.HEARD))))
 kind, body = receive()
-hello = p.decode_hello(body)
+hello = e.decode_hello(body)
 n = len(hello.radios)
 """
+)
 """The beginning of an engine; each test has an end of its own."""
 
 ALL = """
@@ -74,7 +81,7 @@ while True:
     kind, body = receive()
     if kind != M.ADVANCE:
         break
-    asked = p.decode_advance(body, n)
+    asked = e.decode_advance(body, n)
     sent, heard = [], []
     for t in asked.transmissions:
         sent.append((t["key"], t["at_ns"], asked.until_ns, t["radio"], t["channel"], 0))
@@ -237,11 +244,11 @@ def test_it_does_nothing_while_nothing_is_on_the_air() -> None:
 @pytest.mark.parametrize(
     ("end", "words"),
     [
-        ("answer(M.FAILED, p.encode_failed('no such model'))", "failed: no such model"),
+        ("answer(M.FAILED, e.encode_failed('no such model'))", "failed: no such model"),
         ("answer(M.DONE)", "DONE instead of READY"),
         ("link.sendall(b'GARBAGE! HTTP/1.1 400')", "none of this protocol"),
         ("number = 99; ready()", "answered request 99; request 1 is open"),
-        ("b = bytearray(p.encode_ready(p.Ready('t', '1', 2, p.Ability(0), 0))); b[8] = 2; answer(M.READY, bytes(b))",
+        ("b = bytearray(e.encode_ready(p.Ready('t', '1', 2, p.Ability(0), 0))); b[8] = 2; answer(M.READY, bytes(b))",
          "version 2 of the medium protocol; this is version 1"),
         ("answer(M.READY, b'SKY')", "ends within a field"),
         ("ready(waveforms=12)", "neither of the Wi-Fi waveforms"),
@@ -270,8 +277,8 @@ def test_an_engine_that_greets_wrongly_is_named(end: str, words: str) -> None:
         ("done([(5, 1, 2_000_000, 0, 6, 0)] * 2)", "frame 5, which has another"),
         ("done([(5, 1, 2_000_000, 0, 6, 0)], [(5, 2_000_000, float('nan'), 3, 1, 6, 0)])", "no number"),
         ("answer(M.DONE, b'\\xff' * 24)", "ends within a field"),
-        ("answer(M.LOSSES, p.encode_losses(np.zeros(1)))", "LOSSES instead of DONE"),
-        ("answer(M.FAILED, p.encode_failed('out of memory'))", "failed: out of memory"),
+        ("answer(M.LOSSES, e.encode_losses(np.zeros(1)))", "LOSSES instead of DONE"),
+        ("answer(M.FAILED, e.encode_failed('out of memory'))", "failed: out of memory"),
     ],
 )
 def test_an_engine_that_answers_wrongly_is_named(end: str, words: str) -> None:

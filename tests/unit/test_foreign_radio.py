@@ -19,8 +19,7 @@ from skyrange.radio.control_link.params import WifiParams
 from skyrange.radio.control_link.propagation import Propagation
 from skyrange.radio.control_link.wifi_link import Transmitter, WifiLink
 from skyrange.radio.control_link.wifi_rates import DIFS_NS, MAX_RETRIES, airtime_ns
-from skyrange.radio.phy.channels import centre_mhz
-from skyrange.radio.phy.waveforms import OFDM
+from skyrange.radio.phy import OFDM, centre_mhz
 from skyrange.radio.spectrum import NoiseBurst, Spectrum
 
 NOISE_DBM = -94.0
@@ -57,9 +56,15 @@ class Air:
         self.radio = ForeignRadio(self.link, site, Transmitter("x.radio", power_dbm), NOISE_DBM)
         places = {"ap": (0.0, 0.0, 2.0), "x.radio": radio_at}
         names = [*self.spectrum.radios, *places]
-        propagation = Propagation(names, [("isotropic", 0.0)] * len(names), Chance(1), None, False)
+        propagation = Propagation(names, [("isotropic", 0.0)] * len(names), Chance(1), None, randomness=False)
         self.agent = ControlLinks(
-            [self.link], [], self.spectrum, places, {CENTRE: propagation}, Chance(1), foreign=[self.radio]
+            [self.link],
+            [],
+            self.spectrum,
+            places=places,
+            propagation={CENTRE: propagation},
+            chance=Chance(1),
+            foreign=[self.radio],
         )
         self.agent.step(0, Inbox([], []))
 
@@ -93,7 +98,7 @@ def test_a_forged_frame_arrives_as_one_transmission_of_a_station_with_that_place
     for direction, path in ((own.to_aircraft, air.radio.to_aircraft.path), (own.to_station, air.radio.from_aircraft)):
         direction.interference.bursts = path.interference.bursts
     gain = air.agent._propagation[CENTRE].gains_db(  # independently of what the agent has written
-        np.array([[50.0, 0.0, 20.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], place]), np.zeros((4, 3)),
+        RadioTable(0, np.array([[50.0, 0.0, 20.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], place]), np.zeros((4, 3))),
         np.array([3]), np.array([0]), CENTRE, 0,
     ).item()  # fmt: skip
     own.to_aircraft.signal_dbm = power_dbm + gain

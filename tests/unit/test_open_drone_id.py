@@ -30,8 +30,7 @@ from skyrange.codec.f3411.columns import CODES, NUMBERS, encode_locations
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.codec.mavlink import decode as decode_frame
 from skyrange.codec.mavlink.message_columns import payload_dtype
-from skyrange.codec.remote_id.open_drone_id import apply_system_update, from_mavlink, to_mavlink
-from skyrange.codec.remote_id.open_drone_id_columns import location_columns
+from skyrange.codec.remote_id.open_drone_id import apply_system_update, from_mavlink, location_columns, to_mavlink
 from skyrange.core.errors import DecodeError
 from tests.property.test_f3411_roundtrip import SINGLES, locations
 

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 import shapely
 
-from skyrange.city.buildings import Building
-from skyrange.city.city import City
+from skyrange.city.city import Building, City
 from skyrange.contracts.medium import (
     ANY_CHANNEL,
     EmitterTable,
@@ -30,9 +29,9 @@ from skyrange.contracts.medium import (
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import COMPANION, HOPPER, PHONE, PROFILES, wifi_chain
 from skyrange.radio.builtin.medium import BuiltinMedium, fixed_positions
+from skyrange.radio.builtin.params import RadioEnvironment
 
 STILL = RadioEnvironment(chance=False)
 OFDM, BT4, BT5 = Waveform.OFDM_6M, Waveform.BLE_1M, Waveform.BLE_CODED

@@ -16,11 +16,11 @@ from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_MS
 from skyrange.radio import ground_receptions
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import COMPANION
 from skyrange.radio.builtin.medium import BuiltinMedium
+from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.oracle import Oracle
-from skyrange.radio.phy.framing import MAX_BODY_BYTES, OVERHEAD_BYTES, TRANSPORT_WAVEFORM
+from skyrange.radio.phy import MAX_BODY_BYTES, OVERHEAD_BYTES, TRANSPORT_WAVEFORM
 from skyrange.testing import InputMessage, check_agent
 
 STEP = Oracle.service_ns
@@ -31,7 +31,7 @@ def oracle(recording: bool = False) -> Oracle:
     radios = [RadioSpec(name, listening=COMPANION) for name in NAMES]
     radios.append(RadioSpec("mast", (0.0, 0.0, 3.0), COMPANION))
     medium = BuiltinMedium(radios, Chance(1), surroundings=RadioEnvironment(chance=False))
-    return Oracle(medium, NAMES, NAMES, {"mast": "blue"}, recording)
+    return Oracle(medium, NAMES, NAMES, {"mast": "blue"}, recording=recording)
 
 
 class Still:

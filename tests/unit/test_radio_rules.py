@@ -12,10 +12,9 @@ from skyrange.contracts.medium import ANY_CHANNEL, OnAir, RadioSpec, ReceptionOu
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_MS, NS_PER_US
 from skyrange.radio.builtin.backoff import ERROR_NS
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import SNIFFER
 from skyrange.radio.builtin.medium import BuiltinMedium, fixed_positions
-from skyrange.radio.builtin.params import BuiltinParams
+from skyrange.radio.builtin.params import BuiltinParams, RadioEnvironment
 from skyrange.radio.contract import BUILTIN, MediumContext
 
 HORIZON = RadioEnvironment(horizon_m=1_000.0, chance=False)
@@ -25,7 +24,7 @@ OUTCOMES = ReceptionOutcome
 def _offer(params: BuiltinParams, east_m: dict[str, float], frames: dict[str, int]) -> tuple[BuiltinMedium, OnAir]:
     """Radios on a line, of which some send a frame at the times given, in ns."""
     radios = [RadioSpec(name, (east, 0.0, 30.0), SNIFFER) for name, east in east_m.items()]
-    medium = BuiltinMedium(radios, Chance(1), None, HORIZON, True, params=params)
+    medium = BuiltinMedium(radios, Chance(1), None, HORIZON, every_pair=True, params=params)
     names = [radio.name for radio in medium.radios]
     same = np.zeros(len(frames), dtype=np.int64)
     medium.offer(

@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.codec.capture import pcapng, remote_id_packet
+from skyrange.codec import capture
 from skyrange.codec.f3411 import BasicId, Location, MessagePack, SelfId, encode
 from skyrange.codec.remote_id import ble, wifi
 from skyrange.codec.remote_id.link_payload import NO_RSSI, RidFrame, RidHeader, Transport, pack, unpack
 from skyrange.core.errors import DecodeError
+from tests.remote_id_encoders import encode_nan_sync_beacon, encode_pointer
 
 ADDRESS = bytes.fromhex("c21122334455")
 SINGLE = encode(Location(2, 40.7, -73.9, 12.5))
@@ -135,7 +136,7 @@ def test_an_extended_advertisement_byte_by_byte() -> None:
      (0, 245_700, 1 << 7 | 819 << 8 | 2 << 21)],
 )  # fmt: skip
 def test_a_pointer_says_channel_time_and_phy(channel: int, offset_us: int, expected: int) -> None:
-    raw = ble.encode_pointer(frame(Transport.BT5, PACK), channel=channel, offset_us=offset_us)
+    raw = encode_pointer(frame(Transport.BT5, PACK), channel=channel, offset_us=offset_us)
     assert raw[5:9].hex() == "07070618"
     assert int.from_bytes(raw[11:14], "little") == expected
     with pytest.raises(DecodeError, match="address"):
@@ -154,7 +155,7 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(ValueError, match="ssid"):
         wifi.encode_beacon(frame(Transport.WIFI_BEACON, PACK), ssid=b"")
     with pytest.raises(ValueError, match="offset"):
-        ble.encode_pointer(frame(Transport.BT5, PACK), channel=37, offset_us=6000)
+        encode_pointer(frame(Transport.BT5, PACK), channel=37, offset_us=6000)
 
 
 def test_other_networks_are_no_remote_id() -> None:
@@ -162,37 +163,35 @@ def test_other_networks_are_no_remote_id() -> None:
     with pytest.raises(DecodeError, match="without Remote ID"):
         wifi.decode_frame(wifi._with_fcs(foreign))
     with pytest.raises(DecodeError, match="without Remote ID"):
-        wifi.decode_frame(wifi.encode_nan_sync_beacon(ADDRESS))
+        wifi.decode_frame(encode_nan_sync_beacon(ADDRESS))
 
 
 def test_channels_and_frequencies() -> None:
-    assert [pcapng.wifi_frequency_mhz(channel) for channel in (1, 6, 13, 14, 36, 149)] == [
+    assert [capture.wifi_frequency_mhz(channel) for channel in (1, 6, 13, 14, 36, 149)] == [
         2412, 2437, 2472, 2484, 5180, 5745,
     ]  # fmt: skip
     for bad in (0, 15, 255):
         with pytest.raises(ValueError, match="Wi-Fi channel"):
-            pcapng.wifi_frequency_mhz(bad)
+            capture.wifi_frequency_mhz(bad)
     # Core 5.4, Vol 6 Part B, table 1.2: RF channel of a channel index
-    assert [pcapng.ble_rf_channel(index) for index in (37, 0, 10, 38, 11, 36, 39)] == [0, 1, 11, 12, 13, 38, 39]
-    assert sorted(map(pcapng.ble_rf_channel, range(40))) == list(range(40))
+    assert [capture.ble_rf_channel(index) for index in (37, 0, 10, 38, 11, 36, 39)] == [0, 1, 11, 12, 13, 38, 39]
+    assert sorted(map(capture.ble_rf_channel, range(40))) == list(range(40))
     with pytest.raises(ValueError, match="BLE channel"):
-        pcapng.ble_rf_channel(255)
+        capture.ble_rf_channel(255)
 
 
 def test_radio_headers() -> None:
-    assert pcapng.radiotap_header(6, 6.0, -67.6).hex() == "00000f002e000000" + "100c8509c000bc"
-    assert pcapng.radiotap_header(149, 6.0, None).hex() == "00000e000e000000" + "100c71164001"
-    assert pcapng.ble_radio_header(37, -67.6, coded=False, auxiliary=False).hex() == "00bc0000d6be898e130c"
-    assert pcapng.ble_radio_header(20, None, coded=True, auxiliary=True).hex() == "16000000d6be898e918c"
+    assert capture.radiotap_header(6, 6.0, -67.6).hex() == "00000f002e000000" + "100c8509c000bc"
+    assert capture.radiotap_header(149, 6.0, None).hex() == "00000e000e000000" + "100c71164001"
+    assert capture.ble_radio_header(37, -67.6, coded=False, auxiliary=False).hex() == "00bc0000d6be898e130c"
+    assert capture.ble_radio_header(20, None, coded=True, auxiliary=True).hex() == "16000000d6be898e918c"
 
 
 def test_a_capture_is_a_chain_of_blocks() -> None:
     """draft-ietf-opsawg-pcapng: a block is type, length, body, length again; multiples of four."""
     sent = frame(Transport.WIFI_BEACON, PACK)
     sent = RidFrame(sent.header._replace(channel=6, rssi_cdbm=NO_RSSI, time_ns=7), PACK)
-    raw = pcapng.file_header(remote_id_packet.INTERFACES) + remote_id_packet.packet_block(
-        sent, 1_767_268_800 * 10**9, "forged"
-    )
+    raw = capture.file_header(capture.INTERFACES) + capture.reception_block(sent, 1_767_268_800 * 10**9, "forged")
     kinds, at = [], 0
     while at < len(raw):
         kind, size = struct.unpack_from("<II", raw, at)
@@ -204,4 +203,4 @@ def test_a_capture_is_a_chain_of_blocks() -> None:
     interface, high, low, kept, whole = struct.unpack_from("<IIIII", raw, at - size + 8)
     assert (interface, high << 32 | low, kept == whole) == (0, 1_767_268_800 * 10**9 + 7, True)
     with pytest.raises(ValueError, match="one message"):
-        remote_id_packet.packet_block(RidFrame(RidHeader(Transport.BT4, channel=37), PACK), 0)
+        capture.reception_block(RidFrame(RidHeader(Transport.BT4, channel=37), PACK), 0)

@@ -104,7 +104,7 @@ given: list[Any] = []
 
 def make_medium(params: Horizon, context: MediumContext) -> BuiltinMedium:
     given.append((params, context))
-    return Counted(context.radios, context.chance, context.city, context.surroundings, context.every_pair)
+    return Counted(context.radios, context.chance, context.city, context.surroundings, every_pair=context.every_pair)
 
 
 @dataclass

@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 
 from skyrange.codec.mavlink import Deframer, Packer, decode
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink.frame_layout import LAYOUTS
+from skyrange.codec.mavlink.frames import LAYOUTS
 from skyrange.codec.mavlink.message_columns import pack_batches, payload_dtype
-from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
 from skyrange.codec.mavlink.signing import (
     MAX_LAG,
     MAX_STREAMS,
     SignatureRefusal,
+    SignedConnection,
+    SignedConnections,
     Signer,
     SigningKey,
     secret_from_passphrase,

@@ -10,8 +10,8 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from skyrange.codec.capture import pcapng, udp_datagram
-from skyrange.codec.capture.udp_datagram import SocketAddress
+from skyrange.codec import capture
+from skyrange.codec.capture import SocketAddress
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.core.errors import InputError
@@ -161,7 +161,7 @@ def test_an_injected_frame_goes_under_the_addresses_it_claims_and_its_comment_sa
     assert b"LOST" not in written
     start = places[1] - 28
     assert (
-        udp_datagram.encode_datagram(SocketAddress(0x0AFF0002, 14550), SocketAddress(0x0A000002, 14555), b"INJECTED")
+        capture.encode_datagram(SocketAddress(0x0AFF0002, 14550), SocketAddress(0x0A000002, 14555), b"INJECTED")
         == written[start:][:36]
     )
 
@@ -183,9 +183,7 @@ def test_a_start_that_is_none_is_an_error(start: Any, tmp_path: Path) -> None:
 
 def test_datagram_bytes() -> None:
     """The header of RFC 1071's method on a datagram by hand: words summed with end-around carry, and complemented."""
-    made = udp_datagram.encode_datagram(
-        SocketAddress(0x0A000001, 14555), SocketAddress(0x0AFF0001, 14550), b"\x01\x02\x03"
-    )
+    made = capture.encode_datagram(SocketAddress(0x0A000001, 14555), SocketAddress(0x0AFF0001, 14550), b"\x01\x02\x03")
     assert made.hex() == (
         "4500001f00004000401125ce"  # 31 bytes, do not fragment, TTL 64, UDP; the other words sum to 0xda31
         "0a0000010aff0001"
@@ -195,10 +193,10 @@ def test_datagram_bytes() -> None:
     total = sum(words)
     assert (total & 0xFFFF) + (total >> 16) == 0xFFFF
     with pytest.raises(ValueError, match="at most"):
-        udp_datagram.encode_datagram(SocketAddress(1, 1), SocketAddress(2, 2), bytes(udp_datagram.MAX_PAYLOAD + 1))
+        capture.encode_datagram(SocketAddress(1, 1), SocketAddress(2, 2), bytes(capture.MAX_PAYLOAD + 1))
 
 
 def test_names_block() -> None:
     """pcapng draft, 4.4: type 4, record type 1 of address and zero-terminated name, padded, ended by an empty one."""
-    block = pcapng.name_block({0x0A000001: "a/1"})
+    block = capture.name_block({0x0A000001: "a/1"})
     assert block.hex() == "040000001c000000010008000a000001612f3100000000001c000000"

@@ -18,9 +18,9 @@ from skyrange.contracts.medium import (
 )
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_MS, NS_PER_S
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.medium import BuiltinMedium, fixed_positions
-from skyrange.radio.phy.waveforms import airtime_ns
+from skyrange.radio.builtin.params import RadioEnvironment
+from skyrange.radio.phy import airtime_ns
 
 STILL = RadioEnvironment(chance=False)
 

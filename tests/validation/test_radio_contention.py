@@ -17,10 +17,10 @@ from skyrange.contracts.medium import (
 )
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import SNIFFER
 from skyrange.radio.builtin.medium import BuiltinMedium, fixed_positions
-from skyrange.radio.phy.waveforms import WIDTH_MHZ, airtime_ns, bit_error, packet_error
+from skyrange.radio.builtin.params import RadioEnvironment
+from skyrange.radio.phy import WIDTH_MHZ, airtime_ns, bit_error, packet_error
 from skyrange.radio.propagation.path_loss import noise_dbm
 
 DSSS, OFDM = Waveform.DSSS_1M, Waveform.OFDM_6M

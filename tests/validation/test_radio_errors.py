@@ -10,7 +10,7 @@ import pytest
 
 from skyrange.contracts.medium import Waveform
 from skyrange.radio.builtin.reception_decision import frame_success_probability
-from skyrange.radio.phy.waveforms import (
+from skyrange.radio.phy import (
     LOCK_SNIR_DB,
     MIN_SNIR_DB,
     airtime_ns,

@@ -30,7 +30,7 @@ from skyrange.codec.drip import (
     split_with_parity,
 )
 from skyrange.codec.f3411 import Authentication, BasicId, decode, encode
-from skyrange.remoteid.drip.keys import Identity, public_key, sign, verify
+from skyrange.remoteid.drip.registry import Identity, public_key, sign, verify
 
 KEY = bytes.fromhex("b5fef530d450dedb59ebafa18b00d7f5ed0ac08a81975034297bea2b00041813")
 TAG = IPv6Address("2001:3f:fe00:105:a29b:3ff4:2226:c04e").packed

@@ -19,6 +19,7 @@ from skyrange.codec.f3411 import (
 )
 from skyrange.codec.remote_id import wifi
 from skyrange.codec.remote_id.link_payload import RidFrame, RidHeader, Transport
+from tests.remote_id_encoders import encode_nan_sync_beacon, split_pages
 
 # opendroneid-core-c, test/test_inout.c: what the program prints under "Encoded Data", for the inputs it is given
 # (altitudes 100, 110, 80 m; 5.4 and 5.25 m/s; 215.7°; 360.52 s; ceiling 176.9 m and radius 75 m cut to a step).
@@ -105,7 +106,7 @@ def test_authentication_in_three_pages() -> None:
     assert all(isinstance(message, Authentication) for message in messages)
     data = authentication.join_pages(message for message in messages if isinstance(message, Authentication))
     assert data == b"".join((pages[0][8:], pages[1][2:], pages[2][2:]))[:56]
-    assert [encode(page) for page in authentication.split_pages(3, data, 189_302_400)] == pages
+    assert [encode(page) for page in split_pages(3, data, 189_302_400)] == pages
 
 
 def test_a_beacon_of_others_is_built_to_the_byte() -> None:
@@ -135,7 +136,7 @@ def test_names_of_the_nan_service_and_frames() -> None:
     assert action[24:42].hex() == "0409506f9a13" + "03" + "2700" + "8869199d9209" + "010010"
     assert action[42:44] == bytes([29, 7])
     assert action[44:-4] == body + bytes.fromhex("0e0400" + "01" + "0002" + "07")
-    sync = wifi.encode_nan_sync_beacon(header.address)
+    sync = encode_nan_sync_beacon(header.address)
     assert sync[24:-4].hex() == (
         "0000000000000000" + "0002" + "2004" + "dd22506f9a13" + "000200feea"
         + "010d00020304050607eafe0000000000" + "0206008869199d9209"

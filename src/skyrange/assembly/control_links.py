@@ -23,8 +23,7 @@ from skyrange.radio.control_link.params import CellularParams, WifiParams
 from skyrange.radio.control_link.propagation import Propagation
 from skyrange.radio.control_link.wifi_link import Transmitter, WifiLink
 from skyrange.radio.control_link.wifi_rates import WIDTH_MHZ
-from skyrange.radio.phy.channels import WIFI_CHANNELS, centre_mhz
-from skyrange.radio.phy.waveforms import OFDM
+from skyrange.radio.phy import OFDM, WIFI_CHANNELS, centre_mhz
 from skyrange.radio.propagation.loss_table import NO_TABLE
 from skyrange.radio.propagation.loss_table_file import read_loss_table
 from skyrange.radio.propagation.path_loss import noise_dbm
@@ -90,17 +89,26 @@ def build_control_links(
     for wifi in made.wifi:
         centre = centre_mhz(OFDM, wifi.params.channel)
         if centre not in propagation:
-            propagation[centre] = Propagation(names, antennas, chance, city, scenario.radio.chance, table)
+            propagation[centre] = Propagation(
+                names, antennas, chance, city, randomness=scenario.radio.chance, table=table
+            )
     wifi_propagation = next(iter(propagation.values()), None)
     for cellular in made.cellular:
         centre = cellular.params.frequency_mhz
         if centre not in propagation:
-            propagation[centre] = Propagation(names, antennas, chance, city, scenario.radio.chance)
+            propagation[centre] = Propagation(names, antennas, chance, city, randomness=scenario.radio.chance)
     if wifi_propagation is not None:  # links may change to any channel
         for channel in WIFI_CHANNELS:
             propagation.setdefault(centre_mhz(OFDM, channel), wifi_propagation)
     return ControlLinks(
-        made.wifi, made.cellular, made.spectrum, made.fixed, propagation, chance, scenario.radio.city_busy, made.foreign
+        made.wifi,
+        made.cellular,
+        made.spectrum,
+        places=made.fixed,
+        propagation=propagation,
+        chance=chance,
+        city_busy=scenario.radio.city_busy,
+        foreign=made.foreign,
     )
 
 

@@ -21,8 +21,8 @@ from skyrange.core.ids import endpoint, owner_of, vehicle_id
 from skyrange.core.input_files import read_input
 from skyrange.gcs.plan.plans import CRUISE_MPS
 from skyrange.gcs.traffic_picture import TrafficPicture
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import PROFILES
+from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.contract import BUILTIN, MediumContext
 from skyrange.radio.oracle import ENDPOINT, Oracle
 from skyrange.radio.propagation.loss_table_file import MAX_BYTES, decode_loss_table, read_loss_table

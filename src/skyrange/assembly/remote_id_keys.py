@@ -15,9 +15,9 @@ from skyrange.scenario.model.radio import RemoteId, Verify
 from skyrange.scenario.model.scenario import Scenario
 
 if TYPE_CHECKING:
-    from skyrange.remoteid.drip.credentials import Credentials
     from skyrange.remoteid.drip.registry import Anchor, Registration, Registry
-    from skyrange.remoteid.drip.verification.policy import Verification
+    from skyrange.remoteid.drip.sender import Credentials
+    from skyrange.remoteid.drip.verification.verdicts import Verification
 
 BEFORE_S: Final = 3600
 """Endorsements are valid from so long before simulated time 0…"""
@@ -38,8 +38,7 @@ def make_registry(scenario: Scenario, name: str = "range") -> Registry:
 
 def aircraft_credentials(vehicle: str, remote_id: RemoteId, scenario: Scenario) -> Credentials:
     """What an aircraft with `auth = "drip"` signs with."""
-    from skyrange.remoteid.drip.credentials import Credentials
-    from skyrange.remoteid.drip.schedule import RECOMMENDED, REQUIRED
+    from skyrange.remoteid.drip.sender import RECOMMENDED, REQUIRED, Credentials
 
     registration = make_registry(scenario, remote_id.registry).register(vehicle)
     rates = REQUIRED if remote_id.auth_rates == "required" else RECOMMENDED
@@ -63,7 +62,7 @@ def make_verification(verify: Verify | None, scenario: Scenario) -> Verification
     """How a receiver verifies; `None` if it does not."""
     if verify is None:
         return None
-    from skyrange.remoteid.drip.verification.policy import Verification
+    from skyrange.remoteid.drip.verification.verdicts import Verification
 
     anchors = find_anchors(scenario, verify.authorities)
     return Verification.of(anchors, verify.policy, verify.clock_error_s, verify.verifications_per_s)

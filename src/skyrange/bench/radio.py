@@ -25,12 +25,12 @@ from skyrange.core.errors import ComponentError
 from skyrange.core.ids import FrameId, Port, link_name
 from skyrange.core.time import NS_PER_S
 from skyrange.io.processes.program import processor_time_s
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import COMPANION
 from skyrange.radio.builtin.medium import BuiltinMedium
+from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.contract import MediumContext, MediumPlugin
 from skyrange.radio.oracle import Oracle
-from skyrange.radio.phy.waveforms import MIN_SNIR_DB
+from skyrange.radio.phy import MIN_SNIR_DB
 from skyrange.radio.propagation.link_budget import MediumParams, max_range_m
 from skyrange.radio.propagation.obstruction import Obstacles, obstruction_db
 from skyrange.radio.propagation.path_loss import MIN_DISTANCE_M, noise_dbm, open_ground_db, wavelength_m

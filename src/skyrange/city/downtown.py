@@ -10,8 +10,7 @@ import math
 
 import shapely
 
-from skyrange.city.buildings import Building
-from skyrange.city.city import City
+from skyrange.city.city import Building, City
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem
 

@@ -12,8 +12,7 @@ import shapely
 
 from skyrange.city.building_heights import BASE_KEYS, KEYS
 from skyrange.city.city import City
-from skyrange.city.coordinate_systems import INSTALL_HINT, Projection
-from skyrange.city.footprints import BUILDING_KEYS, Feature, choose_buildings, make_city
+from skyrange.city.footprints import BUILDING_KEYS, INSTALL_HINT, Feature, Projection, choose_buildings, make_city
 from skyrange.city.reading import Reading
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin

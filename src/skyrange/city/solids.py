@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.city.city import City
-from skyrange.city.coordinate_systems import Projection
-from skyrange.city.footprints import Feature, make_city
+from skyrange.city.footprints import Feature, Projection, make_city
 from skyrange.city.reading import Reading
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin

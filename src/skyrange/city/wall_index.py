@@ -10,14 +10,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import chain
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from skyrange.city.buildings import Building
 from skyrange.core.compiled import compiled
+
+if TYPE_CHECKING:
+    from skyrange.city.city import Building
 
 MARGIN_M = 20.0
 """The distance up to which a cell lists buildings."""

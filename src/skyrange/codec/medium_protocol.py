@@ -230,37 +230,11 @@ def encode_hello(hello: Hello) -> bytes:
     return b"".join(parts)
 
 
-def decode_hello(body: bytes) -> Hello:
-    """Decode a HELLO, as an engine does."""
-    reader = _Reader(body)
-    magic, version, _, seed, _, horizon_m, own, radios, buildings, _ = reader.fields(_HELLO)
-    _check_version(magic, version)
-    lines = reader.text().splitlines()
-    params = dict(line.split("=", 1) for line in lines if "=" in line)
-    found = []
-    for _ in range(radios):
-        stream, noise_figure_db = reader.fields(_RADIO)
-        found.append(EngineRadio(reader.text(), stream, noise_figure_db))
-    blocks = []
-    for _ in range(buildings):
-        base_m, top_m, corners = reader.fields(_BUILDING)
-        places = np.frombuffer(reader.take(16 * corners), dtype="<f8").reshape(-1, 2).copy()
-        blocks.append(Building(base_m, top_m, places))
-    reader.end()
-    return Hello(seed, horizon_m, bool(own), found, params, blocks)
-
-
 def _check_version(magic: bytes, version: int) -> None:
     if magic != MAGIC:
         raise DecodeError(f"a greeting that begins with {magic!r} instead of {MAGIC!r}")
     if version != VERSION:
         raise DecodeError(f"version {version} of the medium protocol; this is version {VERSION}")
-
-
-def encode_ready(ready: Ready) -> bytes:
-    """The body of a READY."""
-    head = _READY.pack(MAGIC, VERSION, ready.waveforms, int(ready.abilities), 0, ready.lookahead_ns)
-    return head + _text(ready.name) + _text(ready.release)
 
 
 def decode_ready(body: bytes) -> Ready:
@@ -292,28 +266,6 @@ def encode_advance(advance: Advance) -> bytes:
     )  # fmt: skip
 
 
-def decode_advance(body: bytes, radios: int) -> Advance:
-    """Decode an ADVANCE, as an engine with `radios` radios does."""
-    reader = _Reader(body)
-    until, since, has_places, transmissions, noise, paths = reader.fields(_ADVANCE)
-    places = None
-    if has_places:
-        places = np.frombuffer(reader.take(24 * radios), dtype="<f8").reshape(radios, 3).copy()
-    found = Advance(
-        until, since, places, reader.rows(TRANSMISSION, transmissions), reader.rows(NOISE, noise),
-        reader.rows(PATH, paths),
-    )  # fmt: skip
-    reader.end()
-    return found
-
-
-def encode_done(done: Done) -> bytes:
-    """The body of a DONE."""
-    head = _DONE.pack(done.events, done.active, len(done.sent), len(done.heard))
-    sent, heard = np.ascontiguousarray(done.sent, dtype=SENT), np.ascontiguousarray(done.heard, dtype=HEARD)
-    return head + sent.tobytes() + heard.tobytes()
-
-
 def decode_done(body: bytes) -> Done:
     """Decode a DONE; what its rows say is not checked."""
     reader = _Reader(body)
@@ -329,17 +281,6 @@ def encode_path_losses(ends_m: NDArray[np.float64]) -> bytes:
     return _COUNT.pack(len(ends)) + ends.tobytes()
 
 
-def decode_path_losses(body: bytes) -> NDArray[np.float64]:
-    """Decode a PATH_LOSSES, as an engine does."""
-    return _decode_floats(body, 6)
-
-
-def encode_losses(losses_db: NDArray[np.float64]) -> bytes:
-    """The body of a LOSSES: (k,) dB."""
-    losses = np.ascontiguousarray(losses_db, dtype="<f8")
-    return _COUNT.pack(len(losses)) + losses.tobytes()
-
-
 def decode_losses(body: bytes) -> NDArray[np.float64]:
     """Decode a LOSSES."""
     return _decode_floats(body, 1)[:, 0]
@@ -348,9 +289,9 @@ def decode_losses(body: bytes) -> NDArray[np.float64]:
 def _decode_floats(body: bytes, width: int) -> NDArray[np.float64]:
     reader = _Reader(body)
     (count,) = reader.fields(_COUNT)
-    found = np.frombuffer(reader.take(8 * width * count), dtype="<f8").reshape(count, width).copy()
+    rows = np.frombuffer(reader.take(8 * width * count), dtype="<f8").reshape(count, width).copy()
     reader.end()
-    return found
+    return rows
 
 
 def decode_forked(body: bytes) -> int:
@@ -359,11 +300,6 @@ def decode_forked(body: bytes) -> int:
     (pid,) = reader.fields(_FORKED)
     reader.end()
     return int(pid)
-
-
-def encode_failed(reason: str) -> bytes:
-    """The body of a FAILED."""
-    return _text(reason)
 
 
 def decode_failed(body: bytes) -> str:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyrange.codec.mavlink import decode, encode_payload
-from skyrange.codec.mavlink.frame_layout import LAYOUTS
+from skyrange.codec.mavlink.frames import LAYOUTS
 from skyrange.codec.mavlink.message_columns import (
     MessageTable,
     classify_frames,

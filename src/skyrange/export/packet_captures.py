@@ -20,6 +20,7 @@ import pyarrow.compute as pc
 from skyrange.codec.capture import pcapng, remote_id_packet, udp_datagram
 from skyrange.codec.remote_id.link_payload import NO_RSSI, RidFrame, unpack
 from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.codec import capture
 from skyrange.core.files import atomic_write
 from skyrange.core.ids import FrameId, endpoint, link_name
 from skyrange.core.time import NS_PER_S
@@ -154,15 +155,15 @@ def remote_id(record: RunRecord, path: Path | None = None, receivers: Sequence[s
     """
     names = select_receivers(record, receivers)
     start = start_utc_ns(record)
-    first = {name: place * len(remote_id_packet.INTERFACES) for place, name in enumerate(names)}
-    interfaces = [(f"{name} {kind}", link_type) for name in names for kind, link_type in remote_id_packet.INTERFACES]
+    first = {name: place * len(capture.INTERFACES) for place, name in enumerate(names)}
+    interfaces = [(f"{name} {kind}", link_type) for name in names for kind, link_type in capture.INTERFACES]
 
     def packets() -> Iterator[tuple[str, bytes]]:
         for one in received_broadcasts(record, names):
             comment = f"received by {one.receiver}"
-            yield one.receiver, remote_id_packet.packet_block(one.frame, start, comment, first[one.receiver])
+            yield one.receiver, capture.reception_block(one.frame, start, comment, first[one.receiver])
 
-    return _write(path or record.path / REMOTE_ID, pcapng.file_header(interfaces), packets(), names)
+    return _write(path or record.path / REMOTE_ID, capture.file_header(interfaces), packets(), names)
 
 
 def mavlink(record: RunRecord, path: Path | None = None) -> Capture:
@@ -173,11 +174,11 @@ def mavlink(record: RunRecord, path: Path | None = None) -> Capture:
     """
     start = start_utc_ns(record)
     stations = {
-        endpoint(name, "gcs"): udp_datagram.SocketAddress(_STATIONS + place, STATION_PORT)
+        endpoint(name, "gcs"): capture.SocketAddress(_STATIONS + place, STATION_PORT)
         for place, name in enumerate(operators(record), start=1)
     }
     aircraft = {
-        link_name("gcs", vehicle.id): udp_datagram.SocketAddress(_AIRCRAFT + place, AIRCRAFT_PORT)
+        link_name("gcs", vehicle.id): capture.SocketAddress(_AIRCRAFT + place, AIRCRAFT_PORT)
         for place, vehicle in enumerate(vehicles(record), start=1)
     }
     ends = {link_name("gcs", vehicle.id): stations[endpoint(vehicle.operator, "gcs")] for vehicle in vehicles(record)}
@@ -191,12 +192,10 @@ def mavlink(record: RunRecord, path: Path | None = None) -> Capture:
             comment = frame.link if frame.sender == frame.src else f"{frame.link}, sent by {frame.sender}"
             yield (
                 frame.link,
-                pcapng.packet_block(
-                    0, start + frame.at_ns, udp_datagram.encode_datagram(*path, frame.payload), comment
-                ),
+                capture.packet_block(0, start + frame.at_ns, capture.encode_datagram(*path, frame.payload), comment),
             )
 
-    head = pcapng.file_header([("gcs", pcapng.IPV4)]) + pcapng.name_block(called)
+    head = capture.file_header([("gcs", capture.IPV4)]) + capture.name_block(called)
     return _write(path or record.path / MAVLINK, head, packets(), list(aircraft))
 
 
@@ -215,7 +214,7 @@ def _delivered(record: RunRecord) -> Iterator[_Delivered]:
     for table in record.tables.frames_with_payloads(columns):
         keep = pc.and_(pc.starts_with(table.column("link"), "gcs:"), pc.is_valid(table.column("arrived_ns")))
         rows = table.filter(
-            pc.and_(keep, pc.less_equal(pc.binary_length(table.column("payload")), udp_datagram.MAX_PAYLOAD))
+            pc.and_(keep, pc.less_equal(pc.binary_length(table.column("payload")), capture.MAX_PAYLOAD))
         )
         yield from map(_Delivered, *(rows.column(name).to_pylist() for name in (*columns, "payload")))
 

@@ -16,10 +16,8 @@ import numpy as np
 
 from skyrange.city.city import City
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink.message_columns import pack_batches, payload_dtype
-from skyrange.codec.mavlink.sequence_numbers import FleetPacker, assign_sequence_numbers
-from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
-from skyrange.codec.mavlink.signing import SigningKey
+from skyrange.codec.mavlink.message_columns import FleetPacker, assign_sequence_numbers, pack_batches, payload_dtype
+from skyrange.codec.mavlink.signing import SignedConnection, SignedConnections, SigningKey
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.chance import Chance

@@ -27,7 +27,7 @@ from skyrange.radio import ground_receptions
 from skyrange.remoteid.tracks import ReceivedBroadcasts, TrackSnapshot, TrackTable
 
 if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
-    from skyrange.remoteid.drip.verification.policy import Verification
+    from skyrange.remoteid.drip.verification.verdicts import Verification
     from skyrange.remoteid.drip.verification.verifier import Verifier
 
 UPDATE_PERIOD_NS: Final[Time] = NS_PER_S

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 from skyrange.contracts.medium import Medium, RadioSpec
 from skyrange.contracts.plugins.registry import MEDIA, Plugin
-from skyrange.radio.builtin.environment import OPEN_GROUND, RadioEnvironment
-from skyrange.radio.builtin.params import BuiltinParams
+from skyrange.radio.builtin.params import OPEN_GROUND, BuiltinParams, RadioEnvironment
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -55,7 +54,13 @@ def _make_builtin(params: BuiltinParams, context: MediumContext) -> Medium:
 
     table = context.loss_table if context.loss_table is not None else NO_TABLE
     return BuiltinMedium(
-        context.radios, context.chance, context.city, context.surroundings, context.every_pair, table, params
+        context.radios,
+        context.chance,
+        context.city,
+        context.surroundings,
+        every_pair=context.every_pair,
+        table=table,
+        params=params,
     )
 
 

@@ -77,12 +77,12 @@ class JammingBursts:
         """Every burst that `emitters` did not forget, those of reactive jammers too, at the times when it is known."""
         return [
             NoiseBurst(
-                one.radio, one.request.centre_khz / 1e3, one.request.bandwidth_khz / 1e3,
-                one.request.power_cdbm / 100.0, one.known_start, one.known_end,
-                one.request.turnaround_us * NS_PER_US if one.reactive else 0,
-                one.request.bssid if one.reactive else b"", one.request.follow_ms * NS_PER_MS,
+                burst.radio, burst.request.centre_khz / 1e3, burst.request.bandwidth_khz / 1e3,
+                burst.request.power_cdbm / 100.0, burst.known_start, burst.known_end,
+                burst.request.turnaround_us * NS_PER_US if burst.reactive else 0,
+                burst.request.bssid if burst.reactive else b"", burst.request.follow_ms * NS_PER_MS,
             )
-            for one in self._bursts
+            for burst in self._bursts
         ]  # fmt: skip
 
     def emitters(self, now: Time) -> EmitterTable:

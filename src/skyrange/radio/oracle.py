@@ -4,6 +4,8 @@ A frame on `rid_up:<radio>` becomes a transmission of that radio at the time in 
 decodes is sent on its `rid_down:<radio>` with its signal strength and the end of its reception. What an operator's
 ground receivers decode is sent as JSON on `oracle:<operator>`. Between two observations of the world the radios stand
 where the later one saw them (20 ms, 0.4 m at 20 m/s).
+
+Broadcasts in flight are in a ring buffer, by the keys under which the medium has them.
 """
 
 from __future__ import annotations
@@ -17,8 +19,9 @@ from numpy.typing import NDArray
 
 from skyrange.codec import wifi_management
 from skyrange.codec.remote_id import link_payload
-from skyrange.codec.remote_id.link_payload import ANY_CHANNEL
+from skyrange.codec.remote_id.link_payload import ANY_CHANNEL, RidColumns
 from skyrange.contracts.components import InstanceStatus, World
+from skyrange.contracts.frames.payloads import Bytes, Payloads
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.medium import ANY_CHANNEL as ANY
 from skyrange.contracts.medium import (
@@ -35,15 +38,102 @@ from skyrange.contracts.medium import (
     TxBatch,
 )
 from skyrange.contracts.references import FrameRefTable
+from skyrange.core.compiled import compiled
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.ids import Port, link_name
-from skyrange.core.time import NS_PER_MS, Time
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.radio.builtin.medium import fixed_positions
 from skyrange.radio.ground_receptions import MAX_RECEPTIONS, Reception, ReceptionReport, encode
-from skyrange.radio.in_flight import InFlight
 from skyrange.radio.jamming import MAX_DBM, JammingBursts
-from skyrange.radio.phy.framing import MAX_BODY_BYTES, MIN_BODY_BYTES, OVERHEAD_BYTES, TRANSPORT_WAVEFORM
+from skyrange.radio.phy import MAX_BODY_BYTES, MIN_BODY_BYTES, OVERHEAD_BYTES, TRANSPORT_WAVEFORM
 from skyrange.radio.spectrum import ManagementFrame, Spectrum, Transmission
+
+WIDTH = 256
+"""Bytes of the longest body of any transport, rounded up."""
+KEPT_NS: Time = 2 * NS_PER_S
+"""How long a broadcast is kept: it waits half a second at most, and no event lasts longer than 50 ms."""
+
+
+@compiled
+def _copy_bodies(data: Bytes, starts: Ints, sizes: Ints, bodies: Bytes, places: Ints) -> None:
+    for row in range(starts.shape[0]):
+        for offset in range(sizes[row]):
+            bodies[places[row], offset] = data[starts[row] + offset]
+
+
+class InFlight:
+    """Broadcasts by key; keys count up from 0."""
+
+    __slots__ = ("_bodies", "_headers", "_sizes", "next")
+
+    def __init__(self, room: int = 256) -> None:
+        """`room` is a power of two; it grows as needed."""
+        self.next = 0
+        # at, transport, channel, counter, address (6), the frame that brought it (number, serial)
+        self._headers = np.zeros((12, room), dtype=np.int64)
+        self._sizes = np.zeros(room, dtype=np.int64)
+        self._bodies = np.zeros((room, WIDTH), dtype=np.uint8)
+
+    def add(self, now: Time, rows: RidColumns, chosen: Ints, at_ns: Ints, ref: Ints, serial: Ints) -> Ints:
+        """Keep some rows, which the frames (`ref`, `serial`) of a `FrameRefTable` brought; returns their keys."""
+        count = len(chosen)
+        keys = np.arange(self.next, self.next + count)
+        self._grow(now, count)
+        places = self.rows_of(keys)
+        self._headers[0, places] = at_ns
+        for k, column in enumerate((rows.transport, rows.channel, rows.counter)):
+            self._headers[1 + k, places] = column[chosen]
+        self._headers[4:10, places] = rows.address[chosen].T
+        self._headers[10, places], self._headers[11, places] = ref, serial
+        bodies = rows.bodies
+        self._sizes[places] = bodies.sizes[chosen]
+        _copy_bodies(bodies.data, bodies.starts[chosen], bodies.sizes[chosen], self._bodies, places)
+        self.next += count
+        return keys
+
+    def _grow(self, now: Time, count: int) -> None:
+        """Double the ring until the new keys overwrite nothing younger than `KEPT_NS`."""
+        while True:
+            room = len(self._sizes)
+            replaced = np.arange(max(self.next - room, 0), self.next + count - room)
+            if not len(replaced) or (count <= room and bool((self._headers[0, replaced % room] < now - KEPT_NS).all())):
+                return
+            old = np.arange(max(self.next - room, 0), self.next)
+            wider = InFlight(2 * room)
+            there = old & (2 * room - 1)
+            wider._headers[:, there] = self._headers[:, old % room]
+            wider._sizes[there] = self._sizes[old % room]
+            wider._bodies[there] = self._bodies[old % room]
+            self._headers, self._sizes, self._bodies = wider._headers, wider._sizes, wider._bodies
+
+    def rows_of(self, keys: Ints) -> Ints:
+        """The row of each key."""
+        return keys & (len(self._sizes) - 1)
+
+    def transport(self, keys: Ints) -> Ints:
+        """The transport of each key."""
+        transport: Ints = self._headers[1, self.rows_of(keys)]
+        return transport
+
+    def counter(self, keys: Ints) -> Ints:
+        """The message counter of each key."""
+        counter: Ints = self._headers[3, self.rows_of(keys)]
+        return counter
+
+    def address(self, keys: Ints) -> NDArray[np.uint8]:
+        """(n, 6) the claimed sender address of each key."""
+        return self._headers[4:10, self.rows_of(keys)].T.astype(np.uint8)
+
+    def frames(self, keys: Ints) -> tuple[Ints, Ints]:
+        """The frames that brought the broadcasts: (numbers, serials) of the `FrameRefTable`."""
+        places = self.rows_of(keys)
+        return self._headers[10, places], self._headers[11, places]
+
+    def bodies(self, keys: Ints) -> Payloads:
+        """The bodies, as views of the ring."""
+        places = self.rows_of(keys)
+        return Payloads(self._bodies.reshape(-1), places * WIDTH, self._sizes[places])
+
 
 ENDPOINT = "oracle"
 STEP_NS: Time = 20 * NS_PER_MS
@@ -73,6 +163,7 @@ class Oracle:
         senders: Sequence[str],
         receivers: Sequence[str],
         grounds: Mapping[str, str] | None = None,
+        *,
         recording: bool = False,
         spectrum: Spectrum | None = None,
     ) -> None:
@@ -201,8 +292,8 @@ class Oracle:
         if not len(chosen):
             return
         at = columns.at_ns[chosen] if self._last is None else np.maximum(columns.at_ns[chosen], self._last + 1)
-        asked = rows.time_ns[chosen]
-        at = np.where((asked > at) & (asked <= at + MAX_AHEAD_NS), asked, at)
+        requested_ns = rows.time_ns[chosen]
+        at = np.where((requested_ns > at) & (requested_ns <= at + MAX_AHEAD_NS), requested_ns, at)
         keys = self._in_flight.add(now, rows, chosen, at, *self._refs.read(inbox, columns.order[chosen]))
         kind, channel = kind[chosen], rows.channel[chosen].astype(np.int64)
         channel[channel == ANY_CHANNEL] = ANY
@@ -246,10 +337,14 @@ class Oracle:
         if len(rows):
             keys = heard.key[rows]
             payloads = link_payload.pack_rows(
-                self._in_flight.transport(keys), heard.channel[rows], self._in_flight.counter(keys),
-                self._in_flight.address(keys), np.clip(np.round(heard.rssi_dbm[rows] * 100.0), -32767, 32767),
-                heard.ended_ns[rows], self._in_flight.bodies(keys),
-            )  # fmt: skip
+                transport=self._in_flight.transport(keys),
+                channel=heard.channel[rows],
+                counter=self._in_flight.counter(keys),
+                address=self._in_flight.address(keys),
+                rssi_cdbm=np.clip(np.round(heard.rssi_dbm[rows] * 100.0), -32767, 32767),
+                time_ns=heard.ended_ns[rows],
+                bodies=self._in_flight.bodies(keys),
+            )
             outbox.send_block(place[rows], payloads, self._refs.parents(*self._in_flight.frames(keys)))
         if self._ground:
             self._report(heard, outbox)

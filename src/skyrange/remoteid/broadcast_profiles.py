@@ -17,7 +17,7 @@ from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 if TYPE_CHECKING:  # its imports are slow, and only authenticated broadcasts need them
-    from skyrange.remoteid.drip.credentials import Credentials
+    from skyrange.remoteid.drip.sender import Credentials
 
 PROFILES: Final = ("us", "astm")
 TRANSPORTS: Final = {

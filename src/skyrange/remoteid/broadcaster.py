@@ -175,7 +175,13 @@ class Broadcaster:
             places.append(np.array([row], dtype=np.int64))
             payloads.append(
                 link_rows(
-                    transport, ANY_CHANNEL, counter, self.addresses[row : row + 1], NO_RSSI, at_ns, Payloads.of([body])
+                    transport=transport,
+                    channel=ANY_CHANNEL,
+                    counter=counter,
+                    address=self.addresses[row : row + 1],
+                    rssi_cdbm=NO_RSSI,
+                    time_ns=at_ns,
+                    bodies=Payloads.of([body]),
                 )
             )
 
@@ -202,15 +208,18 @@ class Broadcaster:
         if self._pages is not None:
             for place, row in enumerate(rows.tolist()):
                 self._pages.sent(row, at_ns.item(place), bodies[place])
-        return link_rows(transport, ANY_CHANNEL, counter, self.addresses[rows], NO_RSSI, at_ns, bodies)
+        return link_rows(
+            transport=transport, channel=ANY_CHANNEL, counter=counter, address=self.addresses[rows],
+            rssi_cdbm=NO_RSSI, time_ns=at_ns, bodies=bodies,
+        )  # fmt: skip
 
     def _message(self, kind: int, rows: Ints, now: Time, table: Any) -> Bodies:
         if kind == MessageType.LOCATION:
             return encode_location_messages(table[rows], now, self.autopilot_location[rows])
         if kind == MessageType.SYSTEM:
             bodies = self._system[rows]
-            told = table[rows]
-            seconds = np.maximum(utc_us(told, told["boot_ms"]) // 1_000_000 - EPOCH_2019_S, 0)
+            beliefs = table[rows]
+            seconds = np.maximum(utc_us(beliefs, beliefs["boot_ms"]) // 1_000_000 - EPOCH_2019_S, 0)
             bodies[:, _TIMESTAMP] = seconds.astype("<u4").view(np.uint8).reshape(-1, 4)
             return bodies
         return self._static[kind][rows]
@@ -228,9 +237,14 @@ class Broadcaster:
         known.
         """
         rows = rows[~self._fixed[rows] & (table["home_ns"][rows] >= 0) & ~np.isnan(table["geoid_m"][rows])]
-        told = table[rows]
+        beliefs = table[rows]
         home = np.column_stack(
-            (told["home_lat_e7"] * 1e-7, told["home_lon_e7"] * 1e-7, told["home_msl_m"] + told["geoid_m"], rows >= 0)
+            (
+                beliefs["home_lat_e7"] * 1e-7,
+                beliefs["home_lon_e7"] * 1e-7,
+                beliefs["home_msl_m"] + beliefs["geoid_m"],
+                rows >= 0,
+            )
         )
         # the receiver's heights fluctuate: half a metre, the resolution, is not another position
         moved = (np.abs(home - self._takeoff[rows]) > (1e-7, 1e-7, 0.5, 0.5)).any(axis=1)
@@ -243,21 +257,21 @@ class Broadcaster:
         """(n,) why each aircraft's Remote ID is not serviceable (14 CFR 89.310(c)): an index into
         `ARM_STATUS_TEXTS`.
         """
-        told = beliefs.table
-        placed = is_fresh(told["position_ns"], now, POSITION_TIMEOUT_NS)
-        high, timed = ~np.isnan(told["geoid_m"]), utc_us(told, told["boot_ms"]) >= 0
-        rows = np.flatnonzero(self.autopilot_location & is_fresh(told["location_ns"], now, POSITION_TIMEOUT_NS))
+        table = beliefs.table
+        placed = is_fresh(table["position_ns"], now, POSITION_TIMEOUT_NS)
+        high, timed = ~np.isnan(table["geoid_m"]), utc_us(table, table["boot_ms"]) >= 0
+        rows = np.flatnonzero(self.autopilot_location & is_fresh(table["location_ns"], now, POSITION_TIMEOUT_NS))
         if rows.size:  # they broadcast the autopilot's own Location
-            lacks = np.isnan(told["location_numbers"][rows])
+            lacks = np.isnan(table["location_numbers"][rows])
             placed[rows], high[rows], timed[rows] = (~lacks[:, NUMBERS.index(name)] for name in _NEEDED)
         sets = [
             self.due_ns == NEVER,
-            ~is_fresh(told["heartbeat_ns"], now, HEARTBEAT_TIMEOUT_NS),
+            ~is_fresh(table["heartbeat_ns"], now, HEARTBEAT_TIMEOUT_NS),
             ~placed,
-            ~is_fresh(told["gnss_ns"], now, GNSS_TIMEOUT_NS) | (told["fix"] < mav.GPS_FIX_TYPE_3D_FIX),
+            ~is_fresh(table["gnss_ns"], now, GNSS_TIMEOUT_NS) | (table["fix"] < mav.GPS_FIX_TYPE_3D_FIX),
             ~high,
             ~timed,
-            ~self._fixed & (told["home_ns"] < 0),
+            ~self._fixed & (table["home_ns"] < 0),
         ]
         return np.select(sets, range(1, len(ARM_STATUS_TEXTS)), 0)
 
@@ -292,24 +306,27 @@ def _system(broadcast: Broadcast) -> System:
     return System(OperatorLocationType.FIXED, *broadcast.operator_place)
 
 
-def encode_location_messages(told: Any, now: Time, autopilot_location: NDArray[np.bool_]) -> Bodies:
+def encode_location_messages(beliefs: Any, now: Time, autopilot_location: NDArray[np.bool_]) -> Bodies:
     """(n, 25) Location messages of beliefs (rows of `BELIEF_DTYPE`).
 
     For rows with `autopilot_location` the autopilot's own Location is used as long as it sends one.
     """
-    numbers, codes = np.empty((len(NUMBERS), len(told))), np.empty((len(CODES), len(told)), dtype=np.uint8)
-    _location_values(told, utc_us(told, told["boot_ms"]), now, numbers, codes)
+    numbers, codes = np.empty((len(NUMBERS), len(beliefs))), np.empty((len(CODES), len(beliefs)), dtype=np.uint8)
+    _location_values(beliefs, utc_us(beliefs, beliefs["boot_ms"]), now, numbers, codes)
     if autopilot_location.any():
-        own = autopilot_location & is_fresh(told["location_ns"], now, POSITION_TIMEOUT_NS)
-        numbers[:, own], codes[:, own] = told["location_numbers"][own].T, told["location_codes"][own].T
+        from_autopilot = autopilot_location & is_fresh(beliefs["location_ns"], now, POSITION_TIMEOUT_NS)
+        numbers[:, from_autopilot], codes[:, from_autopilot] = (
+            beliefs["location_numbers"][from_autopilot].T,
+            beliefs["location_codes"][from_autopilot].T,
+        )
     return encode_locations(numbers, codes)
 
 
 @compiled
-def _location_values(told: Any, utc: Ints, now: int, numbers: NDArray[np.float64], codes: NDArray[np.uint8]) -> None:
+def _location_values(beliefs: Any, utc: Ints, now: int, numbers: NDArray[np.float64], codes: NDArray[np.uint8]) -> None:
     """Fill the columns of `encode_locations`."""
-    for i in range(told.shape[0]):
-        row = told[i]
+    for i in range(beliefs.shape[0]):
+        row = beliefs[i]
         numbers[:, i] = math.nan
         codes[:, i] = 0
         lost = (

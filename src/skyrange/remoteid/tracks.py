@@ -83,8 +83,8 @@ class ReceivedBroadcasts(NamedTuple):
 
 
 @compiled
-def _find_slot(
-    rows: Any, r: int, used: int, now: int, stale_ns: int, address: int, named: bool, a: int, b: int, c: int,
+def _find_slot(  # noqa: PLR0917
+    rows: Any, r: int, used: int, now: int, stale_ns: int, address: int, named: bool, a: int, b: int, c: int,  # noqa: FBT001
     rssi: float,
 ) -> tuple[int, bool]:  # fmt: skip
     """The slot for a broadcast: that of its own track, a free one, or that of the weakest track (True); -1 if none is
@@ -124,15 +124,31 @@ def _find_slot(
     return -1, False
 
 
+class _Broadcasts(NamedTuple):
+    """Broadcasts as `_update_tracks` takes them: one row each, in the units of `TRACK_DTYPE`."""
+
+    receiver: Ints
+    at_ns: Ints
+    address: Ints
+    named: NDArray[np.bool_]
+    ids: NDArray[np.uint64]
+    located: NDArray[np.bool_]
+    place: Floats
+    """As of `TrackTable._local_motion`."""
+    rssi: Floats
+    status: NDArray[np.uint8]
+    transport: NDArray[np.uint8]
+    odd: NDArray[np.bool_]
+    ref: Ints
+    serial: Ints
+
+
 @compiled
-def _update_tracks(
-    rows: Any, used: Ints, counts: Ints, stale_ns: int, receiver: Ints, at_ns: Ints, address: Ints,
-    named: NDArray[np.bool_], ids: NDArray[np.uint64], located: NDArray[np.bool_], place: Floats, rssi: Floats,
-    status: NDArray[np.uint8], transport: NDArray[np.uint8], odd: NDArray[np.bool_], ref: Ints, serial: Ints,
-) -> None:  # fmt: skip
+def _update_tracks(rows: Any, used: Ints, counts: Ints, stale_ns: int, heard: _Broadcasts) -> None:
     """Write broadcasts into tracks, in order; `counts` (n, 3) are refused, displaced and impossible
     ones by receiver.
     """
+    receiver, at_ns, address, named, ids, located, place, rssi, status, transport, odd, ref, serial = heard
     for i in range(receiver.shape[0]):
         r = receiver[i]
         k, displaces = _find_slot(
@@ -205,11 +221,22 @@ class TrackTable:
         ids[:, :20] = np.ascontiguousarray(said.uas_id[keep]).view(np.uint8).reshape(-1, 20)
         rssi = np.where(rid.rssi_cdbm[keep] == -32768, np.nan, rid.rssi_cdbm[keep] * 0.01)
         odd = impossible(said)[keep]
-        _update_tracks(
-            self.rows, self.used, self.counts, self.stale_ns, heard.receiver[keep], heard.at_ns[keep], address,
-            said.has_id[keep], ids.view(np.uint64), said.has_location[keep], self._local_motion(said, keep), rssi,
-            said.status[keep], rid.transport[keep], odd, heard.ref[keep], heard.serial[keep],
-        )  # fmt: skip
+        broadcasts = _Broadcasts(
+            receiver=heard.receiver[keep],
+            at_ns=heard.at_ns[keep],
+            address=address,
+            named=said.has_id[keep],
+            ids=ids.view(np.uint64),
+            located=said.has_location[keep],
+            place=self._local_motion(said, keep),
+            rssi=rssi,
+            status=said.status[keep],
+            transport=rid.transport[keep],
+            odd=odd,
+            ref=heard.ref[keep],
+            serial=heard.serial[keep],
+        )
+        _update_tracks(self.rows, self.used, self.counts, self.stale_ns, broadcasts)
 
     def _local_motion(self, said: LocationColumns, keep: Ints) -> Floats:
         """(n, 6) east, north, up in m, speed in m/s, course in rad, climb in m/s; NaN if unknown."""
@@ -234,7 +261,7 @@ class TrackTable:
         rows["is_ignored"] = [ignored(address) for address in rows["address"].tolist()]
 
     def snapshot(
-        self, receiver: int, now: Time, include_impossible: bool = False, grounded: bool = True
+        self, receiver: int, now: Time, *, include_impossible: bool = False, grounded: bool = True
     ) -> TrackSnapshot:
         """The tracks whose position is known; with `include_impossible`, also those with impossible values and those
         that are ignored.

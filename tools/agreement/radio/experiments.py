@@ -16,6 +16,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import SNIFFER
+from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.builtin.state import radio_arrays
 from skyrange.radio.external.paths import PathFinder
 from skyrange.radio.propagation.obstruction import has_line_of_sight, obstacle_index

@@ -11,7 +11,7 @@ import numpy as np
 from skyrange.city.city import City
 from skyrange.contracts.medium import Floats, RadioSpec
 from skyrange.core.chance import Chance
-from skyrange.radio.builtin.environment import RadioEnvironment
+from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.builtin.state import radio_arrays
 from skyrange.radio.external.medium import ExternalMedium
 from skyrange.radio.propagation.link_budget import MediumParams, received_power_dbm

@@ -11,9 +11,9 @@ from skyrange.contracts.medium import Medium, RadioSpec, Waveform
 from skyrange.contracts.plugins.registry import MEDIA, kinds
 from skyrange.core.chance import Chance
 from skyrange.core.errors import SkyrangeError
-from skyrange.radio.builtin.environment import RadioEnvironment
+from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.contract import MediumContext, MediumPlugin
-from skyrange.radio.phy.waveforms import LOCK_SNIR_DB, WIDTH_MHZ
+from skyrange.radio.phy import LOCK_SNIR_DB, WIDTH_MHZ
 from skyrange.radio.propagation.path_loss import noise_dbm
 
 TITLES: Final = {"builtin": "builtin", "ns3": "ns-3", "omnetpp": "INET"}

@@ -70,8 +70,12 @@ def _make_fence(origin: Origin, vehicle: Vehicle) -> Items:
     if fence is None:
         return ()
     at = partial(_place, origin, vehicle)
-    found = [item for one in fence.polygons for item in polygon([at(*point) for point in one.points], one.inclusion)]
-    found += [item for one in fence.circles for item in circle(at(*one.center), one.radius_m, one.inclusion)]
+    found = [
+        item
+        for one in fence.polygons
+        for item in polygon([at(*point) for point in one.points], inclusion=one.inclusion)
+    ]
+    found += [item for one in fence.circles for item in circle(at(*one.center), one.radius_m, inclusion=one.inclusion)]
     return tuple(found)
 
 

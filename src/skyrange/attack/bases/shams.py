@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 from skyrange.codec.mavlink import Message, dialect, message_id
-from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, checksum
+from skyrange.codec.mavlink.frames import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, checksum
 
 Receiver = tuple[int, int]
 """System and component id."""

@@ -106,8 +106,7 @@ class SignedGhost(ForgedRemoteId):
 
     def _pages(self, registration: Registration, uas_id: str) -> AuthenticationPages:
         from skyrange.remoteid.drip.broadcasts import AuthenticationPages
-        from skyrange.remoteid.drip.credentials import Credentials
-        from skyrange.remoteid.drip.schedule import RECOMMENDED, REQUIRED
+        from skyrange.remoteid.drip.sender import RECOMMENDED, REQUIRED, Credentials
 
         rates = REQUIRED if self.auth_rates == "required" else RECOMMENDED
         credentials = Credentials(registration, rates, seed=sky.hash64(self.id))

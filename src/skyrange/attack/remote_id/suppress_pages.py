@@ -12,9 +12,8 @@ from skyrange.codec.f3411 import MessageType
 from skyrange.codec.f3411.encode import SIZE
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.codec.remote_id.noise_request import NoiseRequest, pack
-from skyrange.radio.phy.framing import OVERHEAD_BYTES, TRANSPORT_WAVEFORM
-from skyrange.radio.phy.waveforms import airtime_ns
-from skyrange.remoteid.drip.schedule import PAGE_NS
+from skyrange.radio.phy import OVERHEAD_BYTES, TRANSPORT_WAVEFORM, airtime_ns
+from skyrange.remoteid.drip.sender import PAGE_NS
 
 SERVICE_NS: Final = 100 * sky.NS_PER_US
 """The jammer's program is a loop on a software-defined radio; the order takes as long again (`radio.CHANNEL`)."""

@@ -45,7 +45,9 @@ class PackedParameter(NamedTuple):
     default: float | None = None
 
 
-def pack_download(parameters: Sequence[PackedParameter], total: int, read_bytes: int, defaults: bool = False) -> bytes:
+def pack_download(
+    parameters: Sequence[PackedParameter], total: int, read_bytes: int, *, defaults: bool = False
+) -> bytes:
     """The file as it is read in pieces of `read_bytes`: zeros keep a value from the boundary of two pieces.
 
     `total` is the number of all parameters. With `defaults`, a default that differs from its value is packed too.
@@ -55,14 +57,14 @@ def pack_download(parameters: Sequence[PackedParameter], total: int, read_bytes:
     for name, value, mavlink_type, default in parameters:
         kind = TYPES[mavlink_type]
         size = _LAYOUTS[kind].size
-        told = [value] if default is None or not defaults or value == default else [value, default]
-        head = _pack_head(kind, len(told) - 1, last, name)
+        numbers = [value] if default is None or not defaults or value == default else [value, default]
+        head = _pack_head(kind, len(numbers) - 1, last, name)
         if size > 1:
-            over = (len(out) + len(head) + size * len(told)) % read_bytes
+            over = (len(out) + len(head) + size * len(numbers)) % read_bytes
             if 0 < over < size:
                 out += bytes(size - over)
         out += head
-        for number in told:
+        for number in numbers:
             out += _LAYOUTS[kind].pack(number if kind == _FLOAT else int(number))
         last = name
     return bytes(out)
@@ -90,29 +92,26 @@ def read_download(data: bytes) -> list[tuple[str, float]]:
 
     Raises `DecodeError` for what is not such a file.
     """
-    if len(data) < _HEADER.size:
-        raise DecodeError(f"packed parameters: {len(data)} bytes, expected a header of {_HEADER.size}")
-    magic, count, _ = _HEADER.unpack_from(data)
+    magic, count, _ = _read_header(data)
     if magic not in (_MAGIC, _MAGIC_WITH_DEFAULTS):
         raise DecodeError(f"packed parameters: magic {magic:#06x}, expected {_MAGIC:#06x}")
     at, last = _HEADER.size, b""
-    found: list[tuple[str, float]] = []
-    while len(found) < count:
+    parameters: list[tuple[str, float]] = []
+    while len(parameters) < count:
         while at < len(data) and data[at] == 0:
             at += 1
         if len(data) - at < _ENTRY_HEAD:
             break
-        layout, flags = _LAYOUTS.get(data[at] & 15), data[at] >> 4
-        common, size = data[at + 1] & 15, (data[at + 1] >> 4) + 1
+        layout, flags, common, size = _read_entry_head(data, at)
         if layout is None or common > len(last):
-            raise DecodeError(f"packed parameters: entry {len(found)} is malformed")
+            raise DecodeError(f"packed parameters: entry {len(parameters)} is malformed")
         values = at + _ENTRY_HEAD + size
         at = values + layout.size * (1 + (flags & 1))
         if at > len(data):
             break
         last = last[:common] + data[values - size : values]
-        found.append((last.decode("ascii", "replace"), float(layout.unpack_from(data, values)[0])))
-    return found
+        parameters.append((last.decode("ascii", "replace"), float(layout.unpack_from(data, values)[0])))
+    return parameters
 
 
 def read_upload(data: bytes) -> Iterator[tuple[str, float]]:
@@ -120,17 +119,14 @@ def read_upload(data: bytes) -> Iterator[tuple[str, float]]:
 
     Raises `DecodeError` at what is malformed, after what precedes it.
     """
-    if len(data) < _HEADER.size:
-        raise DecodeError(f"packed parameters: {len(data)} bytes, expected a header of {_HEADER.size}")
-    magic, count, length = _HEADER.unpack_from(data)
+    magic, count, length = _read_header(data)
     if magic != _MAGIC or length != len(data):
         raise DecodeError(f"packed parameters: magic {magic:#06x} and length {length} of {len(data)} bytes")
     at, last = _HEADER.size, b""
     for number in range(count):
-        head = data[at : at + _ENTRY_HEAD]
-        if len(head) < _ENTRY_HEAD:
+        if len(data) - at < _ENTRY_HEAD:
             raise DecodeError(f"packed parameters: entry {number} of {count} is missing")
-        layout, flags, common, size = _LAYOUTS.get(head[0] & 15), head[0] >> 4, head[1] & 15, (head[1] >> 4) + 1
+        layout, flags, common, size = _read_entry_head(data, at)
         if layout is None or flags or common > len(last) or common + size > MAX_NAME:
             raise DecodeError(f"packed parameters: entry {number} is malformed")
         values = at + _ENTRY_HEAD + size
@@ -139,6 +135,20 @@ def read_upload(data: bytes) -> Iterator[tuple[str, float]]:
             raise DecodeError(f"packed parameters: entry {number} is cut")
         last = (last[:common] + data[values - size : values]).split(b"\0", 1)[0]
         yield last.decode("ascii", "replace"), float(layout.unpack_from(data, values)[0])
+
+
+def _read_header(data: bytes) -> tuple[int, int, int]:
+    """Magic, number of parameters, and the third number of the file's header. Raises `DecodeError`."""
+    if len(data) < _HEADER.size:
+        raise DecodeError(f"packed parameters: {len(data)} bytes, expected a header of {_HEADER.size}")
+    magic, count, third = _HEADER.unpack_from(data)
+    return magic, count, third
+
+
+def _read_entry_head(data: bytes, at: int) -> tuple[struct.Struct | None, int, int, int]:
+    """Layout of the value (`None` for an unknown type), flags, characters shared with the last name, further ones."""
+    kind, name = data[at], data[at + 1]
+    return _LAYOUTS.get(kind & 15), kind >> 4, name & 15, (name >> 4) + 1
 
 
 def _pack_head(kind: int, flags: int, last: str, name: str) -> bytes:

@@ -6,15 +6,18 @@ Nothing here signs or verifies: `remoteid.drip` does.
 from skyrange.codec.drip.entity_tags import (
     APEX_HID,
     EDDSA_CSHAKE128,
+    HASH_BYTES,
     KEY_BYTES,
     TAG_BYTES,
     EntityTag,
+    message_hash,
+    pages_hash,
     parse_session_id,
     session_id,
 )
-from skyrange.codec.drip.hashes import HASH_BYTES, message_hash, pages_hash
 from skyrange.codec.drip.messages import (
     EXPERIMENTAL_FRAMES,
+    MAX_AUTH_DATA,
     MAX_HASHES,
     MAX_WRAPPED,
     RECOMMENDED_HASHES,
@@ -30,10 +33,12 @@ from skyrange.codec.drip.messages import (
     encode_manifest,
     encode_sam,
     encode_wrapped,
+    join_with_parity,
     link_hash,
+    page_count,
     since_2019_s,
+    split_with_parity,
 )
-from skyrange.codec.drip.pages import MAX_AUTH_DATA, join_with_parity, page_count, split_with_parity
 
 __all__ = [
     "APEX_HID",

@@ -1,4 +1,4 @@
-"""Authentication pages: data longer than one message, split into pages and joined again.
+"""Authentication pages: data longer than one message, joined from its pages.
 
 Page 0 holds 17 bytes and the numbers of pages and bytes; pages 1…15 hold 23 bytes each (F3411-22a, Authentication
 message). The length has 8 bits, so the data have at most 255 bytes.
@@ -8,26 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from skyrange.codec.f3411.encode import PAGE_0_DATA, PAGE_DATA
 from skyrange.codec.f3411.messages import Authentication
 from skyrange.core.errors import DecodeError
 
-MAX_DATA = 255
 MAX_PAGES = 16
-
-
-def split_pages(auth_type: int, data: bytes, timestamp_s: int) -> tuple[Authentication, ...]:
-    """The messages that carry `data` (0…255 bytes, else `ValueError`); `timestamp_s` since `EPOCH_2019_S`."""
-    if len(data) > MAX_DATA:
-        raise ValueError(f"{len(data)} bytes of authentication data, at most {MAX_DATA}")
-    rest = range(PAGE_0_DATA, len(data), PAGE_DATA)
-    first = Authentication(
-        auth_type, 0, data[:PAGE_0_DATA].ljust(PAGE_0_DATA, b"\0"), len(rest), len(data), timestamp_s
-    )
-    return first, *(
-        Authentication(auth_type, page, data[at : at + PAGE_DATA].ljust(PAGE_DATA, b"\0"))
-        for page, at in enumerate(rest, start=1)
-    )
 
 
 def join_pages(messages: Iterable[Authentication]) -> bytes:

@@ -173,7 +173,7 @@ class Location(NamedTuple):
 
 
 class Authentication(NamedTuple):
-    """One page of authentication data; `authentication.split_pages` makes them, and `authentication.join_pages` joins
+    """One page of authentication data; `authentication.join_pages` joins
     them.
     """
 

@@ -1,15 +1,87 @@
-"""Operations of F3548's interface: which one a method and a path name, and its parameters in the path."""
+"""Operations of F3548's interface: their methods and paths, and checks of the bodies of requests and responses.
+
+Bodies are checked against the types of the package `uas_standards`, of F3548's interface and of others. These are made
+into pydantic's once, so that a body is checked at the speed of compiled code, and fields, their names and their
+enumerations stay those of the package. Text that the package leaves open is limited, because it comes from strangers.
+"""
 
 from __future__ import annotations
 
 import re
+import types
+from enum import Enum
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple, NotRequired, Union, get_args, get_origin, get_type_hints
 
+from implicitdict import ImplicitDict, StringBasedDateTime
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError, with_config
+from typing_extensions import TypedDict
 from uas_standards.astm.f3548.v21.api import OPERATIONS, OperationID
 
-from skyrange.codec.f3548.schemas import check
+from skyrange.codec.json_errors import describe
 from skyrange.core.errors import DecodeError
+from skyrange.core.time import parse_rfc3339
+
+MAX_TEXT: Final = 8_192
+MAX_ITEMS: Final = 10_000
+"""Longest list: that of vertices, OiMaxVertices."""
+
+
+def _check_time(value: str) -> str:
+    parse_rfc3339(value)
+    return value
+
+
+_Text = Annotated[str, Field(max_length=MAX_TEXT, pattern=r"^[^\x00]*$")]
+_Moment = Annotated[str, Field(max_length=40), AfterValidator(_check_time)]
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Whole = Annotated[int, Field(ge=-(2**53), le=2**53)]
+_PLAIN: Final = {str: _Text, float: _Number, int: _Whole, bool: bool, StringBasedDateTime: _Moment}
+
+
+def check(body: Any, model: type[Any]) -> dict[str, Any]:
+    """`body` if it is one of `model`, an `ImplicitDict`: known fields only, enumerations as their members.
+
+    Raises `DecodeError`.
+    """
+    try:
+        return _adapter(model).validate_python(body)  # type: ignore[arg-type]
+    except ValidationError as error:
+        raise describe(error) from error
+
+
+@cache
+def _adapter(model: type[Any]) -> TypeAdapter[dict[str, Any]]:
+    return TypeAdapter(_typed(model))  # type: ignore[arg-type]
+
+
+@cache
+def _typed(model: type[Any]) -> Any:
+    """A typed dictionary with the fields of a type of the package."""
+    fields: dict[str, Any] = {}
+    for name, hint in get_type_hints(model).items():
+        given = _pydantic(hint)
+        is_optional = type(None) in get_args(hint) or hasattr(model, name)
+        fields[name] = NotRequired[given] if is_optional else given
+    return with_config(ConfigDict(extra="ignore"))(TypedDict(model.__name__, fields))  # type: ignore[operator]
+
+
+def _pydantic(hint: Any) -> Any:
+    if hint in _PLAIN:
+        return _PLAIN[hint]
+    origin = get_origin(hint)
+    if origin is list:
+        return Annotated[list[_pydantic(get_args(hint)[0])], Field(max_length=MAX_ITEMS)]  # type: ignore[misc]
+    if origin in (Union, types.UnionType):
+        return Union[tuple(arg if arg is type(None) else _pydantic(arg) for arg in get_args(hint))]  # noqa: UP007
+    if hint is dict:
+        return dict[str, Any]
+    if isinstance(hint, type) and issubclass(hint, ImplicitDict):
+        return _typed(hint)
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return hint
+    raise TypeError(f"no check is known for {hint!r}")
+
 
 _ID = r"[0-9a-f]{8}-[0-9a-f]{4}-4[0-9a-f]{3}-[89ab][0-9a-f]{3}-[0-9a-f]{12}"
 """UUIDv4Format."""

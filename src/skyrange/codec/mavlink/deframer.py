@@ -12,7 +12,7 @@ import re
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from skyrange.codec.mavlink.frame_layout import (
+from skyrange.codec.mavlink.frames import (
     CHECKSUM,
     HEADER_V1,
     HEADER_V2,
@@ -71,7 +71,7 @@ class Deframer:
         """
         return self._scan(self._pending, ended=True)
 
-    def _scan(self, buffer: bytes, ended: bool) -> list[Piece]:
+    def _scan(self, buffer: bytes, *, ended: bool) -> list[Piece]:
         pieces: list[Piece] = []
         counts = self.counts
         size = len(buffer)

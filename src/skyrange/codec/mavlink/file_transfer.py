@@ -75,14 +75,15 @@ def pack(
     session: int,
     opcode: int,
     data: bytes = b"",
+    *,
     offset: int = 0,
     size: int | None = None,
     request: int = 0,
     burst_complete: bool = False,
 ) -> list[int]:
     """The payload, as the field of the message takes it; `size` is the length of the data unless it is given."""
-    told = len(data) if size is None else size
-    head = _HEAD.pack(sequence & 0xFFFF, session, opcode, told, request, burst_complete, 0, offset)
+    stated = len(data) if size is None else size
+    head = _HEAD.pack(sequence & 0xFFFF, session, opcode, stated, request, burst_complete, 0, offset)
     return list((head + data).ljust(PAYLOAD_BYTES, b"\0"))
 
 

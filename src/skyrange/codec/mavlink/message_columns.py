@@ -1,8 +1,10 @@
-"""Batch encoding and decoding of MAVLink 2: arrays of messages to columns of frames, and back.
+"""Batch encoding and decoding of MAVLink 2: arrays of messages to columns of frames and back, and fleets' numbers.
 
 Produces and reads the same bytes as `codec.mavlink` does one by one, from the same tables
-(`codec.mavlink.frame_layout.LAYOUTS`); tests compare the two. Only MAVLink 2 frames are decoded in batches, signed or
+(`codec.mavlink.frames.LAYOUTS`); tests compare the two. Only MAVLink 2 frames are decoded in batches, signed or
 not (`codec.mavlink.signing` verifies signatures). All other payloads are left to the single decoder.
+
+A fleet has one rolling sequence number per aircraft, shared by single and batch packing.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.codec.mavlink.frame_layout import (
+from skyrange.codec.mavlink.frames import (
     CHECKSUM,
     HEADER_V2,
     LAYOUTS,
@@ -22,6 +24,7 @@ from skyrange.codec.mavlink.frame_layout import (
     MIN_FRAME,
     SIGNATURE,
     SIGNED,
+    Packer,
 )
 from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
 from skyrange.core.compiled import compiled
@@ -79,7 +82,7 @@ def payload_dtype(message_id: int) -> np.dtype[Any]:
 
 
 @compiled
-def _pack(
+def _pack(  # noqa: PLR0917
     raw: NDArray[np.uint8], number: int, extra: int, systems: Ints, component: int, sequences: Ints,
     out: Bytes, starts: Ints, sizes: Ints, at: int, crcs: NDArray[np.uint16],
 ) -> int:  # fmt: skip
@@ -166,32 +169,32 @@ KIND_TABLES: Final = (_KIND, _EXTRA, _CRC)
 
 
 @compiled
-def _classify(
+def _classify(  # noqa: PLR0917
     data: Bytes, starts: Ints, sizes: Ints, kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16],
-    found: Ints,
+    out: Ints,
 ) -> None:  # fmt: skip
     """Write each frame's kind to `found`."""
     for row in range(starts.shape[0]):
-        found[row] = kind_at(data, starts[row], sizes[row], kinds, extras, crcs)
+        out[row] = kind_at(data, starts[row], sizes[row], kinds, extras, crcs)
 
 
 @compiled
-def _read_ids(data: Bytes, starts: Ints, sizes: Ints, found: Ints) -> None:
+def _read_ids(data: Bytes, starts: Ints, sizes: Ints, out: Ints) -> None:
     for row in range(starts.shape[0]):
         at = starts[row]
-        found[row] = -1
+        out[row] = -1
         if sizes[row] >= _MIN_FRAME:
             if data[at] == _MAGIC and sizes[row] >= _HEADER + _CHECKSUM:
-                found[row] = np.int64(data[at + 7]) | np.int64(data[at + 8]) << 8 | np.int64(data[at + 9]) << 16
+                out[row] = np.int64(data[at + 7]) | np.int64(data[at + 8]) << 8 | np.int64(data[at + 9]) << 16
             elif data[at] == _MAGIC_V1:
-                found[row] = data[at + 5]
+                out[row] = data[at + 5]
 
 
 def message_ids(payloads: Payloads) -> Ints:
     """(n,) the message ids in the headers, known or not; -1 for a payload that cannot be a MAVLink frame."""
-    found = np.empty(len(payloads), dtype=np.int64)
-    _read_ids(*payloads.arrays, found)
-    return found
+    ids = np.empty(len(payloads), dtype=np.int64)
+    _read_ids(*payloads.arrays, ids)
+    return ids
 
 
 @compiled
@@ -279,3 +282,35 @@ def unpack_group(payloads: Payloads, kind: int, rows: Ints) -> MessageGroup:
     head = np.empty((len(rows), 3), dtype=np.int64)
     _copy_payloads(*payloads.arrays[:2], rows, head, raw)
     return MessageGroup(number, rows, head[:, 0], head[:, 1], head[:, 2], raw.view(dtype).reshape(len(rows)))
+
+
+class FleetPacker(Packer):
+    """A `Packer` whose sequence number is one element of an array that the whole fleet shares."""
+
+    __slots__ = ("_row", "sequences")
+
+    sequences: Ints
+    """(n,) the next sequence number of each aircraft."""
+
+    def __init__(self, system: int, component: int, sequences: Ints, row: int) -> None:
+        self.sequences = sequences
+        self._row = row
+        super().__init__(system, component)
+
+    @property
+    def sequence(self) -> int:
+        """The sequence number of the next frame."""
+        return int(self.sequences[self._row])
+
+    @sequence.setter
+    def sequence(self, value: int) -> None:
+        self.sequences[self._row] = value
+
+
+@compiled
+def assign_sequence_numbers(rows: Ints, sequences: Ints, out: Ints) -> None:
+    """Assign sequence numbers to frames in the order given: `rows` names the aircraft of each; advances `sequences`."""
+    for place in range(rows.shape[0]):
+        row = rows[place]
+        out[place] = sequences[row]
+        sequences[row] = (sequences[row] + 1) & 0xFF

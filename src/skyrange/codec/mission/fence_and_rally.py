@@ -37,12 +37,12 @@ Place = tuple[float, float]
 """Latitude and longitude in degrees."""
 
 
-def polygon(corners: Sequence[Place], inclusion: bool) -> Items:
+def polygon(corners: Sequence[Place], *, inclusion: bool) -> Items:
     """The items of a polygon."""
     return tuple(_item(POLYGONS[inclusion], place, float(len(corners))) for place in corners)
 
 
-def circle(centre: Place, radius_m: float, inclusion: bool) -> Items:
+def circle(centre: Place, radius_m: float, *, inclusion: bool) -> Items:
     """The item of a circle."""
     return (_item(CIRCLES[inclusion], centre, radius_m),)
 
@@ -72,9 +72,10 @@ def parse_fence(fence: Mapping[str, object] | None, problems: ProblemCollector) 
     _check_version(fence, "geoFence", FENCE_VERSIONS, problems)
     items: list[MissionItem] = []
     if fence.get("polygon"):  # of version 1, which has this one alone
-        items += _polygon_of(fence["polygon"], True, "geoFence.polygon", problems)
+        items += _polygon_of(fence["polygon"], "geoFence.polygon", problems, inclusion=True)
     for where, entry in _entries(fence, "polygons", problems):
-        items += _polygon_of(entry.get("polygon"), _inclusion(entry, where, problems), f"{where}.polygon", problems)
+        inclusion = _inclusion(entry, where, problems)
+        items += _polygon_of(entry.get("polygon"), f"{where}.polygon", problems, inclusion=inclusion)
     for where, entry in _entries(fence, "circles", problems):
         inclusion, round_ = _inclusion(entry, where, problems), entry.get("circle")
         if not isinstance(round_, dict):
@@ -86,7 +87,7 @@ def parse_fence(fence: Mapping[str, object] | None, problems: ProblemCollector) 
         if radius_m is None or radius_m <= 0.0:
             problems.add(f"{where}.circle.radius", round_.get("radius"), "a radius above 0 m")
         elif place:
-            items += circle((place[0], place[1]), radius_m, inclusion)
+            items += circle((place[0], place[1]), radius_m, inclusion=inclusion)
     if fence.get("breachReturn") is not None:
         place = _numbers(fence["breachReturn"], 3, "geoFence.breachReturn", problems)
         if place:
@@ -150,12 +151,14 @@ def rings_of(items: Items) -> list[Items]:
     return rings
 
 
-def _polygon_of(corners: object, inclusion: bool, where: str, problems: ProblemCollector) -> Items:
+def _polygon_of(corners: object, where: str, problems: ProblemCollector, *, inclusion: bool) -> Items:
     if not isinstance(corners, list) or not 3 <= len(corners) <= MAX_VERTICES:
         problems.add(where, corners, f"3 to {MAX_VERTICES} corners, each [latitude, longitude]")
         return ()
     places = [_numbers(corner, 2, f"{where}[{number}]", problems) for number, corner in enumerate(corners)]
-    return polygon([(place[0], place[1]) for place in places if place], inclusion) if all(places) else ()
+    if not all(places):
+        return ()
+    return polygon([(place[0], place[1]) for place in places if place], inclusion=inclusion)
 
 
 def _check_version(part: Mapping[str, object], where: str, known: tuple[int, ...], problems: ProblemCollector) -> None:

@@ -135,9 +135,10 @@ def check_item(
     frame: int,
     command: int,
     values: Sequence[float],
-    autocontinue: bool,
     positions: Sequence[str],
     problems: ProblemCollector,
+    *,
+    autocontinue: bool,
 ) -> MissionItem | None:
     """The item with `values` (param1 … param4, x, y, z), or `None` and a problem for each value that is not permitted.
 

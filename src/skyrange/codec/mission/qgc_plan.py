@@ -214,7 +214,7 @@ class _ItemReader:
         if problems.total > before or frame is None or command is None:
             return
         positions = [f"{where}.params[{place}]" for place in range(7)]
-        item = check_item(frame, command, values, go_on is True, positions, problems)
+        item = check_item(frame, command, values, positions, problems, autocontinue=go_on is True)
         if item is None:
             return
         self.done.append(item)
@@ -230,13 +230,13 @@ class _ItemReader:
         for index, where in self._jumps:
             item = self.done[index]
             wanted = int(item.param1) if item.param1.is_integer() else None
-            found = self._targets.get(wanted) or self._embedded_targets.get(wanted) if wanted is not None else None
-            if found is None:
+            places = self._targets.get(wanted) or self._embedded_targets.get(wanted) if wanted is not None else None
+            if places is None:
                 self.problems.add(where, item.param1, "the doJumpId of an item")
-            elif len(found) > 1:
-                self.problems.add(where, item.param1, f"a doJumpId of one item alone, {len(found)} have this one")
+            elif len(places) > 1:
+                self.problems.add(where, item.param1, f"a doJumpId of one item alone, {len(places)} have this one")
             else:
-                self.done[index] = replace(item, param1=float(found[0]))
+                self.done[index] = replace(item, param1=float(places[0]))
 
 
 def _load(text: str, name: str) -> ReadObject:

@@ -138,7 +138,7 @@ def _item(line_number: int, line: str, problems: ProblemCollector) -> MissionIte
             problems.add(positions[place], cells[place], "a number")
     if problems.total > before:
         return None
-    return check_item(whole[2], whole[3], values, whole[11] == 1, positions[4:11], problems)
+    return check_item(whole[2], whole[3], values, positions[4:11], problems, autocontinue=whole[11] == 1)
 
 
 def _check_home(home: MissionItem, line_number: int, problems: ProblemCollector) -> None:

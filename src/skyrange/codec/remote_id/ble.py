@@ -32,10 +32,7 @@ _RANDOM: Final = 0x40
 """TxAdd: the advertiser's address is random."""
 _ADDRESS: Final = 0x01
 _DATA_INFO: Final = 0x08
-_POINTER: Final = 0x10
 """Extended header flags (2.3.4.1…5)."""
-CODED: Final = 2
-"""AUX PHY of the pointer: LE Coded."""
 
 SERVICE_DATA: Final = 0x16
 """AD type: service data of a 16-bit UUID."""
@@ -74,7 +71,7 @@ def encode_legacy(frame: RidFrame, *, random: bool = True) -> bytes:
     """
     if len(frame.body) != SIZE:
         raise ValueError(f"a body of {len(frame.body)} bytes, a legacy advertisement holds one message of {SIZE}")
-    return ACCESS_ADDRESS + _pdu_with_crc(ADV_NONCONN_IND, random, _address(frame) + _advertising_data(frame))
+    return ACCESS_ADDRESS + _pdu_with_crc(ADV_NONCONN_IND, _address(frame) + _advertising_data(frame), random=random)
 
 
 def encode_auxiliary(frame: RidFrame, *, set_id: int = 0, random: bool = True) -> bytes:
@@ -88,25 +85,8 @@ def encode_auxiliary(frame: RidFrame, *, set_id: int = 0, random: bool = True) -
     return (
         ACCESS_ADDRESS
         + bytes([S8])
-        + _pdu_with_crc(ADV_EXT_IND, random, bytes([len(extended)]) + extended + service_data)
+        + _pdu_with_crc(ADV_EXT_IND, bytes([len(extended)]) + extended + service_data, random=random)
     )
-
-
-def encode_pointer(frame: RidFrame, *, channel: int, offset_us: int, set_id: int = 0) -> bytes:
-    """ADV_EXT_IND for the coded PHY on a primary channel, which announces when and where `encode_auxiliary(frame)`
-    follows.
-
-    `channel` is the index 0…36 of the secondary channel. `offset_us` is the time from the start of this packet to the
-    start of the announced one, 300…2,457,299 us; it is rounded down to units of 30 us, and from 245,700 us to units of
-    300 us. Raises `ValueError` for values outside these ranges.
-    """
-    if not (0 <= channel <= 36 and 300 <= offset_us < 300 << 13):
-        raise ValueError(f"channel {channel}, offset {offset_us} us: 0…36, 300…2457299 us")
-    coarse = offset_us >= 245_700
-    steps = offset_us // (300 if coarse else 30)
-    aux = channel | coarse << 7 | steps << 8 | CODED << 21  # bit 6, clock accuracy: 51…500 ppm
-    extended = bytes([_DATA_INFO | _POINTER]) + _data_info(frame, set_id) + aux.to_bytes(3, "little")
-    return ACCESS_ADDRESS + bytes([S8]) + _pdu_with_crc(ADV_EXT_IND, False, bytes([len(extended)]) + extended)
 
 
 def decode_packet(packet: bytes, *, coded: bool) -> RidFrame:
@@ -140,7 +120,7 @@ def decode_packet(packet: bytes, *, coded: bool) -> RidFrame:
     return RidFrame(RidHeader(transport, counter=counter, address=address), body)
 
 
-def _pdu_with_crc(kind: int, random: bool, payload: bytes) -> bytes:
+def _pdu_with_crc(kind: int, payload: bytes, *, random: bool) -> bytes:
     """The PDU header, the payload and their CRC."""
     if len(payload) > 255:
         raise ValueError(f"a payload of {len(payload)} bytes, at most 255")

@@ -139,7 +139,7 @@ def _write_frames(heads: Bytes, data: Bytes, starts: Ints, sizes: Ints, out: Byt
 
 
 def pack_rows(
-    transport: ArrayLike, channel: ArrayLike, counter: ArrayLike, address: ArrayLike, rssi_cdbm: ArrayLike,
+    *, transport: ArrayLike, channel: ArrayLike, counter: ArrayLike, address: ArrayLike, rssi_cdbm: ArrayLike,
     time_ns: ArrayLike, bodies: Payloads,
 ) -> Payloads:  # fmt: skip
     """`pack` for many bodies; each other argument is one value for all, or one per body ((n, 6)

@@ -1,9 +1,12 @@
-"""Conversion between MAVLink `OPEN_DRONE_ID_*` messages and the values of `codec.f3411`.
+"""Conversion between MAVLink `OPEN_DRONE_ID_*` messages and the values of `codec.f3411`, one by one and in columns.
 
 Units and unknown values are those of MAVLink's common.xml (messages 12900…12905, 12915, 12919): centidegrees, cm/s,
 degrees times 1e7, metres; unknown are 36100 cdeg, 25500 cm/s, 6300 cm/s vertical, −1000 m, latitude and longitude both
 0, timestamp 65535. Unlike MAVLink's usual `alt`, the altitudes `altitude_geodetic` and `operator_altitude_geo` are
 heights above the WGS 84 ellipsoid; `core.geodesy.Origin` converts.
+
+`location_columns` gives the same results as `from_mavlink`, except that a number that F3411 cannot encode (a track of
+400°, a status of 200) becomes unknown: a bad value from an autopilot must not stop its transmitter.
 """
 
 from __future__ import annotations
@@ -11,6 +14,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from skyrange.codec.f3411 import (
     PROTOCOL_VERSION,
@@ -28,7 +34,9 @@ from skyrange.codec.f3411 import (
     values,
 )
 from skyrange.codec.f3411 import Message as RidMessage
+from skyrange.codec.f3411.columns import CODES, NUMBERS, Codes, Flags, Floats
 from skyrange.codec.mavlink.frames import Message, dialect
+from skyrange.codec.mavlink.message_columns import MessageTable
 from skyrange.core.errors import DecodeError
 
 TRACK_UNKNOWN_CDEG: Final = 36_100
@@ -211,3 +219,50 @@ _READERS: Final[dict[int, Callable[[Any], RidMessage]]] = {
     dialect.MAVLINK_MSG_ID_OPEN_DRONE_ID_OPERATOR_ID: _operator_id,
     dialect.MAVLINK_MSG_ID_OPEN_DRONE_ID_MESSAGE_PACK: _pack,
 }
+
+
+_ALTITUDES: Final = ("altitude_geodetic", "altitude_barometric", "height")
+_CODES: Final = (
+    "status", "height_reference", "horizontal_accuracy", "vertical_accuracy", "barometer_accuracy", "speed_accuracy",
+    "timestamp_accuracy",
+)  # fmt: skip
+"""MAVLink's names of `CODES`, in the same order."""
+_MAX_CODES: Final = np.array([15, 1, 15, 15, 15, 15, 15])
+_TRACK_MAX_CDEG: Final = 36_000
+_TIME_MAX_S: Final = (values.TIME_UNKNOWN - 1) / values.TIME_STEPS_PER_S
+
+
+def location_columns(table: MessageTable) -> tuple[Floats, Codes]:
+    """(9, n) numbers and (7, n) codes as `f3411.columns.encode_locations` takes them; NaN is unknown.
+
+    `table` (n,): rows of `message_columns.payload_dtype` OPEN_DRONE_ID_LOCATION.
+    """
+    numbers, codes = np.empty((len(NUMBERS), len(table))), np.empty((len(CODES), len(table)), dtype=np.uint8)
+    placed = (table["latitude"] != 0) | (table["longitude"] != 0)
+    numbers[0] = _known_values(table["latitude"] / values.UNITS_PER_DEGREE, placed)
+    numbers[1] = _known_values(table["longitude"] / values.UNITS_PER_DEGREE, placed)
+    for row, name in enumerate(_ALTITUDES, start=2):
+        metres = _as_float64(table[name])
+        numbers[row] = _known_values(metres, np.isfinite(metres) & (metres != ALTITUDE_UNKNOWN_M))
+    for row, name, unknown in (
+        (5, "speed_horizontal", SPEED_UNKNOWN_CMPS),
+        (6, "speed_vertical", VERTICAL_UNKNOWN_CMPS),
+        (7, "direction", TRACK_UNKNOWN_CDEG),
+    ):
+        numbers[row] = _known_values(table[name] / 100.0, table[name] != unknown)
+    numbers[7, table["direction"] > _TRACK_MAX_CDEG] = np.nan
+    seconds = _as_float64(table["timestamp"])
+    numbers[8] = _known_values(seconds, (seconds >= 0.0) & (seconds <= _TIME_MAX_S))
+    for row, name in enumerate(_CODES):
+        codes[row] = np.where(table[name] <= _MAX_CODES[row], table[name], 0)
+    return numbers, codes
+
+
+def _as_float64(numbers: NDArray[np.float32]) -> Floats:
+    with np.errstate(invalid="ignore"):  # some bytes are a signalling NaN
+        return numbers.astype(np.float64)
+
+
+def _known_values(numbers: Floats, where: Flags) -> Floats:
+    found: Floats = np.where(where, numbers, np.nan)
+    return found

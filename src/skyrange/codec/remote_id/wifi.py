@@ -47,18 +47,11 @@ SERVICE_ID: Final = sha256(b"org.opendroneid.remoteid").digest()[:6]
 """A NAN service is identified by the first 48 bits of the SHA-256 of its name in lower case: 88 69 19 9d 92 09."""
 _PUBLIC_VENDOR: Final = b"\x04\x09" + WFA_NAN
 """Category public action, vendor specific, NAN."""
-_MASTER: Final = 0x00
-_CLUSTER: Final = 0x01
-_SERVICE_LIST: Final = 0x02
 _DESCRIPTOR: Final = 0x03
 _EXTENSION: Final = 0x0E
 _INSTANCE: Final = 1
 _PUBLISH_WITH_INFO: Final = 0x10
 _UPDATE_INDICATOR: Final = 0x0200
-_PREFERENCE: Final = 0xFE
-_RANDOM_FACTOR: Final = 0xEA
-"""Master preference and random factor that the European standard recommends, according to wifi.c."""
-NAN_INTERVAL_TU: Final = 512
 
 
 def encode_beacon(
@@ -98,22 +91,6 @@ def encode_nan_action(frame: RidFrame, *, sequence: int = 0) -> bytes:
         + _attribute(_DESCRIPTOR, descriptor)
         + _attribute(_EXTENSION, extension)
     )
-
-
-def encode_nan_sync_beacon(address: bytes, *, timestamp_us: int = 0, sequence: int = 0) -> bytes:
-    """The synchronisation Beacon that a NAN device sends immediately before its action frame, so
-    that others find it.
-    """
-    attributes = (
-        _attribute(_MASTER, bytes([_PREFERENCE, _RANDOM_FACTOR]))
-        + _attribute(_CLUSTER, address + bytes([_RANDOM_FACTOR, _PREFERENCE]) + bytes(5))
-        + _attribute(_SERVICE_LIST, SERVICE_ID)
-    )
-    return _with_fcs(
-        _head(BEACON, BROADCAST, address, NAN_CLUSTER, sequence)
-        + _BEACON.pack(timestamp_us, NAN_INTERVAL_TU, CAPABILITY)
-        + bytes([VENDOR, len(WFA_NAN) + len(attributes)]) + WFA_NAN + attributes
-    )  # fmt: skip
 
 
 def decode_frame(frame: bytes) -> RidFrame:

@@ -11,7 +11,7 @@ from typing import Final
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.orders import read
-from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNED, checksum
+from skyrange.codec.mavlink.frames import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNED, checksum
 from skyrange.codec.mavlink.signing import (
     SignatureRefusal,
     Signer,

@@ -12,9 +12,14 @@ from skyrange.codec.remote_id.link_payload import NO_RSSI, RidHeader, pack, unpa
 from skyrange.defence.bases.receptions import ReceptionTap
 from skyrange.defence.receptions import Finding, Held, Sender
 from skyrange.remoteid.broadcast_profiles import sender_address
-from skyrange.remoteid.drip.verification.policy import Verification
-from skyrange.remoteid.drip.verification.settings import Authorities, ClockError, VerificationRate
-from skyrange.remoteid.drip.verification.verdicts import Judged, Trust
+from skyrange.remoteid.drip.verification.verdicts import (
+    Authorities,
+    ClockError,
+    Judged,
+    Trust,
+    Verification,
+    VerificationRate,
+)
 from skyrange.remoteid.drip.verification.verifier import Verifier, printable_tag
 from skyrange.remoteid.tracks import STALE_S
 

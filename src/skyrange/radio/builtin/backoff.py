@@ -47,7 +47,7 @@ from skyrange.radio.builtin.state import (
     WAVEFORM,
     MediumState,
 )
-from skyrange.radio.phy.waveforms import is_wifi
+from skyrange.radio.phy import is_wifi
 
 SLOT_NS: Final = np.array([20, 9]) * NS_PER_US
 DIFS_NS: Final = np.array([50, 28]) * NS_PER_US

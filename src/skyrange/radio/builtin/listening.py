@@ -23,7 +23,7 @@ from skyrange.contracts.medium import Ints, ScanSchedule, ScanStep, Waveform
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Time
 from skyrange.radio.builtin.state import ALWAYS, DWELL, FIRST, PHASE, REST, TURNS, WIFI, WINDOW
-from skyrange.radio.phy.channels import ADVERTISING_CHANNELS, WIFI_CHANNELS
+from skyrange.radio.phy import ADVERTISING_CHANNELS, WIFI_CHANNELS
 
 _WIFI = (Waveform.DSSS_1M, Waveform.OFDM_6M)
 
@@ -33,7 +33,7 @@ def wifi_chain(channel: int = 6) -> ScanSchedule:
     return ScanSchedule((ScanStep(channel, _WIFI),))
 
 
-def bluetooth_chain(window_ns: Time, interval_ns: Time, coded: bool = True) -> ScanSchedule:
+def bluetooth_chain(window_ns: Time, interval_ns: Time, *, coded: bool = True) -> ScanSchedule:
     """A chain that scans the advertising channels by turns, one interval each; with `coded`, 1M and Coded by turns
     too.
     """

@@ -1,10 +1,13 @@
-"""The builtin radio medium: 2.4 GHz among buildings, frame by frame, each step in one compiled call."""
+"""The builtin radio medium: 2.4 GHz among buildings, frame by frame, each step in one compiled call.
+
+Before it is made, its radios and its environment are checked, and every problem is named at once.
+"""
 
 from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +22,7 @@ from skyrange.contracts.medium import (
     OnAir,
     RadioSpec,
     RadioTable,
+    ScanSchedule,
     Sent,
     TransmissionFate,
     TxBatch,
@@ -26,19 +30,16 @@ from skyrange.contracts.medium import (
 )
 from skyrange.core.chance import Chance
 from skyrange.core.compiled import compiled
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.time import NEVER, Time
 from skyrange.radio.builtin import channel_access
 from skyrange.radio.builtin import state as medium_state
-from skyrange.radio.builtin.channel_access import next_access, try_access
-from skyrange.radio.builtin.environment import OPEN_GROUND, RadioEnvironment
-from skyrange.radio.builtin.params import DEFAULT_PARAMS, BuiltinParams
-from skyrange.radio.builtin.queueing import ADVERTISED, REFUSED, queue_frames
+from skyrange.radio.builtin.channel_access import ADVERTISED, REFUSED, next_access, queue_frames, try_access
+from skyrange.radio.builtin.params import DEFAULT_PARAMS, OPEN_GROUND, BuiltinParams, RadioEnvironment
 from skyrange.radio.builtin.reception_decision import decide_receptions, next_completion
-from skyrange.radio.builtin.state import MediumState, Radios
+from skyrange.radio.builtin.state import ANTENNAS, MediumState, Radios
 from skyrange.radio.builtin.transmission import free_slot, start_transmission
-from skyrange.radio.builtin.validation import check_radios
-from skyrange.radio.phy.channels import ADVERTISING_CHANNELS, DATA_CHANNELS
-from skyrange.radio.phy.waveforms import airtime_ns
+from skyrange.radio.phy import ADVERTISING_CHANNELS, DATA_CHANNELS, WIFI_CHANNELS, airtime_ns
 from skyrange.radio.propagation.link_budget import MediumParams, index_positions
 from skyrange.radio.propagation.loss_table import NO_TABLE, LossTable
 from skyrange.radio.propagation.obstruction import Obstacles, obstacle_index
@@ -55,7 +56,7 @@ _NO_TIME = np.iinfo(np.int64).max
 
 
 @compiled
-def _run(
+def _run(  # noqa: PLR0917
     params: MediumParams,
     obstacles: Obstacles,
     radios: Radios,
@@ -97,6 +98,7 @@ class BuiltinMedium(MediumBase):
         chance: Chance,
         city: City | None = None,
         surroundings: RadioEnvironment = OPEN_GROUND,
+        *,
         every_pair: bool = False,
         table: LossTable = NO_TABLE,
         params: BuiltinParams = DEFAULT_PARAMS,
@@ -117,17 +119,17 @@ class BuiltinMedium(MediumBase):
             -math.inf if surroundings.carrier_sense_dbm is None else float(surroundings.carrier_sense_dbm),
         )
         self._params = MediumParams(
-            np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF),
-            float(surroundings.horizon_m),
-            surroundings.chance,
-            float(surroundings.city_busy),
-            10.0 ** (0.1 * surroundings.city_dbm),
-            every_pair,
-            len(table.places) > 0,
-            table._replace(lookups=np.zeros_like(table.lookups)),
-            params.capture_db,
-            params.preamble_choice == "strongest",
-            params.eifs,
+            seed=np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF),
+            horizon_m=float(surroundings.horizon_m),
+            randomness=surroundings.chance,
+            background_share=float(surroundings.city_busy),
+            background_mean_mw=10.0 ** (0.1 * surroundings.city_dbm),
+            every_pair=every_pair,
+            tabled=len(table.places) > 0,
+            table=table._replace(lookups=np.zeros_like(table.lookups)),
+            capture_db=params.capture_db,
+            strongest_preamble=params.preamble_choice == "strongest",
+            eifs=params.eifs,
         )
         self._state = medium_state.empty_state(len(self.radios))
         self._emitters = np.zeros((3, 0), dtype=np.int64)
@@ -184,10 +186,7 @@ class BuiltinMedium(MediumBase):
         order = rows if count == 1 else np.lexsort((rows, at, radio))
         self._state = medium_state.grow(self._state, waiting=int(self._state.counts[0]) + 4 * count)
         fate, nth, power = np.empty(count, dtype=np.int8), np.empty(count, dtype=np.int64), np.empty(count)
-        others = queue_frames(
-            self._radios, self._state, self._params.seed, order, requests.key, radio, at, kind, requests.channel,
-            requests.size_bytes, requests.power_dbm, fate, nth, power,
-        )  # fmt: skip
+        others = queue_frames(self._radios, self._state, self._params.seed, order, requests, fate, nth, power)
         if not others:
             return
         for row in np.flatnonzero(fate == REFUSED).tolist():
@@ -195,12 +194,12 @@ class BuiltinMedium(MediumBase):
         for row in order[fate[order] == ADVERTISED].tolist():
             draw = self._chance.uniform4("radio.access", int(self._radios.who[radio[row]]), int(at[row]), int(nth[row]))
             self._advertise(
-                int(requests.key[row]), int(radio[row]), int(kind[row]), int(at[row]), int(requests.size_bytes[row]),
-                float(power[row]), int(nth[row]), draw,
+                int(requests.key[row]), int(radio[row]), kind=int(kind[row]), at=int(at[row]),
+                size=int(requests.size_bytes[row]), dbm=float(power[row]), nth=int(nth[row]), draw=draw,
             )  # fmt: skip
 
     def _advertise(
-        self, key: int, radio: int, kind: int, at: Time, size: int, dbm: float, nth: int, draw: Sequence[float]
+        self, key: int, radio: int, *, kind: int, at: Time, size: int, dbm: float, nth: int, draw: Sequence[float]
     ) -> None:
         """Queue the bursts of one advertising event."""
         extended = kind == Waveform.BLE_CODED
@@ -284,18 +283,86 @@ class BuiltinMedium(MediumBase):
         rows = state.heard[:, :heard]
         order = np.lexsort((rows[1], rows[0], rows[3]))
         rows, levels = rows[:, order], state.heard_db[:, :heard][:, order]
-        told = state.sent[:, :sent].copy()
+        sent_rows = state.sent[:, :sent].copy()
         if self._refused:
             refused = [
                 (key, radio, channel, at, at, int(TransmissionFate.REFUSED))
                 for key, radio, channel, at in self._refused
             ]
-            told = np.concatenate((np.array(refused, dtype=np.int64).T, told), axis=1)
+            sent_rows = np.concatenate((np.array(refused, dtype=np.int64).T, sent_rows), axis=1)
             self._refused = []
-        return OnAir(Sent(*told), Heard(rows[0], rows[1], rows[2], rows[3], levels[0], levels[1], rows[4]))
+        return OnAir(Sent(*sent_rows), Heard(rows[0], rows[1], rows[2], rows[3], levels[0], levels[1], rows[4]))
 
 
 def fixed_positions(radios: Sequence[RadioSpec], from_ns: Time = 0) -> RadioTable:
     """The table of radios with a fixed position; NaN in the rows of the others, for their owner to fill in."""
     pos = np.array([radio.place_enu_m or (math.nan,) * 3 for radio in radios], dtype=np.float64).reshape(-1, 3)
     return RadioTable(from_ns, pos, np.zeros_like(pos))
+
+
+def check_radios(radios: Sequence[RadioSpec], city: City | None, surroundings: RadioEnvironment) -> None:
+    """Raise one `InputError` with everything that is wrong."""
+    problems = []
+    names: set[str] = set()
+    for radio in radios:
+        if radio.name in names:
+            problems.append(Problem(radio.name, "two radios", "names that are used once"))
+        names.add(radio.name)
+        problems += _faults_of(radio, city)
+    if not 0.0 < surroundings.horizon_m < math.inf:
+        problems.append(Problem("horizon_m", repr(surroundings.horizon_m), "a positive number of metres"))
+    if not 0.0 <= surroundings.city_busy < 1.0:
+        problems.append(Problem("city_busy", repr(surroundings.city_busy), "a share of time, 0 to less than 1"))
+    if not -200.0 < surroundings.city_dbm < 60.0:
+        problems.append(Problem("city_dbm", repr(surroundings.city_dbm), "a power in dBm, -200 to 60"))
+    sense = surroundings.carrier_sense_dbm
+    if sense is not None and not -200.0 < sense < 60.0:
+        problems.append(Problem("carrier_sense_dbm", repr(sense), "a power in dBm, -200 to 60, or None"))
+    if problems:
+        raise InputError("radio", problems)
+
+
+def _faults_of(radio: RadioSpec, city: City | None) -> Iterator[Problem]:
+    place = radio.place_enu_m
+    if place is not None:
+        if not all(map(math.isfinite, place)):
+            yield Problem(f"{radio.name}.place", repr(place), "three finite numbers")
+        elif place[2] < 0.0:
+            yield Problem(f"{radio.name}.place", repr(place), "a place on the ground (0) or above")
+        elif city is not None and (building := city.inside(*place)) is not None:
+            yield Problem(f"{radio.name}.place", repr(place), f"a place outside buildings; {building.id} stands there")
+    if radio.antenna not in ANTENNAS:
+        yield Problem(f"{radio.name}.antenna", repr(radio.antenna), "a known antenna", nearest(radio.antenna, ANTENNAS))
+    for name, least, most in (
+        ("wifi_dbm", -60.0, 60.0),
+        ("ble_dbm", -60.0, 60.0),
+        ("gain_dbi", -60.0, 40.0),
+        ("noise_figure_db", 0.0, 60.0),
+    ):
+        value = getattr(radio, name)
+        if not least <= value <= most:
+            yield Problem(f"{radio.name}.{name}", repr(value), f"a number from {least:g} to {most:g}")
+    bands = [_band(chain) for chain in radio.listening]
+    if None in bands:
+        yield Problem(
+            f"{radio.name}.listening",
+            repr(radio.listening),
+            "turns of one band, on Wi-Fi channels 1 to 13 or advertising channels 37 to 39",
+        )
+    elif len(set(bands)) < len(bands):
+        yield Problem(f"{radio.name}.listening", f"{len(bands)} chains", "at most one in each band")
+    for chain in radio.listening:
+        alone = len(chain.turns) == 1 and chain.rest_ns == 0 and chain.window_ns == chain.dwell_ns == 0
+        if not alone and (not 0 < chain.window_ns <= chain.dwell_ns or chain.rest_ns < 0):
+            times = f"{chain.window_ns} of {chain.dwell_ns} ns, rest {chain.rest_ns} ns"
+            yield Problem(f"{radio.name}.listening", times, "0 < window_ns <= dwell_ns, and a rest of 0 or more")
+
+
+def _band(chain: ScanSchedule) -> bool | None:
+    """Whether all turns of a chain are Wi-Fi (True) or all Bluetooth (False); None for neither."""
+    kinds = {waveform < Waveform.BLE_1M for turn in chain.turns for waveform in turn.waveforms}
+    if len(kinds) != 1 or not all(turn.waveforms for turn in chain.turns):
+        return None
+    wifi = kinds.pop()
+    channels = WIFI_CHANNELS if wifi else ADVERTISING_CHANNELS
+    return wifi if all(turn.channel in channels for turn in chain.turns) else None

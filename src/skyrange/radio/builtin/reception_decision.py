@@ -43,8 +43,7 @@ from skyrange.radio.builtin.state import (
     MediumState,
     Radios,
 )
-from skyrange.radio.phy.channels import centre_mhz, filter_overlap
-from skyrange.radio.phy.waveforms import WIDTH_MHZ, bits_success_probability, frame_bits, is_wifi
+from skyrange.radio.phy import WIDTH_MHZ, bits_success_probability, centre_mhz, filter_overlap, frame_bits, is_wifi
 from skyrange.radio.propagation.fading import directed_pair_of
 from skyrange.radio.propagation.link_budget import NO_SIGNAL, MediumParams, received_power_dbm
 from skyrange.radio.propagation.obstruction import Obstacles
@@ -91,7 +90,7 @@ def _before(state: MediumState, s: int, other: int) -> bool:
 @compiled
 def _overlapping(state: MediumState, s: int) -> Ints:
     """Slots of the bursts that overlap one in time, in the order of addition."""
-    found = np.empty(state.slot.shape[1], dtype=np.int64)
+    slots = np.empty(state.slot.shape[1], dtype=np.int64)
     count = 0
     for other in range(state.slot.shape[1]):
         if other == s or state.slot[STATE, other] == FREE:
@@ -99,16 +98,16 @@ def _overlapping(state: MediumState, s: int) -> Ints:
         if state.slot[START, other] >= state.slot[END, s] or state.slot[END, other] <= state.slot[START, s]:
             continue
         place = count
-        while place > 0 and _before(state, other, found[place - 1]):
-            found[place] = found[place - 1]
+        while place > 0 and _before(state, other, slots[place - 1]):
+            slots[place] = slots[place - 1]
             place -= 1
-        found[place] = other
+        slots[place] = other
         count += 1
-    return found[:count]
+    return slots[:count]
 
 
 @compiled
-def frame_success_probability(
+def frame_success_probability(  # noqa: PLR0917
     kind: int, bits: float, start: int, end: int, signal: float, noise: float, begins: Ints, ends: Ints, mw: Floats,
     count: int,
 ) -> tuple[float, float]:  # fmt: skip
@@ -150,7 +149,7 @@ def _release(state: MediumState, s: int) -> None:
 
 
 @compiled
-def decide_receptions(
+def decide_receptions(  # noqa: PLR0917
     params: MediumParams,
     obstacles: Obstacles,
     radios: Radios,

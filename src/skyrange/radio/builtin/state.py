@@ -15,7 +15,7 @@ from skyrange.contracts.medium import Floats, Ints, RadioSpec, ReceptionOutcome
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.core.time import NEVER
-from skyrange.radio.phy.waveforms import LOCK_SNIR_DB, WIDTH_MHZ
+from skyrange.radio.phy import LOCK_SNIR_DB, WIDTH_MHZ
 from skyrange.radio.propagation.path_loss import dipole_dbi, noise_dbm
 
 WIFI, BLUETOOTH = 0, 1

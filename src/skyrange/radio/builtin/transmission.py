@@ -48,8 +48,7 @@ from skyrange.radio.builtin.state import (
     MediumState,
     Radios,
 )
-from skyrange.radio.phy.channels import centre_mhz, filter_overlap
-from skyrange.radio.phy.waveforms import LOCK_SNIR_DB, MIN_SNIR_DB, WIDTH_MHZ, airtime_ns, is_wifi
+from skyrange.radio.phy import LOCK_SNIR_DB, MIN_SNIR_DB, WIDTH_MHZ, airtime_ns, centre_mhz, filter_overlap, is_wifi
 from skyrange.radio.propagation.link_budget import (
     BUCKET_SIDE_M,
     MAX_RANDOM_GAIN_DB,
@@ -81,7 +80,7 @@ def free_slot(state: MediumState) -> int:
 
 
 @compiled
-def _find_receivers(
+def _find_receivers(  # noqa: PLR0917
     params: MediumParams, obstacles: Obstacles, radios: Radios, pos: Floats, vel: Floats, state: MediumState, s: int
 ) -> None:
     """Fill a slot's list of receivers.
@@ -210,7 +209,7 @@ def _leave_reception(state: MediumState, radio: int, now: int) -> None:
 
 
 @compiled
-def start_transmission(
+def start_transmission(  # noqa: PLR0917
     params: MediumParams,
     obstacles: Obstacles,
     radios: Radios,

@@ -1,17 +1,24 @@
-"""Changes of the channel of Wi-Fi control links: orders carried out, announcements in beacons, and policies' agent."""
+"""Changes of the channel of Wi-Fi control links: orders, announcements, policies, and jammers that follow."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+import numpy as np
+
 from skyrange.contracts.channel_orders import ChannelOrder, End
 from skyrange.contracts.channel_plans import ChannelPolicy
 from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.medium import RadioTable
 from skyrange.core.chance import Chance
 from skyrange.core.ids import Port, hash64
 from skyrange.core.time import NS_PER_MS, Time, ceil_to
+from skyrange.radio.control_link.propagation import Propagation
 from skyrange.radio.control_link.wifi_link import BEACON_NS, AnnouncedChange, Transmitter, WifiLink
+from skyrange.radio.control_link.wifi_rates import PREAMBLE_DBM
+from skyrange.radio.phy import OFDM, centre_mhz
+from skyrange.radio.spectrum import NoiseBurst
 
 POLICY_NS: Final[Time] = 20 * NS_PER_MS
 """How often policies decide: at every update of the links' conditions."""
@@ -111,3 +118,42 @@ class ChannelPolicies:
             out.acts += policy.step(now, [link.report(end, self._last, now) for link in links])
         self._last = now
         return out
+
+
+class FollowingJammers:
+    """The channels on which such jammers are, by radio and access point. Deep-copyable.
+
+    A jammer whose access point has left scans, and finds it when it has been on its new channel for the jammer's search
+    time, if it hears it there with -82 dBm. An access point that leaves sooner is not found.
+    """
+
+    def __init__(self, stations: Sequence[Transmitter]) -> None:
+        self._stations = {station.address: station for station in stations}
+        self._centres: dict[tuple[int, bytes], float] = {}
+
+    def tune(
+        self,
+        now: Time,
+        bursts: Sequence[NoiseBurst],
+        propagation: Mapping[float, Propagation],
+        radios: RadioTable,
+    ) -> Sequence[NoiseBurst]:
+        """The bursts, those of jammers that follow on the channel where they are now."""
+        if not any(burst.bssid for burst in bursts):
+            return bursts
+        return [self._tune(now, burst, propagation, radios) if burst.bssid else burst for burst in bursts]
+
+    def _tune(
+        self, now: Time, burst: NoiseBurst, propagation: Mapping[float, Propagation], radios: RadioTable
+    ) -> NoiseBurst:
+        key = burst.radio, burst.bssid
+        at = self._centres.setdefault(key, burst.centre_mhz)
+        station = self._stations.get(burst.bssid)
+        if station is not None and now - station.channel_since >= burst.follow_ns:
+            centre = centre_mhz(OFDM, station.channel)
+            if centre != at:
+                rows = np.array([burst.radio]), np.array([station.row])
+                gain = propagation[centre].gains_db(radios, *rows, centre, now).item()
+                if station.power_dbm + gain >= PREAMBLE_DBM:
+                    at = self._centres[key] = centre
+        return burst._replace(centre_mhz=at)

@@ -11,14 +11,13 @@ import numpy as np
 
 from skyrange.codec.wifi_management import DEAUTHENTICATION, decode_management
 from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.contracts.medium import Floats, Ints
+from skyrange.contracts.medium import Floats, Ints, RadioTable
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port, hash64
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.radio.control_link.cellular_link import NO_CELL, CellularLink
-from skyrange.radio.control_link.channel_changes import ChannelChanges
-from skyrange.radio.control_link.following_jammers import FollowingJammers
+from skyrange.radio.control_link.channel_changes import ChannelChanges, FollowingJammers
 from skyrange.radio.control_link.foreign_radio import ForeignRadio
 from skyrange.radio.control_link.interference import BurstAtReceiver
 from skyrange.radio.control_link.propagation import Propagation
@@ -37,8 +36,7 @@ from skyrange.radio.control_link.wifi_rates import (
     fill_successes,
     success_probability,
 )
-from skyrange.radio.phy.channels import centre_mhz, filter_overlap
-from skyrange.radio.phy.waveforms import OFDM
+from skyrange.radio.phy import OFDM, centre_mhz, filter_overlap
 from skyrange.radio.propagation.link_budget import max_range_m
 from skyrange.radio.spectrum import ManagementFrame, NoiseBurst, Spectrum, Transmission
 
@@ -74,6 +72,7 @@ class ControlLinks:
         wifi: Sequence[WifiLink],
         cellular: Sequence[CellularLink],
         spectrum: Spectrum,
+        *,
         places: Mapping[str, tuple[float, float, float]],
         propagation: Mapping[float, Propagation],
         chance: Chance,
@@ -92,9 +91,9 @@ class ControlLinks:
         self._fixed = np.array(list(places.values()), dtype=np.float64).reshape(-1, 3)
         rows = {name: row for row, name in enumerate((*spectrum.radios, *places))}
         self._foreign = sorted(foreign, key=lambda radio: (radio.link.name, radio.transmitter.name))
-        sending = [one for link in self._wifi for one in (link.station, link.aircraft)]
+        sending = [end for link in self._wifi for end in (link.station, link.aircraft)]
         sending += [radio.transmitter for radio in self._foreign]
-        self._transmitters = list({id(one): one for one in sending}.values())
+        self._transmitters = list({id(transmitter): transmitter for transmitter in sending}.values())
         for transmitter in self._transmitters:
             transmitter.row = rows[transmitter.name]
         self._rows = np.array([t.row for t in self._transmitters], dtype=np.int64)
@@ -102,8 +101,8 @@ class ControlLinks:
         self._changes = ChannelChanges(self._wifi, chance)
         self._jammers = FollowingJammers([link.station for link in self._wifi])
         self._read_channels()
-        for one in self._cellular:
-            one.row = rows[one.vehicle]
+        for cellular_link in self._cellular:
+            cellular_link.row = rows[cellular_link.vehicle]
         self._cells = [
             (
                 np.array([rows[cell_name(link, place)] for place in range(len(link.params.base_stations))]),
@@ -124,7 +123,7 @@ class ControlLinks:
         )
         self._background = np.array(
             [
-                self._city_busy if min(abs(t.channel - one) for one in _TRAFFIC_CHANNELS) < 2 else 0.0
+                self._city_busy if min(abs(t.channel - busy_channel) for busy_channel in _TRAFFIC_CHANNELS) < 2 else 0.0
                 for t in self._transmitters
             ]
         )
@@ -150,82 +149,89 @@ class ControlLinks:
         sent, frames = self._spectrum.take()
         if table is None:
             return out
-        pos = np.concatenate([table.pos_enu_m, self._fixed])
-        vel = np.concatenate([table.vel_enu_mps, np.zeros_like(self._fixed)])
-        self._update_occupancy(pos, sent)
+        radios = RadioTable(
+            table.from_ns,
+            np.concatenate([table.pos_enu_m, self._fixed]),
+            np.concatenate([table.vel_enu_mps, np.zeros_like(self._fixed)]),
+        )
+        self._update_occupancy(radios.pos_enu_m, sent)
         if self._changes.carry_out(now, out):
             self._read_channels()
-        self._update_wifi(now, pos, vel, out)
+        self._update_wifi(now, radios, out)
         for frame in frames:
-            self._receive(frame, pos, vel, out)
-        self._update_cellular(now, pos, vel, out)
+            self._receive(frame, radios, out)
+        self._update_cellular(now, radios, out)
         return out
 
     # ---------------------------------------------------------------- Wi-Fi
 
-    def _update_wifi(self, now: Time, pos: Floats, vel: Floats, out: Outbox) -> None:
-        bursts = self._jammers.tune(now, self._spectrum.bursts, self._propagation, pos, vel)
+    def _update_wifi(self, now: Time, radios: RadioTable, out: Outbox) -> None:
+        bursts = self._jammers.tune(now, self._spectrum.bursts, self._propagation, radios)
         for channel, links in self._by_channel.items():
             centre = centre_mhz(OFDM, channel)
             propagation = self._propagation[centre]
-            one = np.array([link.station.row for link in links])
-            other = np.array([link.aircraft.row for link in links])
-            gains = propagation.gains_db(pos, vel, one, other, centre, now).tolist()
+            stations = np.array([link.station.row for link in links])
+            aircraft = np.array([link.aircraft.row for link in links])
+            gains = propagation.gains_db(radios, stations, aircraft, centre, now).tolist()
             for link, gain in zip(links, gains, strict=True):
                 if link.aircraft.channel != channel:
                     gain = -math.inf
                 link.to_aircraft.signal_dbm = link.station.power_dbm + gain
                 link.to_station.signal_dbm = link.aircraft.power_dbm + gain
             ends = {transmitter.row for link in links for transmitter in (link.station, link.aircraft)}
-            met = _NoiseAt(bursts, propagation, pos, vel, sorted(ends), centre, WIDTH_MHZ, now)
+            noise = _NoiseAt(bursts, propagation, radios, sorted(ends), centre_mhz=centre, width_mhz=WIDTH_MHZ, now=now)
             for link in links:
-                link.to_aircraft.interference.bursts = met.between(link.station, link.aircraft)
-                link.to_station.interference.bursts = met.between(link.aircraft, link.station)
+                link.to_aircraft.interference.bursts = noise.between(link.station, link.aircraft)
+                link.to_station.interference.bursts = noise.between(link.aircraft, link.station)
             self._choose_rates(now, links)
             for link in links:
                 for direction in (link.to_aircraft, link.to_station):
                     if direction.outcomes is not None and direction.snir_db(now) >= MIN_SNIR_DB[0]:
                         direction.heard_dbm = direction.signal_dbm
                 both = min(link.to_aircraft.snir_db(now), link.to_station.snir_db(now))
-                change = link.update_association(now, success_probability(0, both, _BEACON_BITS) >= 0.5)
+                hears_beacons = success_probability(0, both, _BEACON_BITS) >= 0.5
+                change = link.update_association(now, beacons_heard=hears_beacons)
                 if change:
                     kind = "event.link_up" if link.associated else "event.link_down"
                     out.note(kind, link.name, {"channel": "wifi", "why": change})
-        self._update_foreign(now, pos, vel, bursts)
+        self._update_foreign(now, radios, bursts)
 
-    def _update_foreign(self, now: Time, pos: Floats, vel: Floats, bursts: Sequence[NoiseBurst]) -> None:
+    def _update_foreign(self, now: Time, table: RadioTable, bursts: Sequence[NoiseBurst]) -> None:
         """Work out how attackers' radios and the ends of links on their channels hear each other."""
         for channel, radios in self._foreign_by_channel.items():
             centre = centre_mhz(OFDM, channel)
             propagation = self._propagation[centre]
-            one = np.array([radio.transmitter.row for radio in radios for _ in range(2)])
-            other = np.array([end.row for radio in radios for end in (radio.link.station, radio.link.aircraft)])
-            gains = propagation.gains_db(pos, vel, one, other, centre, now).reshape(-1, 2).tolist()
-            rows = sorted({*one.tolist(), *other.tolist()})
-            met = _NoiseAt(bursts, propagation, pos, vel, rows, centre, WIDTH_MHZ, now)
+            foreign_rows = np.array([radio.transmitter.row for radio in radios for _ in range(2)])
+            end_rows = np.array([end.row for radio in radios for end in (radio.link.station, radio.link.aircraft)])
+            gains = propagation.gains_db(table, foreign_rows, end_rows, centre, now).reshape(-1, 2).tolist()
+            rows = sorted({*foreign_rows.tolist(), *end_rows.tolist()})
+            noise = _NoiseAt(bursts, propagation, table, rows, centre_mhz=centre, width_mhz=WIDTH_MHZ, now=now)
             for radio, both in zip(radios, gains, strict=True):
-                own, link = radio.transmitter, radio.link
+                attacker, link = radio.transmitter, radio.link
                 for end, gain, sent, heard in (
                     (link.station, both[0], radio.to_station.path, radio.from_station),
                     (link.aircraft, both[1], radio.to_aircraft.path, radio.from_aircraft),
                 ):
                     if end.channel != channel:
                         gain = -math.inf
-                    sent.signal_dbm, heard.signal_dbm = own.power_dbm + gain, end.power_dbm + gain
-                    sent.interference.bursts, heard.interference.bursts = met.between(own, end), met.between(end, own)
+                    sent.signal_dbm, heard.signal_dbm = attacker.power_dbm + gain, end.power_dbm + gain
+                    sent.interference.bursts, heard.interference.bursts = (
+                        noise.between(attacker, end),
+                        noise.between(end, attacker),
+                    )
 
     def _choose_rates(self, now: Time, links: Sequence[WifiLink]) -> None:
         """Let each direction use the rate with the greatest average of rate times success, as Minstrel does."""
         directions = [direction for link in links for direction in (link.to_aircraft, link.to_station)]
         snir = np.array([direction.snir_db(now) for direction in directions])
-        found = np.empty((len(directions), len(RATES_MBPS)))
-        fill_successes(snir, _PROBE_BITS, found)
+        successes = np.empty((len(directions), len(RATES_MBPS)))
+        fill_successes(snir, _PROBE_BITS, successes)
         for place, link in enumerate(links):
-            mine = found[2 * place : 2 * place + 2]
+            of_link = successes[2 * place : 2 * place + 2]
             if link.successes is None:
-                link.successes = mine.copy()
+                link.successes = of_link.copy()
             else:
-                link.successes += _RATE_WEIGHT * (mine - link.successes)
+                link.successes += _RATE_WEIGHT * (of_link - link.successes)
             best = np.argmax(link.successes * RATES_MBPS, axis=1).tolist()
             link.to_aircraft.rate, link.to_station.rate = best
 
@@ -244,7 +250,10 @@ class ControlLinks:
             )
             if t.airtime_ns
         ]
-        uses += [(one.radio, one.channel, one.ended_ns - one.started_ns, math.nan) for one in sent]
+        uses += [
+            (transmission.radio, transmission.channel, transmission.ended_ns - transmission.started_ns, math.nan)
+            for transmission in sent
+        ]
         table = np.array(uses, dtype=np.float64).reshape(-1, 4)
         senders, channels = table[:, :2].astype(np.int64).T
         airtime, reach_m = table[:, 2], np.where(np.isnan(table[:, 3]), self._reach_m[:, None], table[:, 3])
@@ -258,7 +267,7 @@ class ControlLinks:
             transmitter.airtime_ns = 0
             transmitter.occupancy += _OCCUPANCY_WEIGHT * (share - transmitter.occupancy)
 
-    def _receive(self, frame: ManagementFrame, pos: Floats, vel: Floats, out: Outbox) -> None:
+    def _receive(self, frame: ManagementFrame, radios: RadioTable, out: Outbox) -> None:
         """Let the links that a management frame is about receive it, or not."""
         try:
             decoded = decode_management(frame.mac_frame)
@@ -274,7 +283,7 @@ class ControlLinks:
                 if receiver.channel != frame.channel:
                     continue
                 if decoded.source == sender.address and decoded.is_for(receiver.address):
-                    self._deauthenticate(frame, link, direction, receiver, pos, vel, out)
+                    self._deauthenticate(frame, link, direction, receiver, radios, out)
 
     def _deauthenticate(
         self,
@@ -282,14 +291,13 @@ class ControlLinks:
         link: WifiLink,
         direction: WifiDirection,
         receiver: Transmitter,
-        pos: Floats,
-        vel: Floats,
+        radios: RadioTable,
         out: Outbox,
     ) -> None:
         """A deauthentication that claims to come from the link's other end reaches `receiver`, or does not."""
         centre = centre_mhz(OFDM, frame.channel)
         rows = np.array([frame.radio]), np.array([receiver.row])
-        gain = self._propagation[centre].gains_db(pos, vel, *rows, centre, frame.at_ns).item()
+        gain = self._propagation[centre].gains_db(radios, *rows, centre, frame.at_ns).item()
         noise_mw = direction.interference.steady_mw(frame.at_ns)
         snir_db = frame.power_dbm + gain - 10.0 * math.log10(noise_mw)
         heard = success_probability(0, snir_db, 8.0 * len(frame.mac_frame))
@@ -309,12 +317,12 @@ class ControlLinks:
 
     # ---------------------------------------------------------------- cellular
 
-    def _update_cellular(self, now: Time, pos: Floats, vel: Floats, out: Outbox) -> None:
+    def _update_cellular(self, now: Time, radios: RadioTable, out: Outbox) -> None:
         for link, (rows, cell_dbm, cell_loads) in zip(self._cellular, self._cells, strict=True):
             params = link.params
             centre = params.frequency_mhz
             propagation = self._propagation[centre]
-            gains = propagation.gains_db(pos, vel, rows, np.full(len(rows), link.row), centre, now)
+            gains = propagation.gains_db(radios, rows, np.full(len(rows), link.row), centre, now)
             powers = cell_dbm + gains
             was = link.serving
             change = link.measure(now, powers)
@@ -325,13 +333,15 @@ class ControlLinks:
             cells_mw = cell_loads * 10.0 ** (0.1 * powers)
             others_mw = float(cells_mw.sum() - cells_mw[candidate])
             ends = [link.row, int(rows[candidate])]
-            met = _NoiseAt(self._spectrum.bursts, propagation, pos, vel, ends, centre, width, now)
+            noise = _NoiseAt(
+                self._spectrum.bursts, propagation, radios, ends, centre_mhz=centre, width_mhz=width, now=now
+            )
             down, up = link.to_aircraft.interference, link.to_station.interference
             down.noise_mw = 10.0 ** (0.1 * link.aircraft_noise_dbm) + others_mw
-            down.bursts = met.at(ends[1], ends[0])
+            down.bursts = noise.at(ends[1], ends[0])
             # the uplink uses a share of the band, and so does the noise that it meets
             up.bursts = [
-                burst._replace(receiver_mw=burst.receiver_mw * params.share) for burst in met.at(ends[0], ends[1])
+                burst._replace(receiver_mw=burst.receiver_mw * params.share) for burst in noise.at(ends[0], ends[1])
             ]
             link.set_conditions(now, float(powers[candidate]), params.aircraft_dbm + float(gains[candidate]))
             change_of_state = link.monitor(now, link.to_aircraft.snir_db(now))
@@ -347,38 +357,38 @@ class _NoiseAt:
         self,
         bursts: Sequence[NoiseBurst],
         propagation: Propagation,
-        pos: Floats,
-        vel: Floats,
+        radios: RadioTable,
         rows: Sequence[int],
-        centre: float,
-        width: float,
+        *,
+        centre_mhz: float,
+        width_mhz: float,
         now: Time,
     ) -> None:
         self._bursts = [
             burst
             for burst in bursts
-            if burst.to_ns > now and filter_overlap(burst.centre_mhz, burst.width_mhz, centre, width) > 0.0
+            if burst.to_ns > now and filter_overlap(burst.centre_mhz, burst.width_mhz, centre_mhz, width_mhz) > 0.0
         ]
         self._column = {row: column for column, row in enumerate(rows)}
         self._gains = np.zeros((0, len(rows)))
         if self._bursts:
-            one: Ints = np.repeat(np.array([burst.radio for burst in self._bursts]), len(rows))
-            other: Ints = np.tile(np.array(rows), len(self._bursts))
-            self._gains = propagation.gains_db(pos, vel, one, other, centre, now).reshape(-1, len(rows))
-        self._shares = [filter_overlap(b.centre_mhz, b.width_mhz, centre, width) for b in self._bursts]
+            jammers: Ints = np.repeat(np.array([burst.radio for burst in self._bursts]), len(rows))
+            victims: Ints = np.tile(np.array(rows), len(self._bursts))
+            self._gains = propagation.gains_db(radios, jammers, victims, centre_mhz, now).reshape(-1, len(rows))
+        self._shares = [filter_overlap(b.centre_mhz, b.width_mhz, centre_mhz, width_mhz) for b in self._bursts]
 
     def at(self, sender: int, receiver: int, power_dbm: float = math.inf) -> list[BurstAtReceiver]:
         """The bursts for frames of `power_dbm` from the row `sender` to the row `receiver`.
 
         A reactive jammer that does not hear such a frame is left out.
         """
-        found = []
+        met = []
         for place, burst in enumerate(self._bursts):
             sent_db, received_db = self._gains[place, self._column[sender]], self._gains[place, self._column[receiver]]
             if burst.turnaround_ns and power_dbm + sent_db < PREAMBLE_DBM:
                 continue
             in_filter_dbm = burst.power_dbm + 10.0 * math.log10(self._shares[place])
-            found.append(
+            met.append(
                 BurstAtReceiver(
                     burst.from_ns,
                     burst.to_ns,
@@ -387,7 +397,7 @@ class _NoiseAt:
                     in_filter_dbm + sent_db,
                 )
             )
-        return found
+        return met
 
     def between(self, sender: Transmitter, receiver: Transmitter) -> list[BurstAtReceiver]:
         """The same for two radios of a Wi-Fi link."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.medium import Floats, Ints
+from skyrange.contracts.medium import Floats, Ints, RadioTable
 from skyrange.core.chance import Chance
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
@@ -26,7 +26,7 @@ _FLOOR_DB: Final = -300.0
 
 
 @compiled
-def _fill_gains(
+def _fill_gains(  # noqa: PLR0917
     params: MediumParams, obstacles: Obstacles, who: NDArray[np.uint64], antenna: Floats, pos: Floats, vel: Floats,
     one: Ints, other: Ints, centre: float, time_ns: int, out: Floats,
 ) -> None:  # fmt: skip
@@ -45,6 +45,7 @@ class Propagation:
         antennas: Sequence[tuple[str, float]],
         chance: Chance,
         city: City | None,
+        *,
         randomness: bool,
         table: LossTable = NO_TABLE,
     ) -> None:
@@ -55,19 +56,25 @@ class Propagation:
         self._who = np.array([hash64(name) for name in names], dtype=np.uint64)
         self._antenna = np.array([(ANTENNAS.index(pattern), gain) for pattern, gain in antennas], dtype=np.float64)
         self._params = MediumParams(
-            np.uint64(chance.seed & 0xFFFF_FFFF_FFFF_FFFF), HORIZON_M, randomness, 0.0, 0.0, False,
-            len(table.places) > 0, table._replace(lookups=np.zeros_like(table.lookups)),
-        )  # fmt: skip
+            seed=np.uint64(chance.seed & 0xFFFF_FFFF_FFFF_FFFF),
+            horizon_m=HORIZON_M,
+            randomness=randomness,
+            background_share=0.0,
+            background_mean_mw=0.0,
+            every_pair=False,
+            tabled=len(table.places) > 0,
+            table=table._replace(lookups=np.zeros_like(table.lookups)),
+        )
 
     def __deepcopy__(self, memo: object) -> Propagation:
         return self
 
-    def gains_db(self, pos: Floats, vel: Floats, one: Ints, other: Ints, centre_mhz: float, at: Time) -> Floats:
+    def gains_db(self, radios: RadioTable, one: Ints, other: Ints, centre_mhz: float, at: Time) -> Floats:
         """(k,) gain of the path between the radios `one[i]` and `other[i]`, antennas included, the same both ways.
 
-        `pos` and `vel` are (n, 3), in metres and m/s, rows in the order of the names. −inf beyond 20 km, and where a
-        radio has no position.
+        `radios` has its rows in the order of the names. −inf beyond 20 km, and where a radio has no position.
         """
         out = np.empty(len(one))
+        pos, vel = radios.pos_enu_m, radios.vel_enu_mps
         _fill_gains(self._params, self._obstacles, self._who, self._antenna, pos, vel, one, other, centre_mhz, at, out)
         return out

@@ -254,11 +254,11 @@ def find_success(
     signal_dbm: float, interference: Interference, start: Time, end: Time, rate: int, size_bytes: int
 ) -> float:
     """The probability that a receiver decodes a frame on the air from `start` to `end`, at a rate, by its place."""
-    found = 1.0
+    probability = 1.0
     for share, noise_mw in interference.pieces(start, end):
         snir_db = signal_dbm - 10.0 * math.log10(noise_mw)
-        found *= success_probability(rate, snir_db, 8.0 * size_bytes * share)
-    return found
+        probability *= success_probability(rate, snir_db, 8.0 * size_bytes * share)
+    return probability
 
 
 class WifiLink:
@@ -319,18 +319,20 @@ class WifiLink:
         """What an end knows at `now`, with the outcomes that it has known since `since`. It changes nothing."""
         aircraft = end == "aircraft"
         sends, receives = (self.to_station, self.to_aircraft) if aircraft else (self.to_aircraft, self.to_station)
-        found = [
-            FrameOutcome(frame.at, own, frame.acknowledged if own else frame.delivered, 0 if own else frame.failures)
-            for own, frames in ((True, sends.outcomes), (False, receives.outcomes))
+        outcomes = [
+            FrameOutcome(
+                frame.at, is_own, frame.acknowledged if is_own else frame.delivered, 0 if is_own else frame.failures
+            )
+            for is_own, frames in ((True, sends.outcomes), (False, receives.outcomes))
             for frame in frames or ()
-            if since < frame.at <= now and (not own or frame.acknowledged or frame.other_heard)
+            if since < frame.at <= now and (not is_own or frame.acknowledged or frame.other_heard)
         ]
         return EndReport(
             self.name,
             (self.aircraft if aircraft else self.station).channel,
             self.associated,
             receives.heard_dbm - receives.thermal_dbm,
-            sorted(found),
+            sorted(outcomes),
         )
 
     def accepts_data(self, at: Time) -> bool:
@@ -341,7 +343,7 @@ class WifiLink:
         """As `TunableChannel.retune`."""
         (self.aircraft if order.end == "aircraft" else self.station).order = order
 
-    def update_association(self, now: Time, beacons_heard: bool) -> str:
+    def update_association(self, now: Time, *, beacons_heard: bool) -> str:
         """Give up the association after too many lost beacons, and find it again; returns why, if it has changed."""
         if beacons_heard:
             self._beacon_ns = now

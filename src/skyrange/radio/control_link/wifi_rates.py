@@ -3,7 +3,7 @@
 A receiver loses 10 % of frames of 1,000 bytes at its minimum sensitivity, for which the standard assumes a noise figure
 of 10 dB and an implementation margin of 5 dB (IEEE 802.11-2020, 17.3.10.2 and table 17-18). Without these two, and with
 thermal noise of -101 dBm in 20 MHz, the table of sensitivities is one of SNIRs. Around it the error rate falls as that
-of the rate of 6 Mb/s does in `skyrange.radio.phy.waveforms` (assumed: the curves of higher rates are shifted, not
+of the rate of 6 Mb/s does in `skyrange.radio.phy` (assumed: the curves of higher rates are shifted, not
 steeper).
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from skyrange.contracts.medium import Floats, Waveform
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_US, Time
-from skyrange.radio.phy.waveforms import OFDM, bits_success_probability, packet_error
+from skyrange.radio.phy import OFDM, bits_success_probability, packet_error
 from skyrange.radio.propagation.path_loss import THERMAL_DBM_PER_MHZ
 
 RATES_MBPS: Final = np.array([6.0, 9.0, 12.0, 18.0, 24.0, 36.0, 48.0, 54.0])

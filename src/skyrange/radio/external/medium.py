@@ -55,11 +55,9 @@ from skyrange.radio.builtin.listening import find_tuned
 from skyrange.radio.builtin.medium import BuiltinMedium
 from skyrange.radio.builtin.state import radio_arrays
 from skyrange.radio.contract import MediumContext
-from skyrange.radio.external.engine_starts import WIFI, EngineStarts
-from skyrange.radio.external.noise import PIECE_NS, NoiseSources, background_pieces
-from skyrange.radio.external.paths import PathFinder
-from skyrange.radio.phy.channels import centre_mhz
-from skyrange.radio.phy.waveforms import MAX_BYTES, MIN_BYTES
+from skyrange.radio.external.engine import WIFI, EngineStarts
+from skyrange.radio.external.paths import PIECE_NS, NoiseSources, PathFinder, background_pieces
+from skyrange.radio.phy import MAX_BYTES, MIN_BYTES, centre_mhz
 from skyrange.radio.propagation.loss_table import NO_TABLE
 
 DEADLINE_S: Final = 60.0
@@ -109,7 +107,7 @@ class ExternalMedium:
         own_losses = context.losses == "engine"
         self._arrays = radio_arrays(self.radios, context.chance)
         self._finder = PathFinder(
-            self.radios, self._arrays, context.chance, context.city, surroundings, own_losses, table
+            self.radios, self._arrays, context.chance, context.city, surroundings, own_losses=own_losses, table=table
         )
         self._noise = NoiseSources()
         self._channels = {
@@ -231,11 +229,11 @@ class ExternalMedium:
         beside = self._builtin.advance(until, radios)  # checks the arguments
         begin, self._until = self._until, until
         # frames of one radio and instant stay in the order in which they were offered
-        due = sorted((one for one in self._queue if one.at <= until), key=lambda one: (one.at, one.radio))
-        self._queue = [one for one in self._queue if one.at > until]
+        due = sorted((offer for offer in self._queue if offer.at <= until), key=lambda offer: (offer.at, offer.radio))
+        self._queue = [offer for offer in self._queue if offer.at > until]
         answer = _NOTHING
-        for one in due:
-            self._under_way[one.key] = (one.at, one.radio, one.channel)
+        for offer in due:
+            self._under_way[offer.key] = (offer.at, offer.radio, offer.channel)
         if not self._engines.gone:
             frames, frame_paths = self._transmissions(due, radios)
             noise, noise_paths = self._noises(begin, until, radios)
@@ -268,10 +266,10 @@ class ExternalMedium:
         paths = []
         first = 0
         for number, (at, radio, key, power, size, kind, channel) in enumerate(due):
-            found = self._finder.find(table, radio, power, float(centre_mhz(kind, channel)), at)
-            frames[number] = (key, at, power, radio, size, kind, channel, first, len(found), 0)
-            paths.append(found)
-            first += len(found)
+            reached = self._finder.find(table, radio, power, float(centre_mhz(kind, channel)), at)
+            frames[number] = (key, at, power, radio, size, kind, channel, first, len(reached), 0)
+            paths.append(reached)
+            first += len(reached)
         return frames, paths
 
     def _noises(self, begin: Time | None, until: Time, table: RadioTable) -> tuple[Rows, list[Rows]]:
@@ -323,14 +321,14 @@ class ExternalMedium:
                 raise DecodeError(f"a row of {name} that ends outside of the step until {until} ns")
         if not (np.isfinite(done.heard["rssi_dbm"]).all() and np.isfinite(done.heard["snir_db"]).all()):
             raise DecodeError("a signal strength that is no number")
-        told = done.sent["key"].tolist()
-        strange = set(told) - self._under_way.keys()
-        if strange or len(set(told)) < len(told):
-            key = min(strange) if strange else min(key for key in told if told.count(key) > 1)
+        keys_sent = done.sent["key"].tolist()
+        strange = set(keys_sent) - self._under_way.keys()
+        if strange or len(set(keys_sent)) < len(keys_sent):
+            key = min(strange) if strange else min(key for key in keys_sent if keys_sent.count(key) > 1)
             raise DecodeError(
                 f"a row of sent for frame {key}, which {'is not under way' if strange else 'has another'}"
             )
-        started = set(told) | self._starts.keys()
+        started = set(keys_sent) | self._starts.keys()
         unknown = set(done.heard["key"].tolist()) - started
         if unknown:
             raise DecodeError(f"a reception of frame {min(unknown)}, of which it has not told that it was sent")
@@ -388,8 +386,8 @@ class ExternalMedium:
 
 def _columns(rows: Rows, into: type[Any]) -> Any:
     """Rows of the protocol as columns of the contract."""
-    found = [rows[name] for name in into._fields]
-    return into(*(column.astype(np.float64 if column.dtype.kind == "f" else np.int64) for column in found))
+    columns = [rows[name] for name in into._fields]
+    return into(*(column.astype(np.float64 if column.dtype.kind == "f" else np.int64) for column in columns))
 
 
 _NOTHING: Final = OnAir(*(_columns(np.zeros(0, dtype=kind), rows) for kind, rows in ((SENT, Sent), (HEARD, Heard))))
@@ -399,7 +397,7 @@ def _buildings(context: MediumContext) -> list[Building]:
     if context.city is None:
         return []
     return [
-        Building(one.base_m, one.height_m, np.array(polygon[0][:-1], dtype=np.float64))
-        for one in context.city.buildings
-        for polygon in one.polygons
+        Building(building.base_m, building.height_m, np.array(polygon[0][:-1], dtype=np.float64))
+        for building in context.city.buildings
+        for polygon in building.polygons
     ]

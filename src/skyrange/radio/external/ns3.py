@@ -10,8 +10,7 @@ from pydantic import Field, Strict
 from skyrange.contracts.medium import Medium
 from skyrange.contracts.params import Number, Params
 from skyrange.radio.contract import MediumContext, MediumPlugin
-from skyrange.radio.external.engine_params import encode_params
-from skyrange.radio.external.engine_program import find_engine
+from skyrange.radio.external.engine import encode_params, find_engine
 from skyrange.radio.external.medium import ExternalMedium
 
 VARIABLE: Final = "SKYRANGE_NS3_ENGINE"

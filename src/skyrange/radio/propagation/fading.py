@@ -62,7 +62,12 @@ def standard_normal(u: float, v: float) -> float:
 
 @compiled
 def shadow_db(
-    seed: np.uint64, pair: np.uint64, low_cell: np.uint64, high_cell: np.uint64, lower_height_m: float, hidden: bool
+    seed: np.uint64,
+    pair: np.uint64,
+    low_cell: np.uint64,
+    high_cell: np.uint64,
+    lower_height_m: float,
+    hidden: bool,  # noqa: FBT001
 ) -> float:
     """Shadowing of a pair whose ends are in two cells; the first cell is that of the radio with the lower hash."""
     sigma = NLOS_SIGMA_DB if hidden else max(5.0 * math.exp(-0.01 * lower_height_m), 2.0)
@@ -71,7 +76,7 @@ def shadow_db(
 
 
 @compiled
-def cell_side_m(hidden: bool) -> float:
+def cell_side_m(hidden: bool) -> float:  # noqa: FBT001
     """Side of a shadowing cell in metres."""
     return (NLOS_DECORRELATION_M if hidden else LOS_DECORRELATION_M) / _CELL
 
@@ -93,7 +98,7 @@ def fade_draws(seed: np.uint64, pair: np.uint64, time_ns: int, bin_ns: int, cent
 
 
 @compiled
-def fade_db(draws: tuple[float, float], hidden: bool) -> float:
+def fade_db(draws: tuple[float, float], hidden: bool) -> float:  # noqa: FBT001
     """Fading in dB from its `fade_draws`; its mean power is 1."""
     power, turn = draws
     if not hidden:

@@ -1,4 +1,4 @@
-"""Link budget: the power that arrives at a radio from another one, and the search for radios in range."""
+"""Link budget: the power that arrives at a radio from another one, and at all radios in reach."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class MediumParams(NamedTuple):
 
 
 @compiled
-def tabled_loss_db(
+def tabled_loss_db(  # noqa: PLR0917
     table: LossTable, ax: float, ay: float, az: float, bx: float, by: float, bz: float, distance: float,
     wavelength: float,
 ) -> float:  # fmt: skip
@@ -73,7 +73,7 @@ def tabled_loss_db(
 
 
 @compiled
-def median_power_dbm(
+def median_power_dbm(  # noqa: PLR0917
     power_dbm: float, distance: float, az: float, bz: float, wavelength: float, pattern_a: float, gain_a: float,
     pattern_b: float, gain_b: float,
 ) -> float:  # fmt: skip
@@ -88,9 +88,9 @@ def median_power_dbm(
 
 
 @compiled
-def random_gain_db(
+def random_gain_db(  # noqa: PLR0917
     seed: np.uint64, who_a: np.uint64, who_b: np.uint64, ax: float, ay: float, az: float, bx: float, by: float,
-    bz: float, fade: tuple[float, float], hidden: bool,
+    bz: float, fade: tuple[float, float], hidden: bool,  # noqa: FBT001
 ) -> float:  # fmt: skip
     """What shadowing and fading add for two radios at two positions, in dB, at most `MAX_RANDOM_GAIN_DB`.
 
@@ -106,8 +106,8 @@ def random_gain_db(
 
 
 @compiled
-def path_power_dbm(
-    obstacles: Obstacles, seed: np.uint64, randomness: bool, who_a: np.uint64, who_b: np.uint64, ax: float, ay: float,
+def path_power_dbm(  # noqa: PLR0917
+    obstacles: Obstacles, seed: np.uint64, randomness: bool, who_a: np.uint64, who_b: np.uint64, ax: float, ay: float,  # noqa: FBT001
     az: float, bx: float, by: float, bz: float, speed_mps: float, wavelength: float, centre: float, time_ns: int,
     median_dbm: float, tabled_db: float, guiding_db: float, floor_dbm: float, street_a: int,
 ) -> float:  # fmt: skip
@@ -127,14 +127,14 @@ def path_power_dbm(
     if randomness:
         fade = fade_draws(seed, pair_of(who_a, who_b), time_ns, coherence_ns(speed_mps, wavelength), centre)
         if not tabled_db < NLOS_LOSS_DB:
-            hidden += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, True)
+            hidden += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, hidden=True)
     loss = tabled_db
     margin = hidden - floor_dbm
     drawn = not randomness
     if not covered:
         if margin < NLOS_LOSS_DB:  # it can only be received with line of sight
             if randomness:
-                clear += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, False)
+                clear += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, hidden=False)
             drawn = True
             margin = min(clear - floor_dbm, NLOS_LOSS_DB)
             if margin + guiding_db < 0.0:
@@ -150,13 +150,13 @@ def path_power_dbm(
         power = hidden - loss
     else:
         if not drawn:
-            clear += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, False)
+            clear += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, hidden=False)
         power = clear - loss
     return power if power >= floor_dbm else NO_SIGNAL
 
 
 @compiled
-def received_power_dbm(
+def received_power_dbm(  # noqa: PLR0917
     params: MediumParams,
     obstacles: Obstacles,
     who: NDArray[np.uint64],
@@ -222,3 +222,81 @@ def index_positions(head: Ints, follow: Ints, pos: Floats) -> None:
         place = bucket_of(math.floor(x), math.floor(y), mask)
         follow[i] = head[place]
         head[place] = i
+
+
+class IndexedRadios(NamedTuple):
+    """Radios, and the index of their positions."""
+
+    who: NDArray[np.uint64]
+    """(n,) hashes of their names."""
+    antenna: Floats
+    """(n, 2) pattern and gain in dBi."""
+    best_dbi: float
+    """The highest gain of any antenna."""
+    pos: Floats
+    """(n, 3) m."""
+    vel: Floats
+    """(n, 3) m/s."""
+    head: Ints
+    follow: Ints
+    """The index that `index_positions` made of `pos`."""
+
+
+@compiled
+def append_received_powers(  # noqa: PLR0917
+    params: MediumParams,
+    obstacles: Obstacles,
+    radios: IndexedRadios,
+    sender: int,
+    power_dbm: float,
+    centre: float,
+    time_ns: int,
+    floor_dbm: float,
+    rows: Ints,
+    dbm: Floats,
+    count: int,
+) -> int:
+    """Append the rows of all radios that one sender reaches, ascending, and the power at each; returns the new count.
+
+    `power_dbm` goes into the sender's antenna, `centre` is in MHz, `time_ns` addresses the fading. `rows` and `dbm` are
+    written from `count` on and need room for all n radios there.
+
+    A radio is left out if its power is below `floor_dbm`, if it is farther than the horizon, or if it has no position.
+    """
+    who, antenna, best_dbi, pos, vel, head, follow = radios
+    least = floor_dbm - params.table.best_gain_db  # the losses of a table may be less than those of free space
+    if params.randomness:
+        least -= MAX_RANDOM_GAIN_DB
+    reach = min(max_range_m(best_dbi, power_dbm, least, centre), params.horizon_m)
+    reach *= 1.0 + 1e-9  # the decision is that of `received_power_dbm`, whose roundings differ
+    x, y, z = pos[sender, 0], pos[sender, 1], pos[sender, 2]
+    if not (abs(x) < 1e9 and abs(y) < 1e9 and abs(z) < 1e9):  # true for NaN as well
+        return count
+    mask = head.shape[0] - 1
+    end = count
+    column0, column1 = math.floor((x - reach) / BUCKET_SIDE_M), math.floor((x + reach) / BUCKET_SIDE_M)
+    row0, row1 = math.floor((y - reach) / BUCKET_SIDE_M), math.floor((y + reach) / BUCKET_SIDE_M)
+    for column in range(column0, column1 + 1):
+        for row in range(row0, row1 + 1):
+            i = head[bucket_of(column, row, mask)]
+            while i >= 0:
+                ex, ey, ez = pos[i, 0] - x, pos[i, 1] - y, pos[i, 2] - z
+                if (
+                    i != sender
+                    and ex * ex + ey * ey + ez * ez <= reach * reach
+                    and math.floor(pos[i, 0] / BUCKET_SIDE_M) == column
+                    and math.floor(pos[i, 1] / BUCKET_SIDE_M) == row
+                ):
+                    rows[end] = i
+                    end += 1
+                i = follow[i]
+    rows[count:end].sort()
+    for k in range(count, end):
+        receiver = rows[k]
+        power = received_power_dbm(
+            params, obstacles, who, antenna, pos, vel, sender, receiver, power_dbm, centre, time_ns, floor_dbm
+        )
+        if power != NO_SIGNAL:
+            rows[count], dbm[count] = receiver, power
+            count += 1
+    return count

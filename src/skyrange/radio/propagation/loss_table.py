@@ -197,7 +197,7 @@ def grid_excess_db(table: LossTable, t: int, x: float, y: float, z: float) -> fl
 
 
 @compiled
-def table_loss_db(
+def table_loss_db(  # noqa: PLR0917
     table: LossTable, ax: float, ay: float, az: float, bx: float, by: float, bz: float, distance: float,
     wavelength: float,
 ) -> float:  # fmt: skip

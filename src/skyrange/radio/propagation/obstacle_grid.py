@@ -125,7 +125,7 @@ class GridTraversal(NamedTuple):
 
 
 @compiled
-def start_traversal(
+def start_traversal(  # noqa: PLR0917
     west: float, south: float, side: float, columns: int, rows: int, ax: float, ay: float, dx: float, dy: float
 ) -> GridTraversal:
     """Begin the traversal of the grid along a line."""

@@ -69,7 +69,7 @@ class TraceResult(NamedTuple):
 
 
 @compiled
-def trace_line(
+def trace_line(  # noqa: PLR0917
     obstacles: Obstacles,
     ax: float,
     ay: float,
@@ -161,7 +161,7 @@ def trace_line(
 
 
 @compiled
-def has_line_of_sight(obstacles: Obstacles, ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> bool:
+def has_line_of_sight(obstacles: Obstacles, ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> bool:  # noqa: PLR0917
     """Whether a line meets no building: the same decisions as in `trace_line`, without what they would cost."""
     box, edges, first, cells, inside, tops, _, west, south, side, columns, rows = obstacles
     dx, dy, dz = bx - ax, by - ay, bz - az
@@ -211,7 +211,7 @@ def has_line_of_sight(obstacles: Obstacles, ax: float, ay: float, az: float, bx:
 
 
 @compiled
-def _side_path_db(
+def _side_path_db(  # noqa: PLR0917
     obstacles: Obstacles, a: float, b: float, side: float, ends: tuple[float, ...], distance: float, wavelength: float
 ) -> float:
     """Loss of the path round one side (+1 left, -1 right) if its legs are unobstructed; `BLOCKED` if not."""
@@ -229,7 +229,7 @@ def _side_path_db(
 
 
 @compiled
-def obstruction_db(
+def obstruction_db(  # noqa: PLR0917
     obstacles: Obstacles,
     ax: float,
     ay: float,
@@ -267,7 +267,7 @@ def stop_threshold(margin: float, ax: float, ay: float, bx: float, by: float, wa
 
 
 @compiled
-def traced_loss_db(
+def traced_loss_db(  # noqa: PLR0917
     obstacles: Obstacles,
     met: TraceResult,
     ax: float,

@@ -126,7 +126,7 @@ def in_street_canyon(obstacles: Obstacles, x: float, y: float, z: float) -> bool
 
 
 @compiled
-def gap_share(obstacles: Obstacles, ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> float:
+def gap_share(obstacles: Obstacles, ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> float:  # noqa: PLR0917
     """Share of a line at which a wall higher than it is missing on one side or the other.
 
     Rays at right angles to the line, at evenly spaced positions; the same from both ends, to the bit.
@@ -158,7 +158,7 @@ def street_exponent(gap: float) -> float:
 
 
 @compiled
-def guiding_gain_db(
+def guiding_gain_db(  # noqa: PLR0917
     obstacles: Obstacles, ax: float, ay: float, az: float, bx: float, by: float, bz: float, wavelength: float
 ) -> float:
     """What the walls of a street take off the loss over open ground between two antennas in sight of each other.
@@ -189,7 +189,7 @@ def street_excess_db(distance_m: float, az: float, bz: float, wavelength: float)
 
 
 @compiled
-def street_excess_by_place_db(
+def street_excess_by_place_db(  # noqa: PLR0917
     obstacles: Obstacles, ax: float, ay: float, az: float, bx: float, by: float, bz: float, both: float, one: float,
     street_a: int,
 ) -> float:  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from skyrange.codec.mavlink.frame_layout import LAYOUTS
+from skyrange.codec.mavlink.frames import LAYOUTS
 from skyrange.codec.mavlink.message_columns import MessageGroup, message_columns, payload_dtype
 from skyrange.contracts.frames.payloads import Ints
 from skyrange.record.part_files import table_files

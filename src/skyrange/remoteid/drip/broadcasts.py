@@ -16,8 +16,7 @@ from skyrange.codec.remote_id.link_payload import Transport
 from skyrange.contracts.frames.payloads import Ints
 from skyrange.core.time import NEVER, Time
 from skyrange.remoteid.broadcast_profiles import TRANSPORTS, Broadcast
-from skyrange.remoteid.drip.schedule import PAGE_NS, Kind
-from skyrange.remoteid.drip.sender import Sender
+from skyrange.remoteid.drip.sender import PAGE_NS, Kind, Sender
 
 
 class DuePage(NamedTuple):
@@ -106,7 +105,7 @@ class AuthenticationPages:
                     legacy = transport == Transport.BT4
                     pages = split_with_parity(message, int(clock_s), parity=legacy)
                     times = queue.repeats if legacy else 1
-                    waiting.extend((transport, queue.counter, body) for body in _bodies(pages, legacy) * times)
+                    waiting.extend((transport, queue.counter, body) for body in _bodies(pages, legacy=legacy) * times)
                     if legacy:
                         queue.counter = (queue.counter + 1) % 256
         self._fresh.clear()
@@ -123,5 +122,5 @@ class AuthenticationPages:
         return found
 
 
-def _bodies(pages: Sequence[Authentication], legacy: bool) -> list[bytes]:
+def _bodies(pages: Sequence[Authentication], *, legacy: bool) -> list[bytes]:
     return [encode(page) for page in pages] if legacy else [encode(MessagePack(tuple(pages)))]

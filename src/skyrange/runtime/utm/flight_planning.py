@@ -13,7 +13,7 @@ from uas_standards.interuss.automated_testing.flight_planning.v1 import api
 from uas_standards.interuss.automated_testing.flight_planning.v1.constants import Scope
 
 from skyrange import __version__
-from skyrange.codec.f3548.schemas import check
+from skyrange.codec.f3548.operations import check
 from skyrange.codec.f3548.values import volume_of, volumes_of
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import Epoch, parse_rfc3339

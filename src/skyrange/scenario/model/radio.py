@@ -11,7 +11,7 @@ from skyrange.contracts.plugins.registry import AVOIDANCE, MEDIA
 from skyrange.core.errors import nearest
 from skyrange.radio.contract import MediumPlugin
 from skyrange.remoteid.broadcast_profiles import TRANSPORTS
-from skyrange.remoteid.drip.verification.settings import Authorities, ClockError, VerificationRate
+from skyrange.remoteid.drip.verification.verdicts import Authorities, ClockError, VerificationRate
 from skyrange.scenario.model.base import FileName, Id, Model, Number, Whole, wrong
 from skyrange.scenario.validation.plugin_params import checked, known, normalized
 from skyrange.vehicle.avoidance.contract import AvoidancePlugin

@@ -12,7 +12,7 @@ from hashlib import shake_256
 from typing import Any
 
 from skyrange.codec.mavlink import Packer, dialect
-from skyrange.codec.mavlink.frame_layout import LAYOUTS
+from skyrange.codec.mavlink.frames import LAYOUTS
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
 from skyrange.testing.drivers.messages import InputMessage

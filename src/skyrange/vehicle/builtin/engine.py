@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import decode, dialect
-from skyrange.codec.mavlink.sequence_numbers import FleetPacker
-from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
-from skyrange.codec.mavlink.signing import SigningKey, signing_timestamp
+from skyrange.codec.mavlink.message_columns import FleetPacker
+from skyrange.codec.mavlink.signing import SignedConnection, SignedConnections, SigningKey, signing_timestamp
 from skyrange.contracts.components import EngineBase, Finished, Floats, Sensors, World
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.plugins.registry import NoParams

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
-from skyrange.codec.mavlink.sequence_numbers import FleetPacker
+from skyrange.codec.mavlink.message_columns import FleetPacker
 from skyrange.contracts.mailboxes import Outbox
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.geodesy import Origin

@@ -19,7 +19,7 @@ from skyrange.codec.f3411 import printable_id
 from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
+from skyrange.codec.mavlink.signing import SignedConnection, SignedConnections
 from skyrange.codec.remote_id.link_payload import RidHeader, pack, unpack_rows
 from skyrange.codec.remote_id.open_drone_id import to_mavlink
 from skyrange.contracts.frames.payloads import Ints, Payloads

@@ -10,7 +10,7 @@ from skyrange.remoteid.broadcast_profiles import Broadcast
 from skyrange.vehicle.avoidance.contract import Avoidance
 
 if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
-    from skyrange.remoteid.drip.verification.policy import Verification
+    from skyrange.remoteid.drip.verification.verdicts import Verification
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from typing import Any, Final, NamedTuple
 from skyrange.codec.mavlink import Message, decode, message_name
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.deframer import Deframer
-from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2, SIGNATURE, SIGNED
+from skyrange.codec.mavlink.frames import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2, SIGNATURE, SIGNED
 from skyrange.core.errors import DecodeError
 
 MAX_HZ: Final = 50.0

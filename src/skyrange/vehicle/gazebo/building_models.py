@@ -15,8 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from skyrange.city.buildings import Building
-from skyrange.city.city import City
+from skyrange.city.city import Building, City
 from skyrange.core.errors import InputError
 from skyrange.vehicle.gazebo.names import building_name, city_name, visual_name
 from skyrange.vehicle.gazebo.sdf_elements import (

@@ -13,7 +13,7 @@ from skyrange.attack.bases.mavlink.message_fields import read_fields, write_fiel
 from skyrange.attack.bases.mavlink.orders import NOBODY, STATION
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNATURE, SIGNED, checksum
+from skyrange.codec.mavlink.frames import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNATURE, SIGNED, checksum
 from skyrange.codec.mavlink.signing import is_signed, range_passphrase, secret_from_passphrase, sign_frame
 
 _SEQUENCE: Final = 4

@@ -100,7 +100,7 @@ class FileClient(Injection):
             return []
         self.tries += 1
         opcode, data, offset, size = self.request
-        payload = file_transfer.pack(self.sequence, self.session, opcode, data, offset, size)
+        payload = file_transfer.pack(self.sequence, self.session, opcode, data, offset=offset, size=size)
         return [mav.MAVLink_file_transfer_protocol_message(0, self.target, AUTOPILOT, payload)]
 
     def _go_on(self, reply: Transfer | None) -> None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from hashlib import sha256
-from typing import Final
+from typing import Final, NamedTuple
 
 from skyrange.codec.drip import (
     Evidence,
@@ -40,9 +40,8 @@ from skyrange.codec.f3411 import (
 )
 from skyrange.codec.f3411.authentication import join_pages
 from skyrange.core.errors import DecodeError
-from skyrange.remoteid.drip.keys import verify
-from skyrange.remoteid.drip.registry import Anchor
-from skyrange.remoteid.drip.verification.endorsed_keys import EndorsedKey, EndorsedKeys
+from skyrange.remoteid.drip.registry import Anchor, verify
+from skyrange.remoteid.drip.verification.endorsed_keys import EndorsedKey, EndorsedKeys, Signed, SignedMessages
 from skyrange.remoteid.drip.verification.observed_sender import (
     MAX_HEARD,
     MAX_WAITING,
@@ -52,7 +51,6 @@ from skyrange.remoteid.drip.verification.observed_sender import (
     is_dynamic,
     split_bodies,
 )
-from skyrange.remoteid.drip.verification.signed_messages import Signed, SignedMessages
 from skyrange.remoteid.drip.verification.verdicts import Judged, Policy, Refusal, Track, Trust, Verified
 
 MAX_TRACKS: Final = 64
@@ -64,6 +62,15 @@ MAX_FIRST: Final = 4096
 _HALF_HOUR_S: Final = 1800.0
 """Times of Locations count from the full hour, so the bytes of a parked aircraft may return after one."""
 _FAILURE: Final = int(Status.REMOTE_ID_SYSTEM_FAILURE)
+
+
+class _Case(NamedTuple):
+    """A broadcast that is judged: its sender, when it was received, and the messages verified by it so far."""
+
+    address: int
+    track: ObservedSender
+    now_s: float
+    verified: list[Verified]
 
 
 class Observer:
@@ -100,7 +107,7 @@ class Observer:
     def receive(self, address: int, counter: int, body: bytes, now_s: float) -> Judged:
         """Take a received message or pack, with its sender address and counter."""
         track = self._track(address, now_s)
-        found: list[Verified] = []
+        case = _Case(address, track, now_s, [])
         is_replayed = False
         try:
             message = decode(body)
@@ -108,18 +115,18 @@ class Observer:
             self._count(track, Refusal.MALFORMED)
             return Judged()
         if isinstance(message, MessagePack):
-            is_replayed = self._pack(address, track, message, body, now_s, found)
+            is_replayed = self._pack(case, message, body)
         elif isinstance(message, Authentication):
             if message.auth_type != AuthType.SPECIFIC_METHOD:
                 track.unsupported = True
                 self._count(track, Refusal.UNSUPPORTED)
             elif (data := track.pages.add(counter, message, now_s)) is not None:
-                self._sam(address, track, data, b"", now_s, found)
+                self._sam(case, data, b"")
         else:
             if isinstance(message, BasicId) and (tag := _claimed(message)) is not None:
                 track.claim(tag)
-            is_replayed = self._remember(address, track, body, _is_timed(message), now_s, found)
-        return Judged(tuple(found), is_replayed)
+            is_replayed = self._remember(case, body, is_timed=_is_timed(message))
+        return Judged(tuple(case.verified), is_replayed)
 
     def track(self, address: int, now_s: float) -> Track | None:
         """The track of a sender; `None` if it is not followed."""
@@ -185,14 +192,13 @@ class Observer:
         self._count(track, why)
         track.bad_s = now_s
 
-    def _remember(
-        self, address: int, track: ObservedSender, body: bytes, is_timed: bool, now_s: float, found: list[Verified]
-    ) -> bool:  # fmt: skip
+    def _remember(self, case: _Case, body: bytes, *, is_timed: bool) -> bool:
         """Hold a message for a Manifest; returns whether it is replayed.
 
         `is_timed` says whether it has a Location with a time: its sender does not repeat it (RFC 9575, 9.1: it is
         "nonce-like").
         """
+        track, now_s = case.track, case.now_s
         hash_ = message_hash(body)
         first_s = now_s
         if is_timed:
@@ -200,7 +206,7 @@ class Observer:
             bound(self._first, MAX_FIRST)
         signed = self._signed.find(hash_)
         if signed is not None and now_s - signed.heard_s <= self._policy.overlap_s:
-            self._confirm(address, track, signed.tag, body, now_s, now_s, found)  # repeated after its Manifest
+            self._confirm(case, signed.tag, body, now_s)  # repeated after its Manifest
             return False
         track.heard.setdefault(hash_, (now_s, body))
         bound(track.heard, MAX_HEARD)
@@ -211,28 +217,25 @@ class Observer:
         self._count(track, Refusal.REPLAYED)
         return True
 
-    def _confirm(
-        self, address: int, track: ObservedSender, tag: bytes, body: bytes, heard_s: float, now_s: float,
-        found: list[Verified],
-    ) -> None:  # fmt: skip
+    def _confirm(self, case: _Case, tag: bytes, body: bytes, heard_s: float) -> None:
+        track = case.track
         track.verified += 1
-        found.append(Verified(address, tag, body, heard_s))
+        case.verified.append(Verified(case.address, tag, body, heard_s))
         if is_dynamic(body):
-            track.confirmed_s = now_s
+            track.confirmed_s = case.now_s
             if track.verified_at_s is None:
-                track.verified_at_s = now_s
+                track.verified_at_s = case.now_s
 
-    def _pack(
-        self, address: int, track: ObservedSender, pack: MessagePack, body: bytes, now_s: float, found: list[Verified]
-    ) -> bool:  # fmt: skip
+    def _pack(self, case: _Case, pack: MessagePack, body: bytes) -> bool:
         """Judge a pack; returns whether it is replayed."""
+        track = case.track
         pages = [part for part in pack.messages if isinstance(part, Authentication)]
         is_timed = any(_is_timed(part) for part in pack.messages)
         for part in pack.messages:
             if isinstance(part, BasicId) and (tag := _claimed(part)) is not None:
                 track.claim(tag)
         if not pages:
-            return self._remember(address, track, body, is_timed, now_s, found)
+            return self._remember(case, body, is_timed=is_timed)
         if any(page.auth_type != AuthType.SPECIFIC_METHOD for page in pages):
             track.unsupported = True
             self._count(track, Refusal.UNSUPPORTED)
@@ -244,27 +247,25 @@ class Observer:
             self._count(track, Refusal.MALFORMED)
             return False
         beside.sort(key=_type_of)
-        signs_pack = self._sam(address, track, data, b"".join(beside), now_s, found)
+        signs_pack = self._sam(case, data, b"".join(beside))
         if beside and not signs_pack:
-            return self._remember(address, track, body, is_timed, now_s, found)
+            return self._remember(case, body, is_timed=is_timed)
         return False
 
-    def _sam(
-        self, address: int, track: ObservedSender, data: bytes, beside: bytes, now_s: float, found: list[Verified]
-    ) -> bool:  # fmt: skip
+    def _sam(self, case: _Case, data: bytes, beside: bytes) -> bool:
         """Judge authentication data; returns whether they sign what is beside them in a pack."""
         try:
             message = decode_sam(data)
         except UnsupportedMethodError:
-            track.unsupported = True
-            self._count(track, Refusal.UNSUPPORTED)
+            case.track.unsupported = True
+            self._count(case.track, Refusal.UNSUPPORTED)
         except DecodeError:
-            self._count(track, Refusal.MALFORMED)
+            self._count(case.track, Refusal.MALFORMED)
         else:
             if isinstance(message, Link):
-                self._link(address, track, message, now_s, found)
+                self._link(case, message)
             else:
-                self._evidence(address, track, message, beside, now_s, now_s, found)
+                self._evidence(case, message, beside, case.now_s)
                 return message.signs_pack
         return False
 
@@ -287,31 +288,31 @@ class Observer:
         bound(self._seen, MAX_SEEN)
         return True
 
-    def _link(self, address: int, track: ObservedSender, link: Link, now_s: float, found: list[Verified]) -> None:
-        verdict = self._keys.take(link, address, now_s, lambda: self._affords(now_s))
+    def _link(self, case: _Case, link: Link) -> None:
+        now_s = case.now_s
+        verdict = self._keys.take(link, case.address, now_s, lambda: self._affords(now_s))
         if verdict.refusal is not None:
-            self._count(track, verdict.refusal)
+            self._count(case.track, verdict.refusal)
         if verdict.is_false:
-            track.bad_s = now_s
+            case.track.bad_s = now_s
         if verdict.endorsed is not None:
-            self._adopt(verdict.endorsed, now_s, found)
+            self._adopt(verdict.endorsed, now_s, case.verified)
 
-    def _adopt(self, tag: bytes, now_s: float, found: list[Verified]) -> None:
+    def _adopt(self, tag: bytes, now_s: float, verified: list[Verified]) -> None:
         """Judge what waited for the key of `tag`, each on the account of its own sender."""
         for link, address in self._keys.orphans_of(tag):
-            self._link(address, self._tracks.get(address) or ObservedSender(now_s), link, now_s, found)
+            self._link(_Case(address, self._tracks.get(address) or ObservedSender(now_s), now_s, verified), link)
         for address, track in list(self._tracks.items()):
             ready = [entry for entry in track.waiting if entry[0].tag == tag]
             if ready:
                 track.waiting = [entry for entry in track.waiting if entry[0].tag != tag]
+                case = _Case(address, track, now_s, verified)
                 for evidence, beside, heard_s in ready:
-                    self._evidence(address, track, evidence, beside, heard_s, now_s, found)
+                    self._evidence(case, evidence, beside, heard_s)
 
-    def _evidence(
-        self, address: int, track: ObservedSender, evidence: Evidence, beside: bytes, heard_s: float, now_s: float,
-        found: list[Verified],
-    ) -> None:  # fmt: skip
+    def _evidence(self, case: _Case, evidence: Evidence, beside: bytes, heard_s: float) -> None:
         """Judge evidence received at `heard_s`, perhaps later than that."""
+        address, track, now_s, _ = case
         policy, vnb_s, vna_s = self._policy, evidence.vnb_s, evidence.vna_s
         signed = evidence.signed(beside)
         digest = sha256(b"%d/" % address + signed + evidence.signature).digest()
@@ -348,13 +349,11 @@ class Observer:
         if track.claims and evidence.tag not in track.claims and evidence.tag != track.tag:
             self._bad(track, Refusal.WRONG_TAG, now_s)
             return
-        self._accept(address, track, evidence, known, beside, heard_s, now_s, found)
+        self._accept(case, evidence, known, beside, heard_s)
 
-    def _accept(
-        self, address: int, track: ObservedSender, evidence: Evidence, known: EndorsedKey, beside: bytes,
-        heard_s: float, now_s: float, found: list[Verified],
-    ) -> None:  # fmt: skip
+    def _accept(self, case: _Case, evidence: Evidence, known: EndorsedKey, beside: bytes, heard_s: float) -> None:
         """Credit a track with evidence whose signature and times are right."""
+        track, now_s = case.track, case.now_s
         tag = evidence.tag
         statement = Signed(tag, evidence.vnb_s, heard_s)
         if evidence.sam_type == SamType.MANIFEST:
@@ -372,7 +371,7 @@ class Observer:
             for hash_ in manifest.messages:
                 first_s = self._signed.take(hash_, statement).heard_s
                 if heard_s - first_s <= self._policy.overlap_s and (heard := track.heard.pop(hash_, None)) is not None:
-                    self._confirm(address, track, tag, heard[1], heard[0], now_s, found)
+                    self._confirm(case, tag, heard[1], heard[0])
             if track.is_shared(tag, heard_s, self._policy):
                 self._bad(track, Refusal.SHARED_ADDRESS, now_s)
             chain = track.chain(tag)
@@ -390,7 +389,7 @@ class Observer:
                 first_s = self._signed.take(message_hash(body), statement).heard_s
                 if heard_s - first_s <= self._policy.overlap_s:
                     # not taken from `heard`: the Manifests that follow cover it too
-                    self._confirm(address, track, tag, body, heard_s, now_s, found)
+                    self._confirm(case, tag, body, heard_s)
 
 
 def _claimed(who: BasicId) -> bytes | None:

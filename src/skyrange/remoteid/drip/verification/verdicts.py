@@ -1,9 +1,42 @@
-"""Verdicts of a DRIP receiver: states of senders, reasons for refusals, and the rules by which it judges."""
+"""Verdicts of a DRIP receiver: its settings, its rules, states of senders, refusals, and whom it believes."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from enum import StrEnum
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Annotated, Final, Literal, NamedTuple
+
+from pydantic import Field
+
+from skyrange.contracts.params import Number
+
+if TYPE_CHECKING:  # keys are slow to import, and scenarios need the settings alone
+    from skyrange.remoteid.drip.registry import Anchor
+
+Authorities = Annotated[
+    Literal["apex", "all"],
+    Field(
+        description="Keys that the receiver holds before the flight. apex: the root alone, so that it has to receive "
+        "the Links of all authorities; all: those of all authorities of the range."
+    ),
+]
+ClockError = Annotated[
+    Number,
+    Field(
+        ge=-2,
+        le=120,
+        description="Error of the receiver's clock in seconds, positive when it is ahead. Outside these limits, every "
+        "signature would be out of its time: it holds for 120 s, and clocks may differ by 2 s.",
+    ),
+]
+VerificationRate = Annotated[
+    Annotated[Number, Field(ge=1, le=100_000)] | None,
+    Field(
+        description="Signatures that the receiver can verify per second; what exceeds that is dropped. Default: no "
+        "limit."
+    ),
+]
 
 
 class Trust(StrEnum):
@@ -117,3 +150,48 @@ class Judged(NamedTuple):
     """What is verified by it: itself, or what was received before it."""
     is_replayed: bool = False
     """Whether it is a Location that a trusted key signed longer ago, so that it is no longer true."""
+
+
+class Acceptance(StrEnum):
+    """What is believed; each member believes less than the one before it."""
+
+    ACCEPT = "accept"
+    """Everything; verdicts are recorded only."""
+    IGNORE_FORGED = "ignore-forged"
+    """Not what was refused, replayed or contradicted."""
+    IGNORE_UNSIGNED = "ignore-unsigned"
+    """Nor senders without a signature of their own. One that cannot be verified yet is believed."""
+    IGNORE_UNVERIFIED = "ignore-unverified"
+    """Only senders of a recent verified Location or System message."""
+
+
+_FORGED: Final = frozenset((Trust.REFUSED, Trust.REPLAYED, Trust.CONTRADICTED))
+# Anybody can claim a tag and repeat the Links of its owner, so a trusted key alone counts as unsigned.
+_UNSIGNED: Final = frozenset((Trust.NONE, Trust.PARTIAL, Trust.UNSUPPORTED, Trust.TRUSTED_KEY))
+
+
+def accepts(acceptance: Acceptance, trust: Trust) -> bool:
+    """Whether a sender in a state of trust is believed."""
+    if acceptance is Acceptance.ACCEPT:
+        return True
+    if acceptance is Acceptance.IGNORE_UNVERIFIED:
+        return trust is Trust.VERIFIED
+    return trust not in _FORGED and (acceptance is Acceptance.IGNORE_FORGED or trust not in _UNSIGNED)
+
+
+class Verification(NamedTuple):
+    """How one receiver verifies, and whom it believes."""
+
+    anchors: tuple[Anchor, ...]
+    acceptance: Acceptance = Acceptance.ACCEPT
+    judges: Policy = Policy()
+    clock_error_s: float = 0.0
+    """Of the receiver's clock, positive when it is ahead."""
+
+    @classmethod
+    def of(
+        cls, anchors: Sequence[Anchor], policy: str, clock_error_s: float, verifications_per_s: float | None
+    ) -> Verification:
+        """That of a receiver with these settings; `policy` is an `Acceptance`."""
+        limit = math.inf if verifications_per_s is None else verifications_per_s
+        return cls(tuple(anchors), Acceptance(policy), Policy(verifications_per_s=limit), clock_error_s)

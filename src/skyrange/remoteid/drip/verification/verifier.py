@@ -17,8 +17,15 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, NS_PER_US, Time, to_seconds
 from skyrange.remoteid.drip.verification.observed_sender import is_located
 from skyrange.remoteid.drip.verification.observer import Observer
-from skyrange.remoteid.drip.verification.policy import Acceptance, Verification, accepts
-from skyrange.remoteid.drip.verification.verdicts import Judged, Track, Trust, Verified
+from skyrange.remoteid.drip.verification.verdicts import (
+    Acceptance,
+    Judged,
+    Track,
+    Trust,
+    Verification,
+    Verified,
+    accepts,
+)
 
 _US_PER_S: Final = NS_PER_S // NS_PER_US
 MAX_EARLY: Final = 256

@@ -60,7 +60,7 @@ def pack(fleet: Fleet, vehicle: Vehicle, query: ParamQuery, read_bytes: int) -> 
         packed.PackedParameter(parameter.name, values[index], parameter.kind, parameter.default)
         for index, parameter in enumerate(PARAMETERS[query.start : last], query.start)
     ]
-    return packed.pack_download(chosen, total, read_bytes, bool(query.defaults))
+    return packed.pack_download(chosen, total, read_bytes, defaults=bool(query.defaults))
 
 
 def apply(fleet: Fleet, vehicle: Vehicle, data: bytes, causes: Causes) -> None:

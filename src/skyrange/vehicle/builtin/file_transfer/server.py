@@ -110,7 +110,7 @@ def _serve(fleet: Fleet, vehicle: Vehicle, server: FileServer, payload: bytes, p
         opcode, data = Opcode.NAK, _told_errno(error)
     else:
         opcode = Opcode.ACK
-    reply = ftp.pack(sequence, request.session, opcode, data, offset, request=request.opcode)
+    reply = ftp.pack(sequence, request.session, opcode, data, offset=offset, request=request.opcode)
     _reply(fleet, vehicle, server, reply, peer, request.session, sequence, causes)
     if request.opcode == Opcode.TERMINATE_SESSION:
         server.sent_ns = -SESSION_TIMEOUT_NS
@@ -360,7 +360,7 @@ def _continue_burst(fleet: Fleet, vehicle: Vehicle, server: FileServer, burst: B
         burst.left -= 1
         complete = burst.left == 0 and not error
         reply = ftp.pack(
-            burst.sequence, burst.session, Opcode.NAK if error else Opcode.ACK, error or data, burst.offset,
+            burst.sequence, burst.session, Opcode.NAK if error else Opcode.ACK, error or data, offset=burst.offset,
             request=Opcode.BURST_READ_FILE, burst_complete=complete,
         )  # fmt: skip
         _reply(fleet, vehicle, server, reply, burst.peer, burst.session, burst.sequence, ())

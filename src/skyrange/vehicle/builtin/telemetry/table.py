@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink.frame_layout import LAYOUTS
+from skyrange.codec.mavlink.frames import LAYOUTS
 from skyrange.codec.mavlink.message_columns import MessageTable, payload_dtype
 from skyrange.contracts.frames.payloads import Ints
 from skyrange.vehicle.builtin.fleet import Fleet, Vehicle

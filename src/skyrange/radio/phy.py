@@ -1,4 +1,4 @@
-"""Waveforms of the 2.4 GHz band: airtime, bandwidth, and bit error rate by SNIR.
+"""Physical layer at 2.4 GHz: waveforms, channels, and the framing of Remote ID.
 
 Airtimes: IEEE 802.11-2020 15.2.3 (DSSS, long preamble 144 µs and header 48 µs), 17.3.2 and 18.3.2.4 (OFDM: 20 µs, 24
 bits in each 4 µs symbol, 6 µs signal extension at 2.4 GHz); Bluetooth Core 5.4 vol. 6 part B 2.1 (1M) and 2.2 (Coded:
@@ -16,6 +16,12 @@ Bit errors, γ being the ratio of signal to noise and interference in the wavefo
 - BLE Coded S=8: four symbols per coded bit, so 0.5·exp(−4γ/2), then hard decisions on the rate 1/2 code of constraint
   length 4 (Core vol. 6 part B 3.3.1), by its distance spectrum (Frenger, Orten & Ottosson, IEEE Comm. Letters 3/11,
   1999: 15, 17 octal). That gains 8 to 9 dB over 1M; the nRF52840's data sheet has 8 (−95 and −103 dBm).
+
+Spectra are rectangular: power is spread evenly over the width, with none beyond. What a real transmitter leaks beyond
+its mask (802.11-2020 15.4.5.5: at least 30 dB down) is not modelled.
+
+`codec.remote_id.wifi` and `codec.remote_id.ble` make the frames of Remote ID; the medium needs only their length. Wi-Fi
+frames are sent at 6 Mb/s, the one basic rate that the beacon announces.
 """
 
 from __future__ import annotations
@@ -25,6 +31,9 @@ from typing import Final
 
 import numpy as np
 
+from skyrange.codec.f3411 import SIZE
+from skyrange.codec.remote_id import ble, wifi
+from skyrange.codec.remote_id.link_payload import RidFrame, RidHeader, Transport
 from skyrange.contracts.medium import Waveform
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_US, Time
@@ -103,3 +112,49 @@ def packet_error(waveform: Waveform, snir_db: float, size_bytes: int) -> float:
     return 1.0 - bits_success_probability(
         int(waveform), 10.0 ** (snir_db / 10.0), float(frame_bits(int(waveform), size_bytes))
     )
+
+
+WIFI_CHANNELS = range(1, 14)
+ADVERTISING_CHANNELS = (37, 38, 39)
+DATA_CHANNELS = 37
+
+
+@compiled
+def centre_mhz(waveform: int, channel: int) -> float:
+    """Centre of a Wi-Fi channel (802.11-2020 15.4.4.3) or BLE channel index (Core vol. 6 part B 1.4.1)."""
+    if is_wifi(waveform):
+        return 2407.0 + 5.0 * channel
+    if channel == 37:
+        return 2402.0
+    if channel == 38:
+        return 2426.0
+    if channel == 39:
+        return 2480.0
+    return 2404.0 + 2.0 * channel if channel < 11 else 2406.0 + 2.0 * channel
+
+
+@compiled
+def filter_overlap(centre: float, width: float, receiver_centre: float, receiver_width: float) -> float:
+    """The share 0…1 of a signal's power that passes a receiver's filter; all arguments in MHz."""
+    low = max(centre - 0.5 * width, receiver_centre - 0.5 * receiver_width)
+    high = min(centre + 0.5 * width, receiver_centre + 0.5 * receiver_width)
+    return max(high - low, 0.0) / width
+
+
+_FRAME: Final = RidFrame(RidHeader(Transport.WIFI_BEACON, channel=6), bytes(SIZE))
+_FRAME_BYTES = {
+    Transport.BT4: len(ble.encode_legacy(_FRAME)) - 4 - 2 - ble.CRC,
+    Transport.BT5: len(ble.encode_auxiliary(_FRAME)) - 4 - 1 - 2 - ble.CRC,
+    Transport.WIFI_BEACON: len(wifi.encode_beacon(_FRAME)),
+    Transport.WIFI_NAN: len(wifi.encode_nan_action(_FRAME)),
+}
+"""A frame's length with one message in it; for Bluetooth the length of its PDU's payload."""
+
+OVERHEAD_BYTES: Final = np.array([0, *(_FRAME_BYTES[transport] - SIZE for transport in Transport)])
+"""By transport: bytes around the body."""
+TRANSPORT_WAVEFORM: Final = np.array([0, Waveform.BLE_1M, Waveform.BLE_CODED, Waveform.OFDM_6M, Waveform.OFDM_6M])
+"""By transport: its waveform."""
+MAX_BODY_BYTES: Final = np.array([0, SIZE, 255 - OVERHEAD_BYTES[Transport.BT5], 250, 250])
+"""By transport: the longest body in bytes; a legacy advertisement holds exactly one message."""
+MIN_BODY_BYTES: Final = np.array([0, SIZE, 1, 1, 1])
+"""By transport: the shortest body in bytes."""

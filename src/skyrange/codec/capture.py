@@ -1,22 +1,31 @@
-"""pcapng capture files: blocks, and the radio headers that precede a packet.
+"""Capture files: pcapng blocks, and the packets in them: Remote ID as received, and UDP datagrams.
 
 Sources: IETF draft-ietf-opsawg-pcapng (section header, interface description and enhanced packet blocks, in the
 writer's byte order, here little-endian); radiotap.org (802.11, link type 127); tcpdump.org,
 LINKTYPE_BLUETOOTH_LE_LL_WITH_PHDR (link type 256). Functions return bytes; the caller writes the file.
+
+Each receiver of Remote ID has two interfaces in a capture, Wi-Fi and then Bluetooth LE: `INTERFACES`, numbered on from
+its first. A packet is the 802.11 or BLE frame as transmitted, after its radio header.
+
+Datagrams are of IPv4 (RFC 791, with its checksum) and UDP (RFC 768); skyrange sends none of them itself.
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Mapping
-from typing import Final
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+from skyrange.codec.remote_id import ble, wifi
+from skyrange.codec.remote_id.link_payload import NO_RSSI, RidFrame, RidHeader, Transport
 
 RADIOTAP: Final = 127
 """Link type: radiotap header, then an 802.11 frame."""
 BLE_PHDR: Final = 256
 """Link type: a 10-byte radio header, then a Bluetooth LE packet from its access address on."""
 IPV4: Final = 228
-"""Link type: an IPv4 datagram (`codec.capture.udp_datagram`) without a link-layer header."""
+"""Link type: an IPv4 datagram (`encode_datagram`) without a link-layer header."""
 
 _BYTE_ORDER: Final = 0x1A2B3C4D
 _SECTION: Final = 0x0A0D0D0A
@@ -127,3 +136,79 @@ def ble_radio_header(channel: int, signal_dbm: float | None, *, coded: bool, aux
 
 def _whole_db(signal_dbm: float) -> int:
     return min(max(round(signal_dbm), -128), 127)
+
+
+_IP: Final = struct.Struct(">BBHHHBBHII")
+_UDP: Final = struct.Struct(">HHHH")
+_WHOLE: Final = 0x4000
+"""Flags: do not fragment, which permits an identification of 0 (RFC 6864)."""
+_TTL: Final = 64
+_PROTOCOL: Final = 17
+MAX_PAYLOAD: Final = 0xFFFF - _IP.size - _UDP.size
+
+
+class SocketAddress(NamedTuple):
+    """One end of a datagram: an IPv4 address as a number, and a UDP port."""
+
+    address: int
+    port: int
+
+
+def encode_datagram(source: SocketAddress, target: SocketAddress, payload: bytes) -> bytes:
+    """The datagram from its IPv4 header on. The UDP checksum is omitted (0). Raises `ValueError` above `MAX_PAYLOAD`
+    bytes.
+    """
+    if len(payload) > MAX_PAYLOAD:
+        raise ValueError(f"{len(payload)} bytes, a datagram holds at most {MAX_PAYLOAD}")
+    size = _UDP.size + len(payload)
+    fields = [0x45, 0, _IP.size + size, 0, _WHOLE, _TTL, _PROTOCOL, 0, source.address, target.address]
+    fields[7] = _checksum(_IP.pack(*fields))
+    return _IP.pack(*fields) + _UDP.pack(source.port, target.port, size, 0) + payload
+
+
+def _checksum(header: bytes) -> int:
+    """One's complement of the one's complement sum of the header's 16-bit words."""
+    total: int = sum(struct.unpack(f">{len(header) // 2}H", header))
+    while total >> 16:
+        total = (total & 0xFFFF) + (total >> 16)
+    return ~total & 0xFFFF
+
+
+INTERFACES: Final = (("wifi", RADIOTAP), ("ble", BLE_PHDR))
+WIFI_RATE_MBPS: Final = 6.0
+"""OFDM's lowest rate, which Beacons and NAN frames announce (`wifi.RATES`)."""
+_WIFI: Final = frozenset((Transport.WIFI_BEACON, Transport.WIFI_NAN))
+
+
+def reception_block(frame: RidFrame, start_utc_ns: int, comment: str = "", first: int = 0) -> bytes:
+    """The pcapng block of a received broadcast, at `start_utc_ns` (Unix time of range time 0) plus its reception time.
+
+    `first` is the number of its receiver's first interface. The header's channel must be known (not
+    `link_payload.ANY_CHANNEL`). Raises `ValueError` if the transport's frame cannot hold the body, such as a message
+    pack in a Bluetooth 4 advertisement, or if the channel does not exist.
+    """
+    header = frame.header
+    signal_dbm = None if header.rssi_cdbm == NO_RSSI else header.rssi_cdbm / 100
+    sent = _radio_frame(header.transport, header.counter, header.address, header.time_ns, frame.body)
+    if header.transport in _WIFI:
+        radio = radiotap_header(header.channel, WIFI_RATE_MBPS, signal_dbm)
+    else:
+        first += 1
+        extended = header.transport == Transport.BT5
+        radio = ble_radio_header(header.channel, signal_dbm, coded=extended, auxiliary=extended)
+    return packet_block(first, start_utc_ns + header.time_ns, radio + sent, comment)
+
+
+@lru_cache(maxsize=1024)
+def _radio_frame(transport: int, counter: int, address: bytes, time_ns: int, body: bytes) -> bytes:
+    """Cached, because all receivers of one transmission follow each other."""
+    frame = RidFrame(RidHeader(transport, counter=counter, address=address, time_ns=time_ns), body)
+    match Transport(transport):
+        case Transport.WIFI_BEACON:
+            return wifi.encode_beacon(frame, timestamp_us=max(time_ns // 1000, 0))
+        case Transport.WIFI_NAN:
+            return wifi.encode_nan_action(frame)
+        case Transport.BT4:
+            return ble.encode_legacy(frame)
+        case Transport.BT5:
+            return ble.encode_auxiliary(frame)

@@ -1,1 +1,0 @@
-"""Capture files: pcapng blocks, and the packets that go into them."""

@@ -1,1 +1,0 @@
-"""Physical layer: waveforms, channels, and the framing of Remote ID transports."""
