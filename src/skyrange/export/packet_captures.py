@@ -17,10 +17,9 @@ from typing import Final, NamedTuple, TypeVar
 
 import pyarrow.compute as pc
 
-from skyrange.codec.capture import pcapng, remote_id_packet, udp_datagram
+from skyrange.codec import capture
 from skyrange.codec.remote_id.link_payload import NO_RSSI, RidFrame, unpack
 from skyrange.core.errors import InputError, Problem, nearest
-from skyrange.codec import capture
 from skyrange.core.files import atomic_write
 from skyrange.core.ids import FrameId, endpoint, link_name
 from skyrange.core.time import NS_PER_S

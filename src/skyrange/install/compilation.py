@@ -13,7 +13,7 @@ from typing import Final, Generic, NamedTuple, TypeVar
 from skyrange.core.engine_sources import engine_folder, source_digest
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.io.processes.single_run import run_once
-from skyrange.radio.external.engine_trial import try_engine
+from skyrange.radio.external.engine import try_engine
 
 COMPILE_S: Final = 1_800.0
 """Wall time in which a compiler must end, in seconds."""

@@ -14,7 +14,6 @@ from skyrange.city.city import City
 from skyrange.contracts.medium import ANY_CHANNEL, Floats, RadioSpec, RadioTable, ReceptionOutcome, TxBatch, Waveform
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_MS, NS_PER_S
-from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import SNIFFER
 from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.builtin.state import radio_arrays

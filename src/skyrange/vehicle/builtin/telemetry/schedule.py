@@ -11,8 +11,6 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from skyrange.codec.mavlink import dialect
-from skyrange.codec.mavlink.message_columns import MessageTable, pack_batches
-from skyrange.codec.mavlink.sequence_numbers import assign_sequence_numbers
 from skyrange.codec.mavlink.message_columns import MessageTable, assign_sequence_numbers, pack_batches
 from skyrange.contracts.frames.payloads import Ints
 from skyrange.core.compiled import compiled
