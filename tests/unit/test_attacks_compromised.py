@@ -10,11 +10,11 @@ from pydantic import ValidationError
 
 from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
+from skyrange.attack.bases.mavlink.altered_upload import PlanAlteration
 from skyrange.attack.bases.mavlink.compromised_sender import SenderStream, command_of, redirect_order, without_signature
 from skyrange.attack.bases.mavlink.message_fields import read_fields
 from skyrange.attack.bases.mavlink.orders import NOBODY
 from skyrange.attack.contract import AttackContext, AttackPlugin
-from skyrange.attack.ground.plan_alteration import PlanAlteration
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import Signer, SigningKey, secret_from_passphrase, sign_frame

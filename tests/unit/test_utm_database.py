@@ -36,8 +36,8 @@ from skyrange.utm.federated.dss.store import (
     StoredIntent,
     Subscription,
 )
+from skyrange.utm.federated.exchanges import KnownPeers, Peer
 from skyrange.utm.federated.tokens import TokenChecker, TokenStore, public_of
-from skyrange.utm.federated.uss.directory import KnownPeers, Peer
 from skyrange.utm.federated.uss.service import Uss
 from skyrange.utm.federated.uss.shared_intents import OwnIntent
 from skyrange.utm.intent_states import IntentState

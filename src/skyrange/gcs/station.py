@@ -27,8 +27,7 @@ from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
 from skyrange.gcs.flight.airspace_claim import AirspaceClaim
-from skyrange.gcs.flight.flight import Flight, FlightOutcome
-from skyrange.gcs.flight.lifecycle import ENDED, FlightState
+from skyrange.gcs.flight.lifecycle import ENDED, Flight, FlightOutcome, FlightState
 from skyrange.gcs.flight.replanning import Replanner, Replanning
 from skyrange.gcs.flight.sequencer import (
     AUTOPILOT_COMPONENT,
@@ -41,9 +40,8 @@ from skyrange.gcs.flight.sequencer import (
     FlightSequencer,
 )
 from skyrange.gcs.plan.volumes import MARGINS, Margins
-from skyrange.gcs.telemetry.belief import Belief, BeliefTable
-from skyrange.gcs.telemetry.receiver import TelemetryReceiver
-from skyrange.gcs.telemetry.streams import PROFILES
+from skyrange.gcs.telemetry import Belief, BeliefTable, TelemetryReceiver
+from skyrange.gcs.telemetry_streams import PROFILES
 from skyrange.gcs.traffic_picture import TrafficPicture
 from skyrange.remoteid.tracks import TrackTable
 from skyrange.utm.messages import DecisionBody, decode_response

@@ -13,7 +13,6 @@ from skyrange.contracts.params import Params
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.ids import APPROVAL, FrameId, Port, link_name
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
-from skyrange.utm.constraints import Publication, claim_of
 from skyrange.utm.contract import (
     ApprovalContext,
     ApprovalDecision,
@@ -21,10 +20,11 @@ from skyrange.utm.contract import (
     ApprovalPolicy,
     ApprovalService,
     Constraint,
+    Publication,
+    claim_of,
 )
 from skyrange.utm.messages import EndBody, Response, encode, encode_decision
-from skyrange.utm.request_book import OpenRequest, RequestBook
-from skyrange.utm.request_order import RequestQueue
+from skyrange.utm.request_book import OpenRequest, RequestBook, RequestQueue
 
 SERVICE_NS = 20 * NS_PER_MS
 """How often it looks at its mail, as the ground stations do."""

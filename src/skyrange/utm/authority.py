@@ -21,7 +21,7 @@ from skyrange.utm.contract import ApprovalDecision, OperationalIntent, is_constr
 from skyrange.utm.intent_register import IntentRegister, find_problem
 from skyrange.utm.intent_states import OFF_NOMINAL
 from skyrange.utm.journal import Journal, NoJournal
-from skyrange.utm.request_order import RequestQueue, least_served
+from skyrange.utm.request_book import RequestQueue, least_served
 
 
 class AlternativeParams(Params):

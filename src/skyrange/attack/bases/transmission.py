@@ -12,7 +12,7 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, Place
 from skyrange.attack.declaration import Acting, Facts
-from skyrange.attack.places import place_param
+from skyrange.attack.params import place_param
 from skyrange.attack.radio import SERVICE_NS, down_link, transmitter, up_link
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport

@@ -6,11 +6,10 @@ from dataclasses import replace
 from typing import Final
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.approval import approval_taps, read_request, replace_json
+from skyrange.attack.bases.approval.links import approval_taps, read_request, replace_json
+from skyrange.attack.bases.links import CopyForLink
+from skyrange.attack.bases.mavlink.altered_upload import AlteredUpload, Form, PlanAlteration
 from skyrange.attack.bases.mavlink.compromised_sender import SenderStream, station_key
-from skyrange.attack.bases.on_path import CopyForLink
-from skyrange.attack.ground.altered_upload import AlteredUpload
-from skyrange.attack.ground.plan_alteration import Form, PlanAlteration
 from skyrange.core.ids import APPROVAL
 from skyrange.utm.messages import IntentBody
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Final, Literal
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.estimator_reports import report_lost
 from skyrange.attack.bases.mavlink.message_fields import put_bits
 from skyrange.attack.bases.mavlink.params import SENSORS, SensorNames
+from skyrange.attack.bases.mavlink.telemetry import report_lost
 
 _STATES: Final = {"critical": sky.mavlink.MAV_STATE_CRITICAL, "emergency": sky.mavlink.MAV_STATE_EMERGENCY}
 

@@ -18,8 +18,7 @@ import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.defence import data_sheets
-from skyrange.defence.bases.fix_checks import FIXES_PER_H
-from skyrange.defence.fix_guard import NewFixes
+from skyrange.defence.bases.fix_checks import FIXES_PER_H, NewFixes
 from skyrange.defence.gnss.dead_reckoning import ALIGN_STEPS, DeadReckoning
 from skyrange.defence.gnss.gates import chi_square_gate, cusum_gate
 from skyrange.world.sensing.geomagnetism import magnetic_field_at

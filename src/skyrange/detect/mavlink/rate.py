@@ -26,7 +26,7 @@ import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.contracts.scalars import Scalar
-from skyrange.detect.message_heads import MessageHeads, message_numbers, name_message, read_heads
+from skyrange.detect.messages import MessageHeads, message_numbers, name_message, read_heads
 from skyrange.detect.series import Floats
 
 PARTS: Final = 5

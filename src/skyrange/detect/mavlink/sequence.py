@@ -31,7 +31,7 @@ import numpy as np
 import skyrange.plugin as sky
 from skyrange.contracts.frames.payloads import Ints
 from skyrange.core.compiled import compiled
-from skyrange.detect.message_heads import MessageHeads
+from skyrange.detect.messages import MessageHeads
 from skyrange.detect.streams import EventCounts
 
 FINDINGS: Final = ("", "interleaved", "conflict", "old")

@@ -20,27 +20,25 @@ from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds, to_seconds
 from skyrange.core.volumes import Volume4D
 from skyrange.gcs.flight import procedures
-from skyrange.gcs.flight.airspace_claim import AirspaceClaim
-from skyrange.gcs.flight.autopilot_texts import AutopilotTexts
-from skyrange.gcs.flight.flight import Flight, FlightOutcome
+from skyrange.gcs.flight.airspace_claim import AirspaceClaim, IntentSubmission
 from skyrange.gcs.flight.guided_sequencer import GuidedSequencer
-from skyrange.gcs.flight.intent_submission import IntentSubmission
 from skyrange.gcs.flight.lifecycle import (
     ARMED,
     ENDED,
     OVERRULABLE,
     TRANSFERRING,
+    Flight,
     FlightEvent,
+    FlightOutcome,
     FlightState,
     next_state,
 )
 from skyrange.gcs.plan.rerouting import reroute
 from skyrange.gcs.plan.routes import estimated_duration_s, is_endless
-from skyrange.gcs.protocols.commands import Command, CommandExchange
-from skyrange.gcs.protocols.mission_items import ItemList, encode_lists
-from skyrange.gcs.protocols.mission_transfer import Download, Transfer, Upload
-from skyrange.gcs.telemetry.belief import Belief, Watch
-from skyrange.gcs.telemetry.streams import StreamProfile, stream_requests
+from skyrange.gcs.protocols.commands import AutopilotTexts, Command, CommandExchange
+from skyrange.gcs.protocols.mission_transfer import Download, ItemList, Transfer, Upload, encode_lists
+from skyrange.gcs.telemetry import Belief, Watch
+from skyrange.gcs.telemetry_streams import StreamProfile, stream_requests
 from skyrange.planning.limits import NoRouteError
 from skyrange.utm.intent_states import IntentState
 from skyrange.utm.messages import DecisionBody

@@ -41,8 +41,8 @@ from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.authority import Authority
 from skyrange.utm.federated.dss.service import Dss
 from skyrange.utm.federated.dss.store import DssStore
+from skyrange.utm.federated.exchanges import Peer
 from skyrange.utm.federated.tokens import TokenChecker
-from skyrange.utm.federated.uss.directory import Peer
 from skyrange.utm.federated.uss.service import Uss
 
 TEST_OPERATOR: Final = "tests"

@@ -19,11 +19,9 @@ from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Epoch, Time
-from skyrange.utm.constraints import Publication
-from skyrange.utm.contract import Constraint
-from skyrange.utm.federated.exchanges import Asked, Caller, Reply, Server, WrongReplyError, file_report
+from skyrange.utm.contract import Constraint, Publication
+from skyrange.utm.federated.exchanges import Asked, Caller, Directory, Peer, Reply, Server, WrongReplyError, file_report
 from skyrange.utm.federated.tokens import TokenChecker, Tokens
-from skyrange.utm.federated.uss.directory import Directory, Peer
 
 SERVICE_NS: Final = 10 * NS_PER_MS
 RETRY_NS: Final = 5 * NS_PER_S

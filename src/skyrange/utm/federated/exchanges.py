@@ -1,4 +1,4 @@
-"""Exchanges of requests and responses on `uss` links: the side that asks, and the side that answers.
+"""Exchanges of requests and responses on `uss` links: the side that asks, the side that answers, and where peers are.
 
 A request that is not answered is sent again with the same bytes; who answers knows it again, and repeats its response
 without acting twice.
@@ -6,10 +6,10 @@ without acting twice.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import blake2b
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from uas_standards.astm.f3548.v21.api import OperationID
 from uas_standards.astm.f3548.v21.constants import Scope
@@ -226,3 +226,42 @@ def file_report(kind: str, now: Time, asked: Asked, out: Outbox) -> dict[str, An
 def _response(exchange: int, status: int, body: Body | None) -> bytes:
     frame = UssResponse.model_construct(exchange=exchange, status=status, body=None if body is None else dict(body))
     return encode(frame)
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """Another service of the federation."""
+
+    name: str
+    """As tokens for it name their receiver."""
+    port: Port
+
+
+class Directory(Protocol):
+    """The services that a USS can reach."""
+
+    @property
+    def ports(self) -> Sequence[Port]:
+        """The ports that are known from the beginning."""
+        ...
+
+    def find(self, base_url: str) -> Peer | None:
+        """The USS at a base URL; `None` for one that cannot be reached, and for the USS itself."""
+        ...
+
+
+class KnownPeers:
+    """The directory of a federation whose members are fixed. Deep-copyable."""
+
+    def __init__(self, peers: Mapping[str, Peer]) -> None:
+        """`peers`: the other USSs by base URL."""
+        self._peers = dict(sorted(peers.items()))
+
+    @property
+    def ports(self) -> Sequence[Port]:
+        """The ports of all, in the order of their base URLs."""
+        return tuple(peer.port for peer in self._peers.values())
+
+    def find(self, base_url: str) -> Peer | None:
+        """The USS at a base URL."""
+        return self._peers.get(base_url)

@@ -14,8 +14,7 @@ from skyrange.core.errors import ComponentError, InputError, Problem, nearest
 from skyrange.core.ids import ID_PATTERN, Port, link_name
 from skyrange.core.time import NS_PER_MS
 from skyrange.utm.authority import AlternativeParams
-from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService
-from skyrange.utm.federated.names import AIRSPACE, DSS
+from skyrange.utm.contract import AIRSPACE, DSS, ApprovalContext, ApprovalPlugin, ApprovalService
 
 LATENCY_NS: Final = 20 * NS_PER_MS
 """Of the links between services, unless the scenario has another channel for them."""
@@ -38,8 +37,8 @@ def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
     try:
         from skyrange.utm.federated.constraint_manager import ConstraintManager
         from skyrange.utm.federated.dss.service import Dss
+        from skyrange.utm.federated.exchanges import KnownPeers, Peer
         from skyrange.utm.federated.tokens import TokenChecker, TokenStore, public_of
-        from skyrange.utm.federated.uss.directory import KnownPeers, Peer
         from skyrange.utm.federated.uss.service import Uss
     except ImportError as error:
         hint = "pip install 'skyrange[utm]'"

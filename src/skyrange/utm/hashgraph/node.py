@@ -22,9 +22,8 @@ from skyrange.core.ids import FrameId, Port, hash64, operator_of
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time, to_seconds
 from skyrange.utm.approval_service import answer_end, apply_constraint, decide_request, tell_overruled
 from skyrange.utm.authority import Authority
-from skyrange.utm.constraints import Publication
-from skyrange.utm.contract import Constraint
-from skyrange.utm.hashgraph.events import NO_PARENT, Event
+from skyrange.utm.contract import Constraint, Publication
+from skyrange.utm.hashgraph.events import NO_PARENT, Event, is_signed, public_of, sign
 from skyrange.utm.hashgraph.graph import GraphError, Hashgraph, UnknownParentError
 from skyrange.utm.hashgraph.messages import (
     MAX_EVENTS,
@@ -37,7 +36,6 @@ from skyrange.utm.hashgraph.messages import (
     decode,
     encode,
 )
-from skyrange.utm.hashgraph.signatures import is_signed, public_of, sign
 from skyrange.utm.messages import EndBody, decode_request
 from skyrange.utm.request_book import OpenRequest, RequestBook
 

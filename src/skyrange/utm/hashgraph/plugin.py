@@ -51,8 +51,8 @@ def make(params: HashgraphParams, context: ApprovalContext) -> ApprovalService:
         authority = Authority(params)
         agent = FlightApproval(operators, context.epoch, authority, name=context.name, constraints=context.constraints)
         return ApprovalService([agent])
+    from skyrange.utm.hashgraph.events import secret_of
     from skyrange.utm.hashgraph.node import HashgraphNode, make_membership
-    from skyrange.utm.hashgraph.signatures import secret_of
 
     links = [
         LinkSpec(

@@ -27,9 +27,8 @@ from skyrange.core.volumes import Volume4D
 from skyrange.utm.alternatives import Limits, reach
 from skyrange.utm.approval_service import answer_end, answer_intent, tell_overruled
 from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent, Overruled, overruled_by
-from skyrange.utm.federated.exchanges import Asked, Call, Caller, Reply, Server, WrongReplyError
+from skyrange.utm.federated.exchanges import Asked, Call, Caller, Directory, Peer, Reply, Server, WrongReplyError
 from skyrange.utm.federated.tokens import TokenChecker, Tokens
-from skyrange.utm.federated.uss.directory import Directory, Peer
 from skyrange.utm.federated.uss.peer_requests import SERVES, PeerRequests
 from skyrange.utm.federated.uss.shared_intents import OwnIntent, SharedIntents
 from skyrange.utm.federated.uss.tasks import Task, TaskQueue
