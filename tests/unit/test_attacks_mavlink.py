@@ -409,7 +409,7 @@ def is_valid(payload: bytes) -> bool:
 @pytest.mark.parametrize("form", FORMS)
 def test_hostile_frames_are_damaged_or_absurd_and_have_harmless_twins(form: Any, to_station: bool) -> None:
     for number in range(60):
-        payload = hostile_frame(form, Draw(bytes([number]) * 256), Packer(255, 190), SYSTEM, to_station)
+        payload = hostile_frame(form, Draw(bytes([number]) * 256), Packer(255, 190), SYSTEM, to_station=to_station)
         assert is_valid(payload) == (form in ("counts", "numbers"))
         twin = harmless_frame(len(payload), Packer(255, 190))
         assert len(twin) == len(payload)

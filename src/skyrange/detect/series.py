@@ -57,7 +57,7 @@ class Steps(NamedTuple):
 class Series:
     """The messages called `message`, and of each link end the values of `fields` in the last one."""
 
-    def __init__(self, message: str, fields: Sequence[str], timed: bool = True) -> None:
+    def __init__(self, message: str, fields: Sequence[str], *, timed: bool = True) -> None:
         """`timed` says that the message has a `time_boot_ms`."""
         self._message = message
         self._fields = tuple(fields)
@@ -96,7 +96,7 @@ class Series:
 
 def series(message: str, *fields: str, timed: bool = True) -> Any:
     """State of a detector that is a `Series`."""
-    return state(partial(Series, message, fields, timed))
+    return state(partial(Series, message, fields, timed=timed))
 
 
 def grown(values: Floats, count: int, fill: float = 0.0) -> Floats:

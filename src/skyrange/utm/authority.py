@@ -102,7 +102,7 @@ class Authority:
         """The same decision without alternatives, which take time, for one who only keeps up with what is decided."""
         return self._decide(now, request, offers=False)
 
-    def _decide(self, now: Time, request: OperationalIntent, offers: bool) -> ApprovalDecision:
+    def _decide(self, now: Time, request: OperationalIntent, *, offers: bool) -> ApprovalDecision:
         for forgotten in self._register.forget(now):
             del self._decisions[forgotten]
             self._journal.delete(forgotten)

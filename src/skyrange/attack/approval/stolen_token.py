@@ -40,7 +40,7 @@ class ReadAccess:
             if isinstance(id_, str) and isinstance(ovn, str):
                 self.ovns[id_] = ovn
 
-    def end_intent(self, sham: bool) -> bytes | None:
+    def end_intent(self, *, sham: bool) -> bytes | None:
         """The request that ends the intent that is known for the longest time; that of a sham names a wrong version.
 
         `None` as long as no token or no intent is known.
@@ -86,5 +86,5 @@ class StolenToken(AtUss):
         return () if self.read.token == token else (sky.Note(LEARNED, self.link, {"what": "token"}, (frame.id,)),)
 
     def send(self, now: sky.Time) -> sky.Verdicts:
-        request = self.read.end_intent(self.sham)
+        request = self.read.end_intent(sham=self.sham)
         return () if request is None else [self.inject(request)]

@@ -73,7 +73,7 @@ class RadioAgent(Acting):
         self.ports = [self.up, *([Port(context.radio, context.down)] if self.listens else [])]
         links = [up_link(context), *([down_link(context)] if self.listens else [])]
         assert self.transmitter_m is not None  # a kind without a default has found one in `prepare`
-        radio = transmitter(context, self.transmitter_m, self.power_dbm, self.listens)
+        radio = transmitter(context, self.transmitter_m, self.power_dbm, listens=self.listens)
         return Attack(agents=[self], links=links, radios=[radio])
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:

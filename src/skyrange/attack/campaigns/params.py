@@ -146,11 +146,11 @@ def find_problems(stages: Sequence[Stage], acts: Collection[str], *, taps: bool,
                 yield Problem(f"{where}.acts", act, "the name of an act", nearest(act, acts))
         if not stage.bounded:
             yield Problem(f"{where}.timeout_s", "missing", "a longest duration", "Without one it may never end.")
-        yield from _find_unobservable(where, stage, taps, receiver)
+        yield from _find_unobservable(where, stage, taps=taps, receiver=receiver)
     yield from _find_idle(stages, acts)
 
 
-def _find_unobservable(where: str, stage: Stage, taps: bool, receiver: bool) -> Iterator[Problem]:
+def _find_unobservable(where: str, stage: Stage, *, taps: bool, receiver: bool) -> Iterator[Problem]:
     """Conditions on what the adversary has no means to observe."""
     until = stage.until
     if until is None:

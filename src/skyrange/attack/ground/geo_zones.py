@@ -141,5 +141,5 @@ class GeoZones(sky.LinkTap):
 
     def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         """Alter an item of a fence; a sham sends it on as it is, with as many bytes."""
-        sent = self.upload.alter(frame, self.sham) if self.is_acting(now) else None
+        sent = self.upload.alter(frame, sham=self.sham) if self.is_acting(now) else None
         return () if sent is None else (sky.Replace(sent),)

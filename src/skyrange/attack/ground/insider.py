@@ -102,7 +102,7 @@ class ShownFlight:
         up = height_m - self.origin.alt_msl_m if frame in _ABOVE_SEA else self.home[2] + height_m
         return (east, north, up)
 
-    def rewrite(self, payload: bytes, since_ns: Time, sham: bool) -> bytes | None:
+    def rewrite(self, payload: bytes, since_ns: Time, *, sham: bool) -> bytes | None:
         """The frame of telemetry that is shown instead, without a signature; `None` where it stays as it is."""
         number = message_id(payload)
         plain = without_signature(payload) if number in _SHOWN else None
@@ -111,7 +111,7 @@ class ShownFlight:
             return None
         true = fields.copy()
         return (
-            write_alteration(plain, number, true, fields, sham)
+            write_alteration(plain, number, true, fields, sham=sham)
             if self.alter(_SHOWN[number], fields, since_ns)
             else None
         )
@@ -242,7 +242,7 @@ class Insider(RoundsOnLink):
         secret = station_key(self.chance.seed, self.operator)
         self.up, self.down = SenderStream(secret), SenderStream(secret)
         self.answers = sky.MavlinkPacker(aircraft.system_id, AUTOPILOT)
-        sender = Sender(sky.MavlinkPacker(*sky.STATION), aircraft.system_id, True, is_sham=self.sham)
+        sender = Sender(sky.MavlinkPacker(*sky.STATION), aircraft.system_id, claims_station=True, is_sham=self.sham)
         self.leader = Leader(sender, self.schedule, self.origin, (self.at,), within_m=1.0)
         self.shown = ShownFlight(self.origin, aircraft.start_enu_m, aircraft.system_id)
 
@@ -252,9 +252,9 @@ class Insider(RoundsOnLink):
         acts, payload = self.is_acting(now), frame.payload
         if frame.direction == "fwd":
             self.shown.learn(payload)
-            order = redirect_order(payload, self.sham) if acts else None
+            order = redirect_order(payload, sham=self.sham) if acts else None
             return _replace(payload, self.up.forward(payload)) if order is None else self._hold_back(payload, order)
-        content = self.shown.rewrite(payload, now - self.schedule.start_ns, self.sham)
+        content = self.shown.rewrite(payload, now - self.schedule.start_ns, sham=self.sham)
         sent = self.down.forward(payload, content if acts else None)
         return [sky.Replace(sent)] if acts and content is not None else _replace(payload, sent)
 
@@ -267,7 +267,7 @@ class Insider(RoundsOnLink):
         verdicts: list[sky.Verdict] = [sky.Replace(self.up.forward(payload, order))]
         command = command_of(payload)
         if command is not None:
-            answer = self.down.add(self.answers.pack(acknowledge(command, self.sham)))
+            answer = self.down.add(self.answers.pack(acknowledge(command, sham=self.sham)))
             verdicts.append(sky.Inject(answer, "rev", *ends_of(self.link, "rev")))
         return verdicts
 

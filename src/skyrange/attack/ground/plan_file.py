@@ -90,7 +90,7 @@ class PlanFile(sky.LinkTap):
             return ()
         if self.upload is None:
             return self._alter_intent(frame)
-        sent = self.upload.alter(frame, self.sham)
+        sent = self.upload.alter(frame, sham=self.sham)
         return () if sent is None else (sky.Replace(sent),)
 
     def _alter_intent(self, frame: sky.Frame) -> sky.Verdicts:
@@ -101,4 +101,4 @@ class PlanFile(sky.LinkTap):
         intent = request.intent(self.epoch)
         altered = replace(intent, volumes=tuple(map(self.alteration.alter_volume, intent.volumes)))
         payload = sky.encode_approval(sky.ApprovalRequest.of(altered, self.epoch, request.body.version or 0))
-        return (replace_json(frame.payload, payload, self.sham),)
+        return (replace_json(frame.payload, payload, sham=self.sham),)

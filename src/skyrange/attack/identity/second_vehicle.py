@@ -60,7 +60,7 @@ class ClaimedAircraft:
         if self.mode is not None:
             put(fields, "custom_mode", COPTER_MODE_NUMBERS[self.mode])
         if self.armed is not None:
-            put_bits(fields, "base_mode", _ARMED, self.armed)
+            put_bits(fields, "base_mode", _ARMED, value=self.armed)
 
     def _write_position(self, fields: Any, seconds: float) -> None:
         at, (east, north, up) = self.at, self.velocity_mps

@@ -64,7 +64,7 @@ class Draw:
         return shake_128(self.bits + self.used.to_bytes(4, "little")).digest(count)
 
 
-def _station_message(draw: Draw, target: int, absurd: bool) -> Message:
+def _station_message(draw: Draw, target: int, *, absurd: bool) -> Message:
     """A message of an aircraft to its station."""
     if not absurd:
         return [
@@ -83,7 +83,7 @@ def _station_message(draw: Draw, target: int, absurd: bool) -> Message:
     ][draw.below(4)]
 
 
-def _aircraft_message(draw: Draw, target: int, absurd: bool) -> Message:
+def _aircraft_message(draw: Draw, target: int, *, absurd: bool) -> Message:
     """A message of a station to an aircraft."""
     if not absurd:
         kind = draw.below(3)
@@ -108,17 +108,17 @@ def _aircraft_message(draw: Draw, target: int, absurd: bool) -> Message:
     ][draw.below(6)]
 
 
-def draw_frame(forms: Sequence[Form], draw: Draw, packer: Packer, target: int, to_station: bool) -> bytes:
+def draw_frame(forms: Sequence[Form], draw: Draw, packer: Packer, target: int, *, to_station: bool) -> bytes:
     """One frame of a form that is drawn. Its size depends on the addressee only where that is 0, unlike in a sham."""
-    return hostile_frame(forms[draw.below(len(forms))], draw, packer, target, to_station)
+    return hostile_frame(forms[draw.below(len(forms))], draw, packer, target, to_station=to_station)
 
 
-def hostile_frame(form: Form, draw: Draw, packer: Packer, target: int, to_station: bool) -> bytes:
+def hostile_frame(form: Form, draw: Draw, packer: Packer, target: int, *, to_station: bool) -> bytes:
     """One frame of a form, towards a station or an aircraft."""
     if form == "garbage":
         return draw.octets(_SHORTEST + draw.below(_LONGEST - _SHORTEST))
     message = _station_message if to_station else _aircraft_message
-    good = packer.pack(message(draw, target, form == "numbers"))  # 14 bytes or more: no message is empty
+    good = packer.pack(message(draw, target, absurd=form == "numbers"))  # 14 bytes or more: no message is empty
     if form == "truncated":
         return good[: max(_SHORTEST, draw.below(len(good)))]
     if form == "checksum":
@@ -178,5 +178,5 @@ class HostileFrames(sky.Injection):
         draw = Draw.of(self.chance.uniform4(f"{self.id}.malformed", sky.hash64(self.link), now))
         to_station = self.way == "rev"
         packer = sky.MavlinkPacker(self.target, sky.AUTOPILOT) if to_station else self.claimed.packer
-        payload = draw_frame(self.forms, draw, packer, self.target, to_station)
+        payload = draw_frame(self.forms, draw, packer, self.target, to_station=to_station)
         return [harmless_frame(len(payload), packer) if self.sham else payload]

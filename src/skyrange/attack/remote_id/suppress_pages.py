@@ -50,7 +50,7 @@ class Rhythm:
     surprises: int = 0
     """Manifests heard since the last one that came when it was expected."""
 
-    def hear(self, start_ns: Time, is_expected: bool) -> list[Time]:
+    def hear(self, start_ns: Time, *, is_expected: bool) -> list[Time]:
         """Learn from a Manifest that was heard; the times of those to come, if the period is known only now."""
         self.surprises = 0 if is_expected else self.surprises + 1
         if self.surprises > MAX_SURPRISES:
@@ -94,7 +94,7 @@ class ManifestTimes:
                 self._forget(next(iter(self.rhythms)))
             rhythm = self.rhythms[address] = Rhythm()
         is_expected = abs(start_ns - self._recent.get(address, 0)) <= TOLERANCE_NS
-        coming = rhythm.hear(start_ns, is_expected)
+        coming = rhythm.hear(start_ns, is_expected=is_expected)
         if rhythm.period_ns is None or coming:
             self._expect_none_of(address)
         for at_ns in coming:

@@ -42,8 +42,8 @@ class FalseAlarm(sky.AlteredTelemetry):
             sky.put(fields, "system_status", _STATES[self.state])
         elif message == "SYS_STATUS":
             for name in ("onboard_control_sensors_present", "onboard_control_sensors_enabled"):
-                put_bits(fields, name, self.failed, True)
-            put_bits(fields, "onboard_control_sensors_health", self.failed, False)
+                put_bits(fields, name, self.failed, value=True)
+            put_bits(fields, "onboard_control_sensors_health", self.failed, value=False)
         else:
             report_lost(fields)
         return True

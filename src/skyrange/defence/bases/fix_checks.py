@@ -42,7 +42,7 @@ class FixGuard:
         self._closed, self._latched, self._told = [False] * count, [False] * count, [False] * count
         self._bad_ns = [_EPOCH] * count
 
-    def find(self, row: int, now: Time, kind: str, score: float, latch: bool = False, **data: float) -> list[Alert]:
+    def find(self, row: int, now: Time, kind: str, score: float, *, latch: bool = False, **data: float) -> list[Alert]:
         """Raise an alarm about an aircraft, and reject its fixes; with `latch` until `release`, however they look."""
         self._closed[row], self._bad_ns[row] = True, now
         self._latched[row] = self._latched[row] or latch

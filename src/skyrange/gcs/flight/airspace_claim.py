@@ -168,7 +168,7 @@ class AirspaceClaim:
         self.version += 1
         return submission
 
-    def accept(self, submission: IntentSubmission, tracked: bool) -> None:
+    def accept(self, submission: IntentSubmission, *, tracked: bool) -> None:
         """The approval has accepted a request."""
         self.state, self.tracked = submission.intent.state, tracked
         self.rounds, self.wanted = 0, None

@@ -166,11 +166,11 @@ class FlightSequencer:
             self._on_reroute(now, self.submission, decision, ref, out)
         elif self.report is not None and self.report.is_answered_by(decision):
             if decision.decision == "Accepted":
-                self.claim.accept(self.report, True)
+                self.claim.accept(self.report, tracked=True)
             self.report = None
         elif self.submission is not None and self.submission.is_answered_by(decision):
             if decision.decision == "Accepted":
-                self.claim.accept(self.submission, decision.tracked is True)
+                self.claim.accept(self.submission, tracked=decision.tracked is True)
                 activated = self.state is FlightState.ACTIVATING
                 event = FlightEvent.ACTIVATED if activated else FlightEvent.APPROVED
                 self._raise(event, now, out, (ref,), {"ovn": decision.ovn})
@@ -238,7 +238,7 @@ class FlightSequencer:
         if decision.decision != "Accepted" or self.rerouted is None:
             self.give_up(f"approval rejected: {decision.reason}", now, out, (ref,))
             return
-        self.claim.accept(submission, True)
+        self.claim.accept(submission, tracked=True)
         self.flight, self.rerouted = self.rerouted, None
         self.guided = GuidedSequencer.for_plan(self.flight.plan)
         self.guided.advance(now)

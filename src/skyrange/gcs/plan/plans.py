@@ -217,7 +217,16 @@ def _items(origin: Origin, home: Point, route: Sequence[Point], cruise_mps: floa
     items = [
         at(Point(0.0, 0.0, first.up_m), mav.MAV_CMD_NAV_TAKEOFF),
         MissionItem(
-            mav.MAV_FRAME_MISSION, mav.MAV_CMD_DO_CHANGE_SPEED, 1.0, cruise_mps, -1.0, 0.0, 0.0, 0.0, 0.0, True
+            mav.MAV_FRAME_MISSION,
+            mav.MAV_CMD_DO_CHANGE_SPEED,
+            1.0,
+            cruise_mps,
+            -1.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            autocontinue=True,
         ),
     ]
     rest = route[1:] if (first.east_m, first.north_m) == (0.0, 0.0) else route
@@ -227,7 +236,16 @@ def _items(origin: Origin, home: Point, route: Sequence[Point], cruise_mps: floa
     else:
         items.append(
             MissionItem(
-                mav.MAV_FRAME_MISSION, mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, True
+                mav.MAV_FRAME_MISSION,
+                mav.MAV_CMD_NAV_RETURN_TO_LAUNCH,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                autocontinue=True,
             )
         )
     return tuple(items)

@@ -104,14 +104,14 @@ class AltersMessages(OnApproval):
         except (ValueError, LookupError, TypeError, AttributeError):
             return ()  # it is another message, or another attack has altered it
         false = json.dumps(message, sort_keys=True, separators=(",", ":")).encode()
-        return (replace_json(frame.payload, false, self.sham),)
+        return (replace_json(frame.payload, false, sham=self.sham),)
 
     def alter(self, message: Any) -> None:
         """Write into the JSON of a message. One that has not what this reads passes as it is."""
         raise NotImplementedError
 
 
-def replace_json(payload: bytes, false: bytes, sham: bool) -> Replace:
+def replace_json(payload: bytes, false: bytes, *, sham: bool) -> Replace:
     """Replace JSON by false JSON; a sham replaces it by itself, with as many bytes. JSON may end with spaces."""
     return Replace((payload if sham else false).ljust(max(len(false), len(payload))))
 
@@ -207,7 +207,7 @@ class CorridorClaim(InCorridor):
         """A tap on the approval link of the operator."""
         return Attack(taps=[TapPlacement(link_name(APPROVAL, self.operator), SIDES[APPROVAL], CopyForLink(self))])
 
-    def make_intent(self, flight: str, now: Time, far: bool = False) -> OperationalIntent:
+    def make_intent(self, flight: str, now: Time, *, far: bool = False) -> OperationalIntent:
         """The claim of the corridor from `now` on, for a flight that does not exist.
 
         It is for much later if it is to be `far`, and in a sham.

@@ -117,7 +117,7 @@ class AlteredUpload:
     """The operator's altered items by number."""
     mission_type: int = int(mav.MAV_MISSION_TYPE_MISSION)
 
-    def alter(self, frame: Frame, sham: bool) -> bytes | None:
+    def alter(self, frame: Frame, *, sham: bool) -> bytes | None:
         """The altered frame, that of a sham with the same content; `None` for one that stays as it is."""
         number = message_id(frame.payload)
         plain = without_signature(frame.payload) if number in (_COUNT, _ITEM) else None
@@ -132,7 +132,7 @@ class AlteredUpload:
         true = fields.copy()
         if not (self._alter_up(fields) if upwards else self._restore(fields)):
             return None
-        content = write_alteration(plain, number, true, fields, sham)
+        content = write_alteration(plain, number, true, fields, sham=sham)
         return (self.up if upwards else self.down).forward(frame.payload, content)
 
     def _alter_up(self, fields: Any) -> bool:

@@ -147,7 +147,7 @@ def command_of(frame: bytes) -> int | None:
     return None if fields is None else int(fields["command"])
 
 
-def acknowledge(command: int, sham: bool) -> Message:
+def acknowledge(command: int, *, sham: bool) -> Message:
     """The acknowledgement of a command for the station; that of a sham addresses nobody."""
     station = NOBODY if sham else STATION[0]
     return mav.MAVLink_command_ack_message(
@@ -155,7 +155,7 @@ def acknowledge(command: int, sham: bool) -> Message:
     )
 
 
-def redirect_order(frame: bytes, sham: bool) -> bytes | None:
+def redirect_order(frame: bytes, *, sham: bool) -> bytes | None:
     """An order to an aircraft in flight, addressed to nobody and not signed; the sham leaves its address.
 
     `None` for a frame that is no such order.
@@ -230,7 +230,7 @@ class CompromisedCompanion(RoundsOnLink):
         super().begin()
         vehicle = self.link.partition(":")[2]
         self.system = self.systems[vehicle]
-        self.sender = Sender(Packer(self.system, COMPONENT), self.system, False, is_sham=self.sham)
+        self.sender = Sender(Packer(self.system, COMPONENT), self.system, claims_station=False, is_sham=self.sham)
         secret = station_key(self.chance.seed, operator_of(vehicle))
         self.own, self.forwarded = SenderStream(secret), SenderStream(secret)
 
@@ -249,7 +249,7 @@ class CompromisedCompanion(RoundsOnLink):
         stream = self.own if is_own else self.forwarded
         content = None
         if self.holds_back == ("companion" if is_own else "station") and self.is_acting(now):
-            content = redirect_order(payload, self.sham)
+            content = redirect_order(payload, sham=self.sham)
         sent = stream.forward(payload, content)
         return [Replace(sent)] if content is not None or sent != payload else ()
 

@@ -127,7 +127,7 @@ class Injection(InAir, RoundsOnLink):
         self.target, self.systems = self.systems[self.link], {}
         own = self.sender == "own"
         packer = Packer(*((self.system_id, self.component_id) if own else STATION))
-        self.claimed = Sender(packer, self.target, not own, is_sham=self.sham)
+        self.claimed = Sender(packer, self.target, claims_station=not own, is_sham=self.sham)
 
     def on_frame(self, now: Time, frame: Frame) -> Verdicts:
         """Let it pass, and learn who the station is and what the aircraft says."""

@@ -48,7 +48,7 @@ def rewrite(original: Message, message: Message) -> bytes:
     return packer.pack(message)
 
 
-def replace_message(original: Message, message: Message, sham: bool) -> Replace:
+def replace_message(original: Message, message: Message, *, sham: bool) -> Replace:
     """A message in place of another one, with its sender and sequence number; that of a sham is the original."""
     return Replace(original.get_msgbuf() if sham else rewrite(original, message))
 
@@ -85,7 +85,7 @@ def mode_order(mode: int) -> Order:
     return Order(mav.MAV_CMD_DO_SET_MODE, (float(mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode)))
 
 
-def stick_message(target: int, component: int, sticks: Sticks, manual: bool) -> Message:
+def stick_message(target: int, component: int, sticks: Sticks, *, manual: bool) -> Message:
     """The message for stick positions: ArduCopter's channels 1 to 4 are roll, pitch, throttle and yaw."""
     forward, right, throttle, yaw = sticks
     if manual:

@@ -128,7 +128,7 @@ class AlteredTelemetry(LinkTap):
         true = fields.copy()
         if not self.alter(self.names[number], fields, since_ns):
             return ()
-        return (Replace(write_alteration(payload, number, true, fields, self.sham)),)
+        return (Replace(write_alteration(payload, number, true, fields, sham=self.sham)),)
 
     def find_messages(self) -> Iterable[str]:
         """The messages that it alters with its parameters."""
