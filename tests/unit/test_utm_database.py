@@ -189,14 +189,14 @@ def test_an_end_of_which_the_dss_has_not_heard_is_asked_for_after_a_restart() ->
     uss = Uss(
         "north",
         "north",
-        [("blue", Port("approval", "approval:blue"))],
-        Peer("dss", Port("approval.north", "uss:dss")),
-        KnownPeers({}),
-        "https://north",
-        TokenStore("north", SECRET, EPOCH),
-        TokenChecker(frozenset({"north"}), (public_of(SECRET),), EPOCH),
-        AuthorityParams().limits,
-        EPOCH,
+        operators=[("blue", Port("approval", "approval:blue"))],
+        dss=Peer("dss", Port("approval.north", "uss:dss")),
+        directory=KnownPeers({}),
+        base_url="https://north",
+        tokens=TokenStore("north", SECRET, EPOCH),
+        checker=TokenChecker(frozenset({"north"}), (public_of(SECRET),), EPOCH),
+        limits=AuthorityParams().limits,
+        epoch=EPOCH,
         own=[OwnIntent(ended, reference)],
     )
     (departure,) = uss.step(0, Inbox()).departures

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Final, NamedTuple
 
-from skyrange.contracts.mailboxes import Arrival, Outbox
+from skyrange.contracts.mailboxes import Arrival, Outbox, Turn
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port, operator_of
 from skyrange.core.time import Time
@@ -118,10 +118,10 @@ class RequestBook:
             self._held.add(intent)
             self.accepted[operator] += 1
 
-    def retract(self, operator: str, intent: str, payload: bytes, causes: tuple[FrameId, ...], out: Outbox) -> None:
+    def retract(self, turn: Turn, operator: str, intent: str, payload: bytes) -> None:
         """Send the frame of a response that nobody asked for, and forget the answer that it takes back."""
         self._answers[operator].pop(intent, None)
-        out.send(self._port_of[operator], payload, causes)
+        turn.send(self._port_of[operator], payload)
 
     def _refuse(self, operator: str, arrival: Arrival, response: Response, out: Outbox) -> None:
         count = self.bad_frames[operator] = self.bad_frames[operator] + 1

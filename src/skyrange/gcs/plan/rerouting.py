@@ -42,10 +42,10 @@ def reroute(
     progress: int,
     here: Point,
     closed: Sequence[Volume4D],
+    *,
     now: Time,
     city: City | None,
     margins: Margins,
-    *,
     direct: bool = False,
 ) -> FlightPlan:
     """The rest of a plan from `here` on as a guided plan whose volumes from `now` on are none of the closed ones.

@@ -218,17 +218,17 @@ def _make_uss(
     return Uss(
         config.name,
         config.name,
-        list(operators.ports.items()),
-        Peer(audience, Port(here, _DSS)),
-        directory,
-        config.base_url,
-        TokenRequests(),
-        checker,
-        settings.limits.limits,
-        UNIX,
-        journal,
-        () if journal is None else journal.intents(),
-        settings.constraints,
+        operators=list(operators.ports.items()),
+        dss=Peer(audience, Port(here, _DSS)),
+        directory=directory,
+        base_url=config.base_url,
+        tokens=TokenRequests(),
+        checker=checker,
+        limits=settings.limits.limits,
+        epoch=UNIX,
+        journal=journal,
+        own=() if journal is None else journal.intents(),
+        constraints=settings.constraints,
     )
 
 

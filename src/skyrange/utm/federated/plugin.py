@@ -77,14 +77,14 @@ def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
             Uss(
                 f"{context.name}.{name}",
                 name,
-                [(operator, context.port(operator)) for operator in operators],
-                Peer(DSS, port(name, DSS)),
-                peers(name),
-                base_url(name),
-                TokenStore(name, secret, context.epoch),
-                TokenChecker(frozenset({name}), (public,), context.epoch),
-                params.limits,
-                context.epoch,
+                operators=[(operator, context.port(operator)) for operator in operators],
+                dss=Peer(DSS, port(name, DSS)),
+                directory=peers(name),
+                base_url=base_url(name),
+                tokens=TokenStore(name, secret, context.epoch),
+                checker=TokenChecker(frozenset({name}), (public,), context.epoch),
+                limits=params.limits,
+                epoch=context.epoch,
                 constraints=bool(context.constraints),
             )
         )
@@ -92,13 +92,13 @@ def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
         agents.append(
             ConstraintManager(
                 f"{context.name}.{AIRSPACE}",
-                Peer(DSS, port(AIRSPACE, DSS)),
-                peers(AIRSPACE),
-                base_url(AIRSPACE),
-                TokenStore(AIRSPACE, secret, context.epoch),
-                TokenChecker(frozenset({AIRSPACE}), (public,), context.epoch),
-                context.constraints,
-                context.epoch,
+                dss=Peer(DSS, port(AIRSPACE, DSS)),
+                directory=peers(AIRSPACE),
+                base_url=base_url(AIRSPACE),
+                tokens=TokenStore(AIRSPACE, secret, context.epoch),
+                checker=TokenChecker(frozenset({AIRSPACE}), (public,), context.epoch),
+                constraints=context.constraints,
+                epoch=context.epoch,
             )
         )
     return ApprovalService(agents, list(links.values()))

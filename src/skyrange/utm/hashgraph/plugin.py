@@ -77,15 +77,15 @@ def make(params: HashgraphParams, context: ApprovalContext) -> ApprovalService:
             HashgraphNode(
                 f"{context.name}.{operator}",
                 operator,
-                context.port(operator),
-                peers,
-                membership,
-                secrets[operator],
-                Authority(params),
-                context.epoch,
-                context.chance,
-                from_seconds(params.gossip_s),
-                context.constraints,
+                approval=context.port(operator),
+                peers=peers,
+                membership=membership,
+                secret=secrets[operator],
+                authority=Authority(params),
+                epoch=context.epoch,
+                chance=context.chance,
+                gossip_ns=from_seconds(params.gossip_s),
+                constraints=context.constraints,
             )
         )
     return ApprovalService(nodes, links)
