@@ -27,16 +27,19 @@ from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
 from skyrange.gcs.flight.airspace_claim import AirspaceClaim
+from skyrange.gcs.flight.autopilot_dialogue import (
+    AUTOPILOT_COMPONENT,
+    STATION_COMPONENT,
+    STATION_SYSTEM,
+    AutopilotDialogue,
+)
 from skyrange.gcs.flight.lifecycle import ENDED, Flight, FlightOutcome, FlightState
 from skyrange.gcs.flight.replanning import Replanner, Replanning
 from skyrange.gcs.flight.sequencer import (
-    AUTOPILOT_COMPONENT,
     HEARTBEAT_NS,
     LINK_TIMEOUT_NS,
     READ,
     STALE_NS,
-    STATION_COMPONENT,
-    STATION_SYSTEM,
     FlightSequencer,
 )
 from skyrange.gcs.plan.volumes import MARGINS, Margins
@@ -95,11 +98,15 @@ class GroundStation:
         self._sequencers = [
             FlightSequencer(
                 flight,
-                Port(self.name, link_name("gcs", flight.vehicle)),
+                AutopilotDialogue(
+                    flight.vehicle,
+                    flight.system_id,
+                    Port(self.name, link_name("gcs", flight.vehicle)),
+                    FleetPacker(STATION_SYSTEM, STATION_COMPONENT, self._sequences, place),
+                ),
                 approval,
                 profile,
                 self._beliefs.of(place),
-                FleetPacker(STATION_SYSTEM, STATION_COMPONENT, self._sequences, place),
                 AirspaceClaim(epoch, chance, margins, city),
             )
             for place, flight in enumerate(flights)
@@ -108,7 +115,7 @@ class GroundStation:
             self._beliefs, [flight.system_id for flight in flights], AUTOPILOT_COMPONENT, READ
         )
         reports = [Port(self.name, link_name("oracle", operator))] if traffic_picture is not None else []
-        self.ports: Sequence[Port] = (*(sequencer.port for sequencer in self._sequencers), approval, *reports)
+        self.ports: Sequence[Port] = (*(sequencer.dialogue.port for sequencer in self._sequencers), approval, *reports)
         self.traffic_picture = traffic_picture
         """The traffic picture of the ground receivers; `None` without receivers."""
         self.bad_approvals = 0
@@ -117,7 +124,7 @@ class GroundStation:
         self._signed: SignedConnections | None = None
         if key is not None:
             ends = [
-                SignedConnection(sequencer.flight.vehicle, key, sequencer.port, sequencer.port)
+                SignedConnection(sequencer.flight.vehicle, key, sequencer.dialogue.port, sequencer.dialogue.port)
                 for sequencer in self._sequencers
             ]
             self._signed = SignedConnections(self.ports, ends, LINK_ID, "decision.signature_refused")

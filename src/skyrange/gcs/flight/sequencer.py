@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from skyrange.codec.mavlink import Message, Packer, decode
+from skyrange.codec.mavlink import Message, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import mode_name
 from skyrange.contracts.mailboxes import Arrival, Turn
@@ -21,6 +21,7 @@ from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds, to_seconds
 from skyrange.core.volumes import Volume4D
 from skyrange.gcs.flight import procedures
 from skyrange.gcs.flight.airspace_claim import AirspaceClaim, IntentSubmission
+from skyrange.gcs.flight.autopilot_dialogue import AUTOPILOT_COMPONENT, AutopilotDialogue, Progress
 from skyrange.gcs.flight.guided_sequencer import GuidedSequencer
 from skyrange.gcs.flight.lifecycle import (
     ARMED,
@@ -35,18 +36,14 @@ from skyrange.gcs.flight.lifecycle import (
 )
 from skyrange.gcs.plan.rerouting import reroute
 from skyrange.gcs.plan.routes import estimated_duration_s, is_endless
-from skyrange.gcs.protocols.commands import AutopilotTexts, Command, CommandExchange
-from skyrange.gcs.protocols.mission_transfer import Download, ItemList, Transfer, Upload, encode_lists
+from skyrange.gcs.protocols.commands import AutopilotTexts
+from skyrange.gcs.protocols.mission_transfer import encode_lists
 from skyrange.gcs.telemetry import Belief, Watch
 from skyrange.gcs.telemetry_streams import StreamProfile, stream_requests
 from skyrange.planning.limits import NoRouteError
 from skyrange.utm.intent_states import IntentState
 from skyrange.utm.messages import DecisionBody
 
-STATION_SYSTEM = 255
-STATION_COMPONENT = mav.MAV_COMP_ID_MISSIONPLANNER
-"""190, the component id of ground stations by convention."""
-AUTOPILOT_COMPONENT = mav.MAV_COMP_ID_AUTOPILOT1
 HEARTBEAT_NS = NS_PER_S
 """Period of heartbeats; https://mavlink.io/en/services/heartbeat.html: generally 1 Hz."""
 LINK_TIMEOUT_NS = 5 * NS_PER_S
@@ -92,11 +89,10 @@ class FlightSequencer:
     """The flight sequencer of one aircraft. `due` is when `on_time` must be called if no frame arrives before."""
 
     flight: Flight
-    port: Port
+    dialogue: AutopilotDialogue
     approval_port: Port
     streams: StreamProfile
     belief: Belief
-    packer: Packer
     claim: AirspaceClaim
     state: FlightState = FlightState.PLANNED
     outcome: FlightOutcome | None = None
@@ -108,14 +104,6 @@ class FlightSequencer:
     report: IntentSubmission | None = None
     """The report on the intent of a flight that has begun, or ended, until the approval confirms it."""
     deadline: Time = NEVER
-    transfer: Transfer | None = None
-    upload: Upload | None = None
-    lists: list[ItemList] = field(default_factory=list)
-    """What is still to be uploaded."""
-    exchange: CommandExchange | None = None
-    todo: list[Command] = field(default_factory=list)
-    refused: set[str] = field(default_factory=set)
-    """Reasons for rejections of optional commands that are already recorded."""
     guided: GuidedSequencer | None = None
     rerouted: Flight | None = None
     """The rest of the flight on another way, while the approval is asked for it."""
@@ -200,7 +188,7 @@ class FlightSequencer:
         data: dict[str, Scalar] = {"reason": decision.reason}
         if self.state in OVERRULABLE:
             self.claim.state = None
-            self._drop_commands()
+            self.dialogue.drop_commands()
             self._raise(turn, FlightEvent.OVERRULED, data)
         elif self.state is FlightState.FLYING and decision.closed:
             closed = [one.volume4d(self.claim.epoch) for one in decision.closed]
@@ -228,7 +216,7 @@ class FlightSequencer:
             )
         except NoRouteError as error:
             return str(error)
-        self._drop_commands()
+        self.dialogue.drop_commands()
         self.rerouted = replace(self.flight, plan=rest)
         self._raise(turn, FlightEvent.CLOSED, {"reason": reason})
         self._reschedule()
@@ -259,11 +247,11 @@ class FlightSequencer:
             self._submit_intent(turn, self.submission)
         if self.report is not None and turn.now >= self.report.due:
             self._send_report(turn, self.report)
-        if self.transfer is not None and turn.now >= self.transfer.due:
-            self._send(turn.caused_by(*self.state_causes), self.transfer.on_time(turn.now))
-            self._transfer_ended(turn.caused_by(*self.state_causes))
-        if self.exchange is not None and turn.now >= self.exchange.due:
-            self._send_command(turn.caused_by(*self.state_causes))
+        caused = turn.caused_by(*self.state_causes)
+        if self.dialogue.repeat_transfer(caused):
+            self._follow_transfer(caused)
+        caused = turn.caused_by(*self.state_causes)
+        self._follow_commands(caused, self.dialogue.repeat_command(caused))
         if self.state in _TIMED and turn.now >= self._timed_end_ns():
             self._raise(turn.caused_by(*self.state_causes), self._timed_event())
         if turn.now >= self.deadline and self.state not in ENDED:
@@ -284,7 +272,7 @@ class FlightSequencer:
         elif self.state is FlightState.CONNECTING:
             self._raise(turn, FlightEvent.HEARD)
         elif self.state is FlightState.ARMING and self.belief.armed:
-            self._drop_commands()  # the acknowledgement of the arm command may have been lost
+            self.dialogue.drop_commands()  # the acknowledgement of the arm command may have been lost
             self._raise(turn, FlightEvent.ARMED)
         elif self.state in ARMED and self.belief.consecutive_disarmed >= DISARMED_HEARTBEATS:
             self._disarmed(turn)
@@ -296,7 +284,7 @@ class FlightSequencer:
         guided = self.guided
         if guided is not None and self.state is FlightState.STARTING and guided.has_left(message.relative_alt):
             # the acknowledgement was lost; in the air, ArduCopter answers a repeated take-off command with FAILED
-            self._drop_commands()
+            self.dialogue.drop_commands()
             self._raise(turn, FlightEvent.STARTED)
         if guided is None or self.state is not FlightState.FLYING:
             return
@@ -325,35 +313,23 @@ class FlightSequencer:
             self._mission_done(turn)
 
     def _on_item_request(self, turn: Turn, message: Message) -> None:
-        if self.upload is not None and self.state in TRANSFERRING and _is_of(message, self.upload):
-            self._send(turn, self.upload.on_request(turn.now, message.seq))
+        if self.state in TRANSFERRING:
+            self.dialogue.answer_item_request(turn, message)
 
     def _on_mission_ack(self, turn: Turn, message: Message) -> None:
-        if self.transfer is not None and _is_of(message, self.transfer):
-            self.transfer.on_ack(turn.now, message.type)
-            self._transfer_ended(turn)
+        if self.dialogue.read_mission_ack(turn, message):
+            self._follow_transfer(turn)
 
     def _on_count(self, turn: Turn, message: Message) -> None:
-        if isinstance(self.transfer, Download) and _is_of(message, self.transfer):
-            self._send(turn, self.transfer.on_count(turn.now, message.count))
-            self._transfer_ended(turn)
+        if self.dialogue.read_count(turn, message):
+            self._follow_transfer(turn)
 
     def _on_item(self, turn: Turn, message: Message) -> None:
-        if isinstance(self.transfer, Download) and _is_of(message, self.transfer):
-            self._send(turn, self.transfer.on_item(turn.now, message))
-            self._transfer_ended(turn)
+        if self.dialogue.read_item(turn, message):
+            self._follow_transfer(turn)
 
     def _on_command_ack(self, turn: Turn, message: Message) -> None:
-        exchange = self.exchange
-        if exchange is None or message.command != exchange.command.command:
-            return
-        if message.target_system not in (0, STATION_SYSTEM):
-            return
-        answer = exchange.on_ack(turn.now, message.result)
-        if answer == "accepted":
-            self._next_command(turn)
-        elif answer != "wait":
-            self._command_rejected(turn, answer)
+        self._follow_commands(turn, self.dialogue.read_command_ack(turn, message))
 
     def _on_text(self, turn: Turn, message: Message) -> None:
         if self.state in _EXPLAINED:
@@ -377,7 +353,7 @@ class FlightSequencer:
     def _enter(self, turn: Turn) -> None:
         state, plan = self.state, self.flight.plan
         if state not in TRANSFERRING:
-            self.transfer = self.upload = None
+            self.dialogue.end_transfers()
         self.submission = None
         if state in (FlightState.REQUESTING, FlightState.ACTIVATING):
             activating = state is FlightState.ACTIVATING
@@ -393,22 +369,16 @@ class FlightSequencer:
             turn.note("decision.reroute_requested", self.flight.vehicle, self.submission.summary())
             self._submit_intent(turn, self.submission)
         if state is FlightState.CONNECTING:
-            self.lists = encode_lists(plan)
+            self.dialogue.lists = encode_lists(plan)
         if state is FlightState.CONNECTING and turn.now - self.belief.heard_ns < LINK_TIMEOUT_NS:
             self._raise(turn, FlightEvent.HEARD)
         elif state is FlightState.UPLOADING:
             if plan.kind == "guided":
                 self.guided = GuidedSequencer.for_plan(plan)
-            if self.lists:
-                following = self.lists.pop(0)
-                self.upload = Upload(following.items, self.flight.system_id, AUTOPILOT_COMPONENT, following.kind)
-                self._transfer(turn, self.upload)
-            else:
+            if not self.dialogue.upload_next(turn):
                 self._raise(turn, FlightEvent.NOTHING_TO_UPLOAD)
-        elif state is FlightState.VERIFYING and self.upload is not None:
-            upload = self.upload
-            download = Download(upload.items, self.flight.system_id, AUTOPILOT_COMPONENT, upload.kind)
-            self._transfer(turn, download)
+        elif state is FlightState.VERIFYING:
+            self.dialogue.read_back(turn)
         elif state in _TIMED and turn.now >= self._timed_end_ns():
             self._raise(turn, self._timed_event())
         elif state is FlightState.PREPARING:
@@ -421,14 +391,13 @@ class FlightSequencer:
         elif state in ENDED:
             self._finish(turn)
         if state is FlightState.STREAMING:
-            self._send(turn, stream_requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT))
+            self._request_streams(turn)
         commands = procedures.entry_commands(state, plan, self.streams.messages)
         if commands and self.state is state:
-            self.todo = list(commands)
-            self._next_command(turn)
+            self._follow_commands(turn, self.dialogue.command(turn, commands))
 
     def _finish(self, turn: Turn) -> None:
-        self._drop_commands()
+        self.dialogue.drop_commands()
         if self.claim.tracked and self.claim.state is not None:
             self._report(turn, IntentState.ENDED)
         if self.state is FlightState.LEFT:
@@ -444,7 +413,7 @@ class FlightSequencer:
         if self.state in _EXPLAINED and self.texts.texts:
             reason = f"{reason}; {self.texts.quote()}"
         self.reason = f"{self.reason}; {reason}" if self.reason else reason
-        self._drop_commands()
+        self.dialogue.drop_commands()
         self._raise(turn, FlightEvent.GAVE_UP, {"reason": reason})
 
     def _disarmed(self, turn: Turn) -> None:
@@ -505,12 +474,9 @@ class FlightSequencer:
         if report.intent.state is IntentState.NONCONFORMING and self.state in _FLIGHT:
             self.give_up(turn, "outside its volumes, and approval: no answer")
 
-    def _transfer(self, turn: Turn, transfer: Transfer) -> None:
-        self.transfer = transfer
-        self._send(turn, transfer.begin(turn.now))
-
-    def _transfer_ended(self, turn: Turn) -> None:
-        transfer = self.transfer
+    def _follow_transfer(self, turn: Turn) -> None:
+        """Go on with what has come of a transfer."""
+        dialogue, transfer = self.dialogue, self.dialogue.transfer
         if transfer is None or not transfer.result:
             return
         if transfer.result != "done":
@@ -519,45 +485,22 @@ class FlightSequencer:
         data: dict[str, Scalar] = {"items": len(transfer.items) - transfer.homes, "attempts": transfer.attempts}
         if transfer.kind != mav.MAV_MISSION_TYPE_MISSION:
             data["list"] = transfer.name
-        verified = FlightEvent.LIST_VERIFIED if self.lists else FlightEvent.VERIFIED
-        self._raise(turn, FlightEvent.UPLOADED if transfer is self.upload else verified, data)
+        verified = FlightEvent.LIST_VERIFIED if dialogue.lists else FlightEvent.VERIFIED
+        self._raise(turn, FlightEvent.UPLOADED if transfer is dialogue.upload else verified, data)
 
-    def _next_command(self, turn: Turn) -> None:
-        """Start the next command, or raise the state's completion event after the last."""
-        if self.todo:
-            self.exchange = CommandExchange(self.todo.pop(0))
-            self.exchange.begin(turn.now)
+    def _follow_commands(self, turn: Turn, progress: Progress) -> None:
+        """Go on with what has come of commands: raise the state's completion event after the last, or give up."""
+        if progress.state == "begun":
             self.state_causes = turn.causes or self.state_causes
-            self._send_command(turn)
-            return
-        self.exchange = None
-        event = procedures.COMPLETION_EVENTS.get(self.state)
-        if event is not None:
-            self._raise(turn, event)
+        elif progress.state == "done":
+            event = procedures.COMPLETION_EVENTS.get(self.state)
+            if event is not None:
+                self._raise(turn, event)
+        elif progress.state == "rejected":
+            self.give_up(turn, progress.reason)
 
-    def _send_command(self, turn: Turn) -> None:
-        """Send the current command (again) if it is due."""
-        exchange = self.exchange
-        assert exchange is not None
-        action = exchange.on_time(turn.now)
-        if action == "send":
-            self._send(turn, [exchange.message(self.flight.system_id, AUTOPILOT_COMPONENT)])
-        elif action != "wait":
-            self._command_rejected(turn, action)
-
-    def _command_rejected(self, turn: Turn, reason: str) -> None:
-        exchange = self.exchange
-        if exchange is not None and exchange.command.optional:
-            if reason not in self.refused:
-                self.refused.add(reason)
-                turn.note("decision.command_refused", self.flight.vehicle, {"reason": reason})
-            self._next_command(turn)
-        else:
-            self.give_up(turn, reason)
-
-    def _drop_commands(self) -> None:
-        self.exchange = None
-        self.todo = []
+    def _request_streams(self, turn: Turn) -> None:
+        self.dialogue.send(turn, stream_requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT))
 
     # --- timers ------------------------------------------------------------------------------------------
 
@@ -570,13 +513,13 @@ class FlightSequencer:
         if silent and belief.heard_ns >= 0 and not self.link_lost:
             self.link_lost = True
             turn.note("decision.link_lost", self.flight.vehicle, {"silent_s": to_seconds(turn.now - belief.heard_ns)})
-        if not silent and self.state in _STREAM_CHECKED and self.exchange is None:
+        if not silent and self.state in _STREAM_CHECKED and self.dialogue.exchange is None:
             reported_ns = belief.position_ns if self.guided else min(belief.position_ns, belief.item_ns)
             if turn.now - reported_ns > STALE_NS:
                 self._mark_telemetry_fresh(turn.now)  # not again until they are stale again
-                self._send(turn, stream_requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT))
-                self.todo = list(procedures.stream_commands(self.streams.messages))
-                self._next_command(turn)
+                self._request_streams(turn)
+                commands = procedures.stream_commands(self.streams.messages)
+                self._follow_commands(turn, self.dialogue.command(turn, commands))
         self._reschedule()
 
     def _depart_ns(self) -> Time:
@@ -596,15 +539,11 @@ class FlightSequencer:
     def _reschedule(self) -> None:
         if self.state is FlightState.PLANNED:
             return  # due at once, whatever was received before
-        due = self.deadline
+        due = min(self.deadline, self.dialogue.due)
         if self.submission is not None:
             due = min(due, self.submission.due)
         if self.report is not None:
             due = min(due, self.report.due)
-        if self.transfer is not None:
-            due = min(due, self.transfer.due)
-        if self.exchange is not None:
-            due = min(due, self.exchange.due)
         if self.state in _TIMED:
             due = min(due, self._timed_end_ns())
         self.due = due
@@ -628,24 +567,11 @@ class FlightSequencer:
     # --- outputs -----------------------------------------------------------------------------------------
 
     def _send_target(self, turn: Turn, guided: GuidedSequencer) -> None:
-        self._send(turn, [guided.message(turn.now, self.flight.system_id, AUTOPILOT_COMPONENT)])
-
-    def _send(self, turn: Turn, messages: list[Message]) -> None:
-        for message in messages:
-            turn.send(self.port, self.packer.pack(message))
+        self.dialogue.send(turn, [guided.message(turn.now, self.flight.system_id, AUTOPILOT_COMPONENT)])
 
     def _note_count(self, turn: Turn, kind: str, count: int, reason: str) -> None:
         if count & (count - 1) == 0:  # 1, 2, 4, 8 …: a flood must not fill the record
             turn.note(kind, self.flight.vehicle, {"count": count, "reason": reason})
-
-
-def _is_of(message: Message, transfer: Transfer) -> bool:
-    """Whether a mission message concerns what is transferred, and is addressed to this station."""
-    return (
-        message.mission_type == transfer.kind
-        and message.target_system in (0, STATION_SYSTEM)
-        and message.target_component in (0, STATION_COMPONENT)
-    )
 
 
 _HANDLERS = {
