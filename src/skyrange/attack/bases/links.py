@@ -333,13 +333,17 @@ def find_links(patterns: Sequence[str], context: AttackContext, roles: Sequence[
     """
     chosen = []
     for place, pattern in enumerate(patterns):
-        found = [name for name in context.links if fnmatchcase(name, pattern)]
-        wrong = [name for name in found if name.partition(":")[0] not in roles]
-        if not found or wrong:
+        matching = [name for name in context.links if fnmatchcase(name, pattern)]
+        others = [name for name in matching if name.partition(":")[0] not in roles]
+        if not matching or others:
             usable = [name for name in context.links if name.partition(":")[0] in roles]
             expected = f"a link of the scenario: {', '.join(roles)}"
             raise InputError.one(
-                context.id, f"links.{place}", wrong[0] if wrong else pattern, expected, nearest(pattern, usable)
+                context.id,
+                f"links.{place}",
+                others[0] if others else pattern,
+                expected,
+                nearest(pattern, usable),
             )
-        chosen += found
+        chosen += matching
     return list(dict.fromkeys(chosen))

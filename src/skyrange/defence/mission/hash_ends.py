@@ -196,19 +196,19 @@ class StationEnd(DefenceTap):
         name = name_frame(frame.payload)
         running = make_tag(self.key, SENT, upload.number, *parts)
         message = HashMessage(SENT, upload.number, name, running).sealed(self.key)
-        self.sent = {one: (at, said) for one, (at, said) in self.sent.items() if now - at < _KEPT_NS}
+        self.sent = {name: (at, sent) for name, (at, sent) in self.sent.items() if now - at < _KEPT_NS}
         self.sent[name] = (now, message)
         return [self._say(message)]
 
     def _answer(self, now: Time, payload: bytes) -> Sequence[Verdict]:
-        asked = read_message(payload)
-        if asked is None:
+        question = read_message(payload)
+        if question is None:
             return ()
-        if asked.kind != ASKED or not asked.is_genuine(self.key):
+        if question.kind != ASKED or not question.is_genuine(self.key):
             return [Drop()]
-        at, message = self.sent.get(asked.frame, (-_KEPT_NS, asked))
+        at, message = self.sent.get(question.frame, (-_KEPT_NS, question))
         if now - at >= _KEPT_NS:
-            message = HashMessage(UNKNOWN, asked.number, asked.frame).sealed(self.key)
+            message = HashMessage(UNKNOWN, question.number, question.frame).sealed(self.key)
         return [Drop(), self._say(message)]
 
     def _say(self, message: HashMessage) -> Inject:
@@ -258,21 +258,21 @@ class AircraftEnd(DefenceTap):
 
     def next_wakeup(self) -> Time | None:
         """When the next question is due."""
-        return min((one.due_ns for one in self.held.values()), default=None)
+        return min((frame.due_ns for frame in self.held.values()), default=None)
 
     def on_wakeup(self, now: Time) -> Sequence[Verdict]:
         """Ask for the hashes that have not come; give up those that were asked for too long."""
         answer: list[Verdict] = []
-        for name, one in list(self.held.items()):
-            if one.due_ns > now:
+        for name, frame in list(self.held.items()):
+            if frame.due_ns > now:
                 continue
-            if now - one.came_ns >= self.patience_ns:
+            if now - frame.came_ns >= self.patience_ns:
                 del self.held[name]
-                answer += self.alarm.raise_at(now, "mission.unanswered", 1.0, what=_describe(one.payload))
+                answer += self.alarm.raise_at(now, "mission.unanswered", 1.0, what=_describe(frame.payload))
                 continue
-            one.due_ns = now + NS_PER_S
-            asked = HashMessage(ASKED, one.question, name).sealed(self.key)
-            payload = pack_message(self.packer, self.packer.system, asked)
+            frame.due_ns = now + NS_PER_S
+            question = HashMessage(ASKED, frame.question, name).sealed(self.key)
+            payload = pack_message(self.packer, self.packer.system, question)
             answer.append(Inject(payload, "rev", *ends_of(self.link, "rev")))
         return answer
 
@@ -315,7 +315,7 @@ class AircraftEnd(DefenceTap):
         """Whether the hash is right for a frame at this place; counts the frame in."""
         upload = self.uploads.setdefault(step.mission_type, Upload())
         if step.seq < 0:
-            newest = max(one.number for one in self.uploads.values())
+            newest = max(known.number for known in self.uploads.values())
             again = message.number == upload.number and not upload.items and upload.first == step.content
             fits = message.number > newest or again
         else:

@@ -24,8 +24,8 @@ NOMINAL: Final = frozenset({State.Accepted, State.Activated})
 
 
 def _query(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    found = dss.store.intents_in(dss.area(asked))
-    return 200, {"operational_intent_references": [dss.shown(one, asked.claims.uss) for one in found]}
+    stored = dss.store.intents_in(dss.area(asked))
+    return 200, {"operational_intent_references": [dss.shown(one, asked.claims.uss) for one in stored]}
 
 
 def _get(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:

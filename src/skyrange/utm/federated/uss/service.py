@@ -184,17 +184,17 @@ class Uss:
         """End the own intents that an intent outranks, but for those in flight."""
         overruled = []
         for other in self._intents.find_outranked(intent):
-            one = overruled_by(intent, other)
-            if not one.in_flight:
+            overruling = overruled_by(intent, other)
+            if not overruling.in_flight:
                 self._queue.add(Task(self._intents.release(other), None, causes))
-            overruled.append(one)
+            overruled.append(overruling)
         return tuple(overruled)
 
     # --- a task --------------------------------------------------------------------------------------------
 
     def _begin(self, turn: Turn, task: Task) -> None:
         intent, held = task.intent, self._intents.get(task.intent.id)
-        own = self._intents.own.get(intent.id)
+        managed = self._intents.own.get(intent.id)
         if task.ends and task.asked is None and held is not None:
             return  # its operator has claimed it anew
         self._task = task
@@ -202,16 +202,16 @@ class Uss:
             self._call_dss(turn, task, Op.GetOperationalIntentReference)
             return
         if task.ends:
-            if own is None:
+            if managed is None:
                 self._finish_end(turn, task)
             else:
-                self._call_dss(turn, task, Op.DeleteOperationalIntentReference, more={"ovn": own.ovn})
+                self._call_dss(turn, task, Op.DeleteOperationalIntentReference, more={"ovn": managed.ovn})
             return
-        if own is not None and held == intent:
-            self._answer(turn, task, ApprovalDecision(accepted=True, ovn=own.ovn, tracked=True))
+        if managed is not None and held == intent:
+            self._answer(turn, task, ApprovalDecision(accepted=True, ovn=managed.ovn, tracked=True))
             return
         problem = find_problem(turn.now, intent, held.state if held is not None else None)
-        if not problem and own is None and intent.state in OFF_NOMINAL:
+        if not problem and managed is None and intent.state in OFF_NOMINAL:
             problem = f"an intent that is unknown cannot become {intent.state.value}"
         if problem:
             self._answer(turn, task, ApprovalDecision(accepted=False, reason=problem))
@@ -268,19 +268,19 @@ class Uss:
         """The DSS has told what may be in the way."""
         if reply.call.operation is Op.QueryConstraintReferences:
             rows = reply.body.get("constraint_references", ())
-            task.listed[reply.call.operation] = [ConstraintReference.of(one, self._epoch) for one in rows]
+            task.listed[reply.call.operation] = [ConstraintReference.of(reference, self._epoch) for reference in rows]
         else:
             rows = reply.body.get("operational_intent_references", ())
-            task.listed[reply.call.operation] = [IntentReference.of(one, self._epoch) for one in rows]
+            task.listed[reply.call.operation] = [IntentReference.of(reference, self._epoch) for reference in rows]
         if len(task.listed) < len(self._queries):
             return
-        found = [one for operation in self._queries for one in task.listed[operation]]
-        self._intents.lose_all_but((one.id for one in found), [self._area(task)])
-        for one in found:
-            if one.manager == self.uss:
-                self._expect_own(task, one)
+        found = [reference for operation in self._queries for reference in task.listed[operation]]
+        self._intents.lose_all_but((reference.id for reference in found), [self._area(task)])
+        for reference in found:
+            if reference.manager == self.uss:
+                self._expect_own(task, reference)
             else:
-                self._ask_for_details(turn, task, one)
+                self._ask_for_details(turn, task, reference)
         self._decide_if_complete(turn, task)
 
     def _expect_own(self, task: Task, reference: ConstraintReference) -> None:
@@ -330,13 +330,13 @@ class Uss:
         is_intent = isinstance(reference, IntentReference)
         body = reply.body["operational_intent" if is_intent else "constraint"]
         kind = IntentReference if is_intent else ConstraintReference
-        told = kind.of(body["reference"], self._epoch)
-        if (told.id, told.manager) != (reference.id, reference.manager):
+        answered = kind.of(body["reference"], self._epoch)
+        if (answered.id, answered.manager) != (reference.id, reference.manager):
             raise DecodeError("the details are those of another one")
-        if isinstance(told, IntentReference):
-            self._intents.learn(told, IntentDetails.of(body["details"], self._epoch))
+        if isinstance(answered, IntentReference):
+            self._intents.learn(answered, IntentDetails.of(body["details"], self._epoch))
         else:
-            self._intents.learn_constraint(told, volumes_of(body["details"]["volumes"], self._epoch))
+            self._intents.learn_constraint(answered, volumes_of(body["details"]["volumes"], self._epoch))
 
     def _assume_worst(self, task: Task, reference: ConstraintReference) -> None:
         """Suppose what an intent claims whose USS does not tell: nothing if that is down and nobody flies, else the
@@ -355,29 +355,29 @@ class Uss:
     def _decide_if_complete(self, turn: Turn, task: Task) -> None:
         if task.awaited:
             return
-        found = self._intents.examine(task.intent)
-        if found.reason:
-            rejection = ApprovalDecision(accepted=False, reason=found.reason, alternatives=found.alternatives)
+        examined = self._intents.examine(task.intent)
+        if examined.reason:
+            rejection = ApprovalDecision(accepted=False, reason=examined.reason, alternatives=examined.alternatives)
             self._answer(turn, task, rejection)
         else:
-            task.outranked = len(found.outranked)
+            task.outranked = len(examined.outranked)
             self._put(turn, task)
 
     def _put(self, turn: Turn, task: Task) -> None:
         """Have the DSS accept the intent, with the OVNs of all that is known to be there."""
-        intent, own = task.intent, self._intents.own.get(task.intent.id)
-        is_new = own is None or not own.ovn
+        intent, managed = task.intent, self._intents.own.get(task.intent.id)
+        is_new = managed is None or not managed.ovn
         if is_new:
             self._intents.announce(intent, self.uss, self._base_url)
         body = {
-            "extents": [volume_body(one, self._epoch) for one in intent.volumes],
+            "extents": [volume_body(volume, self._epoch) for volume in intent.volumes],
             "key": self._intents.key(id_ for id_ in task.relevant if id_ != intent.id),
             "state": (State.Accepted if is_new else intent.state).value,  # the DSS takes no other first version
             "uss_base_url": self._base_url,
             "new_subscription": {"uss_base_url": self._base_url, "notify_for_constraints": self._processes_constraints},
         }
         operation = Op.CreateOperationalIntentReference if is_new else Op.UpdateOperationalIntentReference
-        more = {} if own is None or is_new else {"ovn": own.ovn}
+        more = {} if managed is None or is_new else {"ovn": managed.ovn}
         self._call_dss(turn, task, operation, more=more, body=body)
 
     def _on_accepted(self, turn: Turn, task: Task, reply: Reply) -> None:
@@ -422,19 +422,19 @@ class Uss:
         intents, constraints = (
             reply.body.get(name) or () for name in ("missing_operational_intents", "missing_constraints")
         )
-        missing: list[ConstraintReference] = [IntentReference.of(one, self._epoch) for one in intents]
-        missing += [ConstraintReference.of(one, self._epoch) for one in constraints]
+        missing: list[ConstraintReference] = [IntentReference.of(reference, self._epoch) for reference in intents]
+        missing += [ConstraintReference.of(reference, self._epoch) for reference in constraints]
         data: dict[str, Scalar] = {"intent": task.intent.id, "missing": len(missing)}
         turn.note("decision.uss_conflict", task.intent.vehicle, data)
         if not missing:
             self._call_dss(turn, task, Op.GetOperationalIntentReference)
             return
-        for one in missing:
-            if one.manager == self.uss:
-                self._expect_own(task, one)
+        for reference in missing:
+            if reference.manager == self.uss:
+                self._expect_own(task, reference)
             else:
-                self._intents.lose(one.id)  # the version that was known is not the current one
-                self._ask_for_details(turn, task, one)
+                self._intents.lose(reference.id)  # the version that was known is not the current one
+                self._ask_for_details(turn, task, reference)
         self._decide_if_complete(turn, task)
 
     def _on_failure(self, turn: Turn, call: Call, problem: str) -> None:
@@ -497,11 +497,11 @@ class Uss:
 
     def _notify(self, turn: Turn, intent: OperationalIntent | None, reference: IntentReference, reply: Reply) -> None:
         """Tell the subscribers of an intent, or of its end."""
-        for one in reply.body.get("subscribers") or ():
-            peer = self._directory.find(one["uss_base_url"])
+        for subscriber in reply.body.get("subscribers") or ():
+            peer = self._directory.find(subscriber["uss_base_url"])
             if peer is None:
                 continue  # its own, or a USS that it cannot reach
-            body: dict[str, Any] = {"operational_intent_id": reference.id, "subscriptions": one["subscriptions"]}
+            body: dict[str, Any] = {"operational_intent_id": reference.id, "subscriptions": subscriber["subscriptions"]}
             if intent is not None:
                 body["operational_intent"] = self._intents.show(intent, reference)
             token = self._tokens.get(turn.now, peer.name, Scope.StrategicCoordination.value)
