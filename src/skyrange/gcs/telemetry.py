@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from enum import IntFlag
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -228,28 +228,54 @@ def _refresh_belief(now: int, belief: Any, kind: int, sequence: int, reported: B
     return False
 
 
+class _Frames(NamedTuple):
+    """Received frames: frame `i` of the aircraft `places[i]` is `data[starts[i] : starts[i] + sizes[i]]`."""
+
+    data: Bytes
+    starts: Ints
+    sizes: Ints
+    places: Ints
+
+
+class _Latest(NamedTuple):
+    """What is read of which aircraft, and its latest messages."""
+
+    systems: Ints
+    """MAVLink system ids by aircraft."""
+    component: int
+    role: Ints
+    """By kind of message: 0: stored only; 1: for the sequencer; 2: for it unless it only refreshes the belief."""
+    slots: Ints
+    """By kind of message: its place in `messages`; -1 before the first."""
+    messages: NDArray[np.uint8]
+    reported: NDArray[np.bool_]
+
+
 @compiled
 def _read(
-    now: int, data: Bytes, starts: Ints, sizes: Ints, places: Ints, begin: int, systems: Ints, component: int,
-    kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16], role: Ints, slots: Ints,
-    latest: NDArray[np.uint8], reported: NDArray[np.bool_], table: Any, left: NDArray[np.bool_],
-) -> int:  # fmt: skip
-    """Process frames from row `begin` on; returns the first row whose kind has no slot yet, or the number of rows."""
+    now: int, frames: _Frames, begin: int, tables: Any, latest: _Latest, beliefs: Any, left: NDArray[np.bool_]
+) -> int:
+    """Process frames from row `begin` on; returns the first row whose kind has no slot yet, or the number of rows.
+
+    `tables` are `KIND_TABLES`.
+    """
+    data, starts, sizes, places = frames
+    systems, component, role, slots, messages, reported = latest
     for row in range(begin, starts.shape[0]):
         place = places[row]
         at = starts[row]
         left[row] = True
         if place >= systems.shape[0]:
             continue
-        kind = kind_at(data, at, sizes[row], kinds, extras, crcs)
-        belief = table[place]
+        kind = kind_at(data, at, sizes[row], *tables)
+        belief = beliefs[place]
         if kind < 0 or data[at + 5] != systems[place] or data[at + 6] != component:
             belief.read_ns = now
             continue
         slot = slots[kind]
         if slot < 0:
             return row
-        body = latest[slot, place]
+        body = messages[slot, place]
         length = min(np.int64(data[at + 1]), body.shape[0])
         for column in range(length):
             body[column] = data[at + _HEADER + column]
@@ -271,41 +297,44 @@ class TelemetryReceiver:
     def __init__(self, beliefs: BeliefTable, systems: Sequence[int], component: int, read: Collection[int]) -> None:
         """`systems` are MAVLink system ids by aircraft index; `read` are the ids of messages that sequencers handle."""
         self._beliefs = beliefs
-        self._systems = np.array(systems, dtype=np.int64)
-        self._component = component
-        # 0: stored only; 1: for the sequencer; 2: for the sequencer unless it only refreshes the belief
-        self._role = np.zeros(KIND_COUNT, dtype=np.int64)
+        role = np.zeros(KIND_COUNT, dtype=np.int64)
         for message_id in read:
-            self._role[kind_of_message(message_id)] = 1
-        self._role[[_HEARTBEAT, _POSITION, _CURRENT]] = 2
-        self._slots = np.full(KIND_COUNT, -1, dtype=np.int64)
-        self._latest = np.zeros((0, len(systems), _WIDEST), dtype=np.uint8)
-        self._received = np.zeros((0, len(systems)), dtype=np.bool_)
+            role[kind_of_message(message_id)] = 1
+        role[[_HEARTBEAT, _POSITION, _CURRENT]] = 2
+        self._latest = _Latest(
+            np.array(systems, dtype=np.int64),
+            component,
+            role,
+            np.full(KIND_COUNT, -1, dtype=np.int64),
+            np.zeros((0, len(systems), _WIDEST), dtype=np.uint8),
+            np.zeros((0, len(systems)), dtype=np.bool_),
+        )
 
     def read(self, now: Time, places: Ints, payloads: Payloads) -> Ints:
         """Process frames of the aircraft with indices `places`; returns the rows left for sequencers and others."""
         left = np.empty(len(payloads), dtype=np.bool_)
+        frames = _Frames(*payloads.arrays, places)
         done = 0
         while True:
-            done = _read(
-                now, *payloads.arrays, places, done, self._systems, self._component,
-                *KIND_TABLES, self._role, self._slots, self._latest, self._received, self._beliefs.table, left,
-            )  # fmt: skip
+            done = _read(now, frames, done, KIND_TABLES, self._latest, self._beliefs.table, left)
             if done == len(payloads):
                 return left.nonzero()[0]
             self._add_slot(payloads, done)
 
     def _add_slot(self, payloads: Payloads, row: int) -> None:
         data, starts, sizes = payloads.arrays
-        self._slots[kind_at(data, starts.item(row), sizes.item(row), *KIND_TABLES)] = len(self._latest)
-        count = self._latest.shape[1]
-        self._latest = np.concatenate([self._latest, np.zeros((1, count, _WIDEST), dtype=np.uint8)])
-        self._received = np.concatenate([self._received, np.zeros((1, count), dtype=np.bool_)])
+        latest = self._latest
+        count = len(latest.systems)
+        latest.slots[kind_at(data, starts.item(row), sizes.item(row), *KIND_TABLES)] = len(latest.messages)
+        self._latest = latest._replace(
+            messages=np.concatenate([latest.messages, np.zeros((1, count, _WIDEST), dtype=np.uint8)]),
+            reported=np.concatenate([latest.reported, np.zeros((1, count), dtype=np.bool_)]),
+        )
 
     def latest(self, place: int, message_id: int) -> Any:
         """The latest message of a kind as a record of its fields, or `None` if there was none."""
-        slot = self._slots[kind_of_message(message_id)]
-        if slot < 0 or not self._received[slot, place]:
+        slot = self._latest.slots[kind_of_message(message_id)]
+        if slot < 0 or not self._latest.reported[slot, place]:
             return None
         dtype = payload_dtype(message_id)
-        return self._latest[slot, place, : dtype.itemsize].copy().view(dtype)[0]
+        return self._latest.messages[slot, place, : dtype.itemsize].copy().view(dtype)[0]

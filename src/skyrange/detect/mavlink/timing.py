@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 from math import erf, log, log10, sqrt
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -121,10 +121,8 @@ class MessageTiming(sky.MessageDetector):
         if now >= end_ns:
             self._design(np.unique(streams[self.phase[streams] == _FRESH]))
         peaks, which = np.zeros(len(streams)), np.zeros(len(streams), dtype=np.int64)
-        _accumulate(
-            streams, heads.at_ns, self.last_ns, self.phase, self.learned, self.charts, self.clip, self.shift / 2.0,
-            begin_ns, end_ns, peaks, which,
-        )  # fmt: skip
+        memory = _Memory(self.last_ns, self.phase, self.learned, self.charts)
+        _accumulate(streams, heads.at_ns, memory, _Limits(self.clip, self.shift / 2.0, begin_ns, end_ns), peaks, which)
         learned = self.learned
         return self.alerts(
             frames, heads, streams, peaks,
@@ -166,12 +164,30 @@ class MessageTiming(sky.MessageDetector):
             self.phase[stream] = _WATCHED
 
 
+class _Memory(NamedTuple):
+    """What is known of each stream."""
+
+    last_ns: Ints
+    phase: Ints
+    learned: Floats
+    charts: Floats
+
+
+class _Limits(NamedTuple):
+    """Parameters of the charts, and the begin and end of learning."""
+
+    clip: float
+    reference: float
+    """k: what each value has to exceed."""
+    begin_ns: int
+    end_ns: int
+
+
 @compiled
-def _accumulate(
-    streams: Ints, at_ns: Ints, last_ns: Ints, phase: Ints, learned: Floats, charts: Floats, clip: float,
-    reference: float, begin_ns: int, end_ns: int, peaks: Floats, which: Ints,
-) -> None:  # fmt: skip
+def _accumulate(streams: Ints, at_ns: Ints, memory: _Memory, limits: _Limits, peaks: Floats, which: Ints) -> None:
     """Learn from the intervals or add them to the charts; writes each row's highest sum over h, and its chart."""
+    last_ns, phase, learned, charts = memory
+    clip, reference, begin_ns, end_ns = limits
     for row in range(streams.shape[0]):
         stream, at = streams[row], at_ns[row]
         last = last_ns[stream]
