@@ -11,27 +11,23 @@ from typing import TYPE_CHECKING
 from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
-    from skyrange.attack.bases.approval import OnApproval
-    from skyrange.attack.bases.fixes import FalseFixes, Offset, OnFixes, OnReceivers, offset_fixes
-    from skyrange.attack.bases.forged_remote_id import claim_identity
+    from skyrange.attack.bases.approval.links import OnApproval
     from skyrange.attack.bases.frame_acts import delay, drop, duplicate
-    from skyrange.attack.bases.in_air import InAir
-    from skyrange.attack.bases.mavlink.injection import Injection, InjectionOnLinks
-    from skyrange.attack.bases.mavlink.message_acts import alter_field, hold_field
+    from skyrange.attack.bases.gnss.fixes import FalseFixes, Offset, OnFixes, OnReceivers, offset_fixes
+    from skyrange.attack.bases.links import LinkNames, LinkTap, OnLinks, OnPath, PathPlace, on_path_place
+    from skyrange.attack.bases.mavlink.injection import Clear, Injection, InjectionOnLinks, Script, Step, Upload
+    from skyrange.attack.bases.mavlink.injection import Item as MissionItem
     from skyrange.attack.bases.mavlink.message_fields import Fields as MavlinkFields
     from skyrange.attack.bases.mavlink.message_fields import move_place, put
-    from skyrange.attack.bases.mavlink.messages import OnMessages
+    from skyrange.attack.bases.mavlink.messages import OnMessages, alter_field, hold_field
     from skyrange.attack.bases.mavlink.orders import AUTOPILOT, STATION, Order, geodetic, mode_order
     from skyrange.attack.bases.mavlink.params import CopterMode, copter_mode
-    from skyrange.attack.bases.mavlink.script import Clear, Script, Step, Upload
-    from skyrange.attack.bases.mavlink.script import Item as MissionItem
     from skyrange.attack.bases.mavlink.telemetry import AlteredTelemetry
-    from skyrange.attack.bases.on_path import LinkNames, LinkTap, OnLinks, OnPath, PathPlace, on_path_place
-    from skyrange.attack.bases.sensor_acts import alter_reading, hold_reading
-    from skyrange.attack.bases.sensors import AddsSignal, OnSensors, Signal
+    from skyrange.attack.bases.remote_id import claim_identity
+    from skyrange.attack.bases.sensors import AddsSignal, OnSensors, Signal, alter_reading, hold_reading
     from skyrange.attack.bases.transmission import Jamming, Noise, Periodic, Reception, Transmission
-    from skyrange.attack.campaigns.adversary import Adversary, CampaignStage, Observation
-    from skyrange.attack.campaigns.knowledge import Knowledge
+    from skyrange.attack.bases.wifi_links import InAir
+    from skyrange.attack.campaigns.adversary import Adversary, CampaignStage, Knowledge, Observation
     from skyrange.attack.campaigns.python_class import CampaignBase
     from skyrange.attack.contract import (
         Aircraft,
@@ -45,11 +41,10 @@ if TYPE_CHECKING:
     )
     from skyrange.attack.declaration import Composite, attack
     from skyrange.attack.exclusive import Exclusive
-    from skyrange.attack.places import place_param
+    from skyrange.attack.params import Victims, place_param
     from skyrange.attack.radio import Broadcaster, down_link, transmitter, up_link
     from skyrange.attack.tapped_links import CONTROL_LINKS, EVERY_LINK, Repetition
     from skyrange.attack.techniques import technique_by
-    from skyrange.attack.victims import Victims
     from skyrange.city.city import City
     from skyrange.codec.f3411 import BasicId, Location, MessagePack
     from skyrange.codec.f3411 import decode as decode_remote_id
@@ -136,14 +131,11 @@ if TYPE_CHECKING:
     from skyrange.defence.bases.channels import ChannelDefence
     from skyrange.defence.bases.fix_checks import FixCheck
     from skyrange.defence.bases.link_ends import EndTap, SpeakingTap
-    from skyrange.defence.contract import Defence, DefenceContext
-    from skyrange.defence.declaration import defence
+    from skyrange.defence.contract import Defence, DefenceContext, defence
     from skyrange.defence.path_rules import Compares, ExpectsOrder, Holds, Passes, PathEnd, PathRule, Sends, Signs
-    from skyrange.detect.bases.messages import MessageDetector
-    from skyrange.detect.bases.receptions import ReceptionDetector
-    from skyrange.detect.bases.scores import ScoreDetector
-    from skyrange.detect.bases.telemetry import TelemetryDetector
+    from skyrange.detect.bases import MessageDetector, ReceptionDetector, ScoreDetector, TelemetryDetector
     from skyrange.detect.declaration import Detector, detector
+    from skyrange.detect.messages import read_messages
     from skyrange.detect.receptions import read_receptions
     from skyrange.detect.series import Series, Steps, series
     from skyrange.detect.streams import table
@@ -152,6 +144,9 @@ if TYPE_CHECKING:
     from skyrange.fault.contract import FaultContext, FaultParts
     from skyrange.fault.declaration import fault
     from skyrange.radio.builtin.params import RadioEnvironment
+    from skyrange.fault.bases import OnBodies
+    from skyrange.fault.contract import FaultContext, FaultParts, fault
+    from skyrange.radio.builtin.environment import RadioEnvironment
     from skyrange.radio.contract import MediumContext, MediumPlugin
     from skyrange.radio.external.medium import ExternalMedium
     from skyrange.utm.approval_service import FlightApproval, policy_plugin
@@ -170,7 +165,7 @@ if TYPE_CHECKING:
     from skyrange.utm.messages import decode_request as decode_approval_request
     from skyrange.utm.messages import decode_response as decode_approval_response
     from skyrange.utm.messages import encode as encode_approval
-    from skyrange.utm.request_order import RequestOrder, RequestQueue, WaitingRequest
+    from skyrange.utm.request_book import RequestOrder, RequestQueue, WaitingRequest
     from skyrange.vehicle.avoidance.contract import (
         Avoidance,
         AvoidanceAction,

@@ -10,7 +10,7 @@ import pytest
 from pydantic import Field
 
 from skyrange.contracts.links import LinkSpec
-from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.mailboxes import Inbox, Outbox, Turn
 from skyrange.contracts.params import Number, Params
 from skyrange.contracts.plugins.registry import NoParams
 from skyrange.core.errors import DecodeError
@@ -154,20 +154,20 @@ def at_large(params: Any, context: ApprovalContext) -> ApprovalService:
 class Trusting(FlightApproval):
     """Takes whoever asks for whoever is named."""
 
-    def _answer(self, now: Time, arrival: Any, out: Outbox) -> None:
+    def _answer(self, turn: Turn, arrival: Any) -> None:
         request = decode_request(arrival.payload)
         decision = ApprovalDecision(True, ovn="x")
-        out.send(arrival.port, encode(Response.of(request.body.id, decision, self._epoch)), (arrival.ref,))
+        turn.send(arrival.port, encode(Response.of(request.body.id, decision, self._epoch)))
 
 
 class Mute(FlightApproval):
-    def _answer(self, now: Time, arrival: Any, out: Outbox) -> None:
+    def _answer(self, turn: Turn, arrival: Any) -> None:
         """Says nothing."""
 
 
 class Babble(FlightApproval):
-    def _answer(self, now: Time, arrival: Any, out: Outbox) -> None:
-        out.send(arrival.port, b"yes", (arrival.ref,))
+    def _answer(self, turn: Turn, arrival: Any) -> None:
+        turn.send(arrival.port, b"yes")
 
 
 COUNT: list[int] = []
@@ -189,12 +189,12 @@ class Forgetful(FlightApproval):
     def __deepcopy__(self, memo: object) -> Forgetful:
         return Forgetful([p.link.partition(":")[2] for p in self.ports], self._epoch, ApproveAll(), name=self.name)
 
-    def _answer(self, now: Time, arrival: Any, out: Outbox) -> None:
+    def _answer(self, turn: Turn, arrival: Any) -> None:
         self.served += 1
         body = decode_request(arrival.payload).body
         own = body.operator == arrival.port.link.partition(":")[2]
         decision = ApprovalDecision(True, ovn=f"{self.served}") if own else ApprovalDecision(False, "not yours")
-        out.send(arrival.port, encode(Response.of(body.id, decision, self._epoch)), (arrival.ref,))
+        turn.send(arrival.port, encode(Response.of(body.id, decision, self._epoch)))
 
 
 def of(agent: Any, policy: Any = ApproveAll) -> Any:
@@ -243,12 +243,12 @@ def test_every_rule_is_shown_to_fail() -> None:
 
 def test_the_rules_of_agents_hold_for_each_agent_of_a_service() -> None:
     class Fragile(FlightApproval):
-        def _answer(self, now: Time, arrival: Any, out: Outbox) -> None:
+        def _answer(self, turn: Turn, arrival: Any) -> None:
             try:
                 decode_request(arrival.payload)
             except DecodeError:
                 raise KeyError("what is that?") from None
-            super()._answer(now, arrival, out)
+            super()._answer(turn, arrival)
 
     with pytest.raises(NonConformance, match=r"agent of approval approval\.checked breaks agent\.") as found:
         check_approval(plugin(of(Fragile)), requests=[(0, _intent("blue/b1")), (NS_PER_S, _intent("green/g1"))])

@@ -17,7 +17,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, Epoch, Time
-from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.flight.lifecycle import Flight
 from skyrange.gcs.plan import paths, plans
 from skyrange.gcs.station import GroundStation
 from skyrange.kernel import EngineMount, Kernel, Wiring

@@ -18,7 +18,7 @@ from skyrange.contracts.mailboxes import Inbox, Note, Outbox
 from skyrange.core.chance import Chance
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.flight.lifecycle import Flight
 from skyrange.gcs.plan import plans
 from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.station import GroundStation

@@ -30,10 +30,9 @@ from skyrange.utm.federated.plugin import _secret
 from skyrange.utm.federated.tokens import TokenStore
 from skyrange.utm.federated.uss.service import Uss
 from skyrange.utm.federated.uss.shared_intents import OwnIntent
-from skyrange.utm.hashgraph.events import NO_PARENT, Event
+from skyrange.utm.hashgraph.events import NO_PARENT, Event, secret_of, sign
 from skyrange.utm.hashgraph.messages import EventMessage, Gossip, GossipBody
 from skyrange.utm.hashgraph.messages import encode as encode_gossip
-from skyrange.utm.hashgraph.signatures import secret_of, sign
 from skyrange.utm.messages import Request, decode_request, encode
 from tests.approval_stations import LAT, LON, Station, ask, decisions, fly_requests, intent
 

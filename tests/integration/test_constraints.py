@@ -221,14 +221,14 @@ def test_around_a_closed_area_there_are_buildings_too() -> None:
     plan = path(origin, (0.0, 0.0, 0.0), [(0, 0, 20), (0, 200, 20)], kind="guided", end="land")
     closed = closed_around(origin, -20, 20, 80, 120)
     east = City([Building("tower", 60.0, shapely.box(21, 40, 120, 160))], "test")
-    rest = reroute(plan, 1, Point(0.0, 20.0, 20.0), [closed], 0, east, WIDE)
+    rest = reroute(plan, 1, Point(0.0, 20.0, 20.0), [closed], now=0, city=east, margins=WIDE)
     assert min(point.east_m for point in rest.targets_enu_m) < -30.0, "west of the area, not between it and the tower"
     assert rest.targets_enu_m[-1] == Point(0.0, 200.0, 20.0)
     assert (rest.kind, rest.end) == ("guided", "land")
     with pytest.raises(NoRouteError, match="begins"):
-        reroute(plan, 1, Point(0.0, 100.0, 20.0), [closed], 0, None, WIDE)
+        reroute(plan, 1, Point(0.0, 100.0, 20.0), [closed], now=0, city=None, margins=WIDE)
     with pytest.raises(NoRouteError, match="nothing of the plan is left"):
-        reroute(plan, 2, Point(0.0, 200.0, 20.0), [closed], 0, None, WIDE)
+        reroute(plan, 2, Point(0.0, 200.0, 20.0), [closed], now=0, city=None, margins=WIDE)
 
 
 def closed_around(

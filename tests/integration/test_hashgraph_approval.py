@@ -17,11 +17,10 @@ from skyrange.record import MemoryObserver
 from skyrange.testing.checks.approval_policies import EPOCH, box
 from skyrange.utm.contract import ApprovalContext, ApprovalService, OperationalIntent, intent_id
 from skyrange.utm.hashgraph import node
-from skyrange.utm.hashgraph.events import Event
+from skyrange.utm.hashgraph.events import Event, secret_of, sign
 from skyrange.utm.hashgraph.messages import EventMessage, Gossip, GossipBody, decode, encode
 from skyrange.utm.hashgraph.node import HashgraphNode
 from skyrange.utm.hashgraph.plugin import HASHGRAPH
-from skyrange.utm.hashgraph.signatures import secret_of, sign
 from skyrange.utm.messages import Request
 from skyrange.utm.messages import encode as encode_request
 from tests.approval_stations import LAT, LON, Station, ask, decisions, fly_requests

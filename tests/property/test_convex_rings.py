@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.airspace.convex import is_convex
-from skyrange.utm.airspace.solids import solids_of
+from skyrange.utm.airspace.solids import is_convex, solids_of
 
 PLACES = st.tuples(st.floats(-170.0, 170.0), st.floats(-80.0, 80.0))
 CORNERS = st.lists(st.tuples(st.integers(-50, 50), st.integers(-50, 50)), min_size=3, max_size=8, unique=True)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.frame_acts import RowVerdicts
-from skyrange.attack.bases.on_path import OnLinks
+from skyrange.attack.bases.links import OnLinks
 from skyrange.contracts.frames.blocks import DirectedLinkName, FrameBlock, LinkTable
 from skyrange.contracts.frames.frame import Fate
 from skyrange.contracts.frames.payloads import Payloads

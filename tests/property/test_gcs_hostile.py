@@ -14,8 +14,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S, Epoch
-from skyrange.gcs.flight.flight import Flight
-from skyrange.gcs.flight.lifecycle import FlightState
+from skyrange.gcs.flight.lifecycle import Flight, FlightState
 from skyrange.gcs.plan import plans, routes
 from skyrange.gcs.plan.checks import check
 from skyrange.gcs.plan.volumes import volumes

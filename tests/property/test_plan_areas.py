@@ -18,8 +18,7 @@ from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.gcs.plan.paths import Point
 from skyrange.gcs.plan.plans import FlightPlan, anchored
-from skyrange.gcs.protocols.mission_items import ItemList, encode_lists
-from skyrange.gcs.protocols.mission_transfer import Download
+from skyrange.gcs.protocols.mission_transfer import Download, ItemList, encode_lists
 from skyrange.twins.failed_missions import REJECTIONS
 
 HOME = (47.3977, 8.5456, 408.0)

@@ -17,6 +17,8 @@ from skyrange.codec.mission.qgc_wpl import format_waypoints
 from skyrange.gcs.plan.checks import check
 from skyrange.gcs.protocols.mission_items import encode_mission
 from skyrange.metrics.paths import path_distance_m
+from skyrange.gcs.protocols.mission_transfer import encode_mission
+from skyrange.metrics.path_distance import path_distance_m
 from skyrange.parity.missions.comparison import (
     MissionAgreement,
     is_legal,

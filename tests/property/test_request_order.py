@@ -16,7 +16,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.testing.checks.approval_policies import EPOCH, box
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin
 from skyrange.utm.intent_states import IntentState
-from skyrange.utm.request_order import WaitingRequest, least_served
+from skyrange.utm.request_book import WaitingRequest, least_served
 from tests.approval_stations import LAT, LON, Station, ask, decisions, end, fly_requests
 from tests.tiers import examples
 

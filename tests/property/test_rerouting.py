@@ -59,7 +59,7 @@ def is_free(volumes: Sequence[Volume4D], closed: Sequence[Volume4D]) -> bool:
 @settings(deadline=None)
 def test_the_rest_of_a_plan_is_free_and_ends_where_it_should(closed: list[Volume4D]) -> None:
     try:
-        rest = reroute(PLAN, 1, HERE, closed, NOW, TOWER, MARGINS)
+        rest = reroute(PLAN, 1, HERE, closed, now=NOW, city=TOWER, margins=MARGINS)
     except NoRouteError:
         assume(False)
     claimed = leg_volumes(ORIGIN, rest_legs(rest, HERE), NOW, MARGINS)
@@ -75,7 +75,7 @@ def test_the_rest_of_a_plan_is_free_and_ends_where_it_should(closed: list[Volume
 @settings(deadline=None)
 def test_one_closed_volume_is_waited_for_only_if_that_is_quicker_than_around_it(closed: Volume4D) -> None:
     def duration_s(closed: Volume4D) -> float:
-        rest = reroute(PLAN, 1, HERE, [closed], NOW, TOWER, MARGINS)
+        rest = reroute(PLAN, 1, HERE, [closed], now=NOW, city=TOWER, margins=MARGINS)
         return sum(leg.duration_s for leg in rest_legs(rest, HERE))
 
     for_ever = Volume4D(closed.outline, closed.lower_m, closed.upper_m, NOW - 60 * NS_PER_S, NOW + 7_200 * NS_PER_S)
@@ -102,6 +102,6 @@ def test_hundreds_of_closed_volumes_are_soon_avoided(monkeypatch: pytest.MonkeyP
         east = -100.0 + number
         ring = tuple(ORIGIN.geodetic_of(*corner) for corner in ((east, 60), (east + 1, 60), (east + 1, 70), (east, 70)))
         closed.append(Volume4D(ring, TO_ELLIPSOID_M, TO_ELLIPSOID_M + 300, NOW, NOW + 7_200 * NS_PER_S))
-    rest = reroute(PLAN, 1, HERE, closed, NOW, None, MARGINS)
+    rest = reroute(PLAN, 1, HERE, closed, now=NOW, city=None, margins=MARGINS)
     assert is_free(leg_volumes(ORIGIN, rest_legs(rest, HERE), NOW, MARGINS), closed)
     assert planned <= 6

@@ -8,10 +8,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from skyrange.attack.bases.gnss.innovation_model import converged
 from skyrange.attack.contract import AttackContext
-from skyrange.attack.gnss.innovation_model import converged
-from skyrange.attack.gnss.pull_off import ALIGNED, PullOff
-from skyrange.attack.gnss.pull_plan import CRUISING, PULLING, STOPPING
+from skyrange.attack.gnss.pull_off import ALIGNED, CRUISING, PULLING, STOPPING, PullOff
 from skyrange.core.time import NS_PER_S
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.sensor.bus_words import ACCELEROMETER, GYRO, Register, flip_height
+from skyrange.attack.sensor.bus import ACCELEROMETER, GYRO, Register, flip_height
 from skyrange.contracts.components import SensorAct, SensorHook, Sensors
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 from tests.unit.test_attack_gnss import context, readings

@@ -10,11 +10,11 @@ from pydantic import ValidationError
 
 from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
+from skyrange.attack.bases.mavlink.altered_upload import PlanAlteration
 from skyrange.attack.bases.mavlink.compromised_sender import SenderStream, command_of, redirect_order, without_signature
 from skyrange.attack.bases.mavlink.message_fields import read_fields
 from skyrange.attack.bases.mavlink.orders import NOBODY
 from skyrange.attack.contract import AttackContext, AttackPlugin
-from skyrange.attack.ground.plan_alteration import PlanAlteration
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import Signer, SigningKey, secret_from_passphrase, sign_frame
@@ -85,12 +85,12 @@ def test_a_signature_is_removed() -> None:
 @pytest.mark.parametrize("sham", [False, True])
 def test_orders_are_redirected_and_other_commands_are_not(sham: bool) -> None:
     signed = sign_frame(Packer(255, 190).pack(order()), SECRET, 0, 5)
-    content = redirect_order(signed, sham)
+    content = redirect_order(signed, sham=sham)
     assert content is not None
     assert decode(content).target_system == (1 if sham else NOBODY)
     assert len(content) == len(signed) - 13
     assert command_of(signed) == mav.MAV_CMD_DO_SET_MODE
-    assert redirect_order(Packer(255, 190).pack(order(mav.MAV_CMD_SET_MESSAGE_INTERVAL)), sham) is None
+    assert redirect_order(Packer(255, 190).pack(order(mav.MAV_CMD_SET_MESSAGE_INTERVAL)), sham=sham) is None
 
 
 def item(seq: int, frame: int = mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, command: int = mav.MAV_CMD_NAV_WAYPOINT) -> Any:

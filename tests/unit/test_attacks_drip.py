@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
-from skyrange.attack.remote_id.false_links import false_signature
-from skyrange.attack.remote_id.manifest_times import MAX_SENDERS, carries_manifest, find_period
-from skyrange.attack.remote_id.suppress_pages import SuppressPages
+from skyrange.attack.remote_id.suppress_pages import MAX_SENDERS, SuppressPages, carries_manifest, find_period
+from skyrange.attack.remote_id.verification_flood import false_signature
 from skyrange.codec.drip import encode_sam, session_id, split_with_parity
 from skyrange.codec.f3411 import EPOCH_2019_S, BasicId, Location, MessagePack, decode, deviations, encode
 from skyrange.codec.remote_id import link_payload, noise_request

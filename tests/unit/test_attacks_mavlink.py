@@ -8,16 +8,16 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from skyrange.attack.bases.mavlink.hostile_frames import (
+from skyrange.attack.bases.mavlink.injection import Injection
+from skyrange.attack.bases.mavlink.orders import stick_message
+from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
+from skyrange.attack.link.eavesdrop import Overheard
+from skyrange.attack.mavlink.malformed import (
     FORMS,
     Draw,
     harmless_frame,
     hostile_frame,
 )
-from skyrange.attack.bases.mavlink.injection import Injection
-from skyrange.attack.bases.mavlink.orders import stick_message
-from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
-from skyrange.attack.link.overheard import Overheard
 from skyrange.codec.ardupilot_files import parameters
 from skyrange.codec.mavlink import Packer, decode, file_transfer
 from skyrange.codec.mavlink import dialect as mav
@@ -30,8 +30,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Epoch, Time
-from skyrange.gcs.protocols.mission_items import MissionItemInt
-from skyrange.gcs.protocols.mission_transfer import Download, Upload
+from skyrange.gcs.protocols.mission_transfer import Download, MissionItemInt, Upload
 
 COMMAND = AttackPlugin.find("mavlink.command")
 EXFILTRATE = AttackPlugin.find("mavlink.exfiltrate")
@@ -410,7 +409,7 @@ def is_valid(payload: bytes) -> bool:
 @pytest.mark.parametrize("form", FORMS)
 def test_hostile_frames_are_damaged_or_absurd_and_have_harmless_twins(form: Any, to_station: bool) -> None:
     for number in range(60):
-        payload = hostile_frame(form, Draw(bytes([number]) * 256), Packer(255, 190), SYSTEM, to_station)
+        payload = hostile_frame(form, Draw(bytes([number]) * 256), Packer(255, 190), SYSTEM, to_station=to_station)
         assert is_valid(payload) == (form in ("counts", "numbers"))
         twin = harmless_frame(len(payload), Packer(255, 190))
         assert len(twin) == len(payload)

@@ -22,10 +22,8 @@ from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Epoch, Time
 from skyrange.defence.bases.link_ends import EndTap
-from skyrange.defence.contract import DefencePlugin
-from skyrange.defence.declaration import defence
-from skyrange.detect.bases.messages import MessageDetector
-from skyrange.detect.bases.telemetry import TelemetryDetector
+from skyrange.defence.contract import DefencePlugin, defence
+from skyrange.detect.bases import MessageDetector, TelemetryDetector
 from skyrange.detect.declaration import Detector, detector
 from skyrange.detect.streams import table
 from tests.registered_kinds import registered

@@ -16,8 +16,7 @@ from skyrange.contracts.links import Schedule
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch
-from skyrange.defence.bases.fix_checks import FixCheck
-from skyrange.defence.fix_guard import FixGuard
+from skyrange.defence.bases.fix_checks import FixCheck, FixGuard
 from skyrange.defence.gnss.barometer import BarometerCheck, HeightErrors, Heights
 from skyrange.defence.gnss.dead_reckoning import DeadReckoning
 from skyrange.defence.gnss.gates import chi_square_gate, cusum_gate, normal_gate

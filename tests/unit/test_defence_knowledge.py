@@ -15,10 +15,15 @@ from skyrange.city.city import Building, City
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.defence import data_sheets
-from skyrange.defence.building_map import map_with_errors
+from skyrange.defence.bases.signal_strengths import (
+    USUAL,
+    AssumedChannel,
+    StrengthTest,
+    free_space_loss_db,
+    map_with_errors,
+)
 from skyrange.defence.contract import DefencePlugin
 from skyrange.defence.gnss.innovation import InnovationCheck
-from skyrange.defence.remote_id.strength_test import USUAL, AssumedChannel, StrengthTest, free_space_loss_db
 from skyrange.radio.propagation import fading
 from skyrange.world.sensing import sensor_errors
 

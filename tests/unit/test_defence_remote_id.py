@@ -17,6 +17,7 @@ from skyrange.contracts.frames.frame import Frame
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
 from skyrange.defence.bases.receptions import BroadcastJudge
+from skyrange.defence.bases.signal_strengths import USUAL, StrengthTest, free_space_loss_db, shadowing_db
 from skyrange.defence.placement import Alarm
 from skyrange.defence.receptions import Claim, OwnAircraft, OwnTap, Place, Reader, Sender
 from skyrange.defence.remote_id.appearance import AppearanceCheck
@@ -24,7 +25,6 @@ from skyrange.defence.remote_id.ground import GroundCheck
 from skyrange.defence.remote_id.motion import JUMP, VELOCITY, MotionCheck, elapsed
 from skyrange.defence.remote_id.replay import AgeCheck
 from skyrange.defence.remote_id.signal import SignalCheck
-from skyrange.defence.remote_id.strength_test import USUAL, StrengthTest, free_space_loss_db, shadowing_db
 from skyrange.radio.ground_receptions import Reception, ReceptionReport, encode
 
 ORIGIN = Origin(40.778, -73.955, 20.0)

@@ -26,8 +26,7 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
 from skyrange.defence.contract import DefencePlugin
 from skyrange.defence.mavlink.sequence import Follower
 from skyrange.defence.mavlink.signing import remove_signature
-from skyrange.defence.mission.hash_ends import Step, Upload
-from skyrange.defence.mission.hash_messages import ASKED, UNKNOWN, HashMessage, derive_key, read_message
+from skyrange.defence.mission.hash_ends import ASKED, UNKNOWN, HashMessage, Step, Upload, derive_key, read_message
 from skyrange.defence.mission.read_back import MissionReadBack
 
 HASH = DefencePlugin.find("mission.hash")

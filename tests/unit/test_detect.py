@@ -19,8 +19,8 @@ from skyrange.core.errors import InputError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.detect.heartbeat.gap import HeartbeatGap
+from skyrange.detect.messages import read_messages
 from skyrange.detect.receptions import read_receptions
-from skyrange.detect.telemetry import read_messages
 from skyrange.radio.ground_receptions import Reception, ReceptionReport, encode
 from skyrange.record import RunRecord, replay_monitor
 from skyrange.scenario.shipped import load as load_scenario

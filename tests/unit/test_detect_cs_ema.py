@@ -14,9 +14,8 @@ from skyrange.codec.mavlink import dialect
 from skyrange.contracts.detectors import DetectorPlugin
 from skyrange.contracts.monitors import ObservedFrame
 from skyrange.core.time import NS_PER_S
-from skyrange.detect.navigation.cs_ema_charts import Chart, CsEma
-from skyrange.detect.navigation.field_reference import FieldReference, turns_to_earth
-from skyrange.detect.navigation.fix_errors import fix_errors
+from skyrange.detect.navigation.cs_ema import Chart, CsEma, FieldReference, turns_to_earth
+from skyrange.detect.sensor_values import fix_errors
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.runs import run
 from tests.unit.telemetry_sample import (

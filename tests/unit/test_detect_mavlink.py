@@ -15,8 +15,8 @@ from skyrange.contracts.detectors import DetectorPlugin
 from skyrange.contracts.monitors import ObservedFrame
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, from_seconds
-from skyrange.detect.mavlink.cusum import find_interval, run_length
-from skyrange.detect.message_heads import read_heads
+from skyrange.detect.mavlink.timing import find_interval, run_length
+from skyrange.detect.messages import read_heads
 from skyrange.detect.streams import EventCounts, StreamNumbers
 from skyrange.testing.checks.monitors import collect_frames, serve
 

@@ -17,10 +17,9 @@ from skyrange.contracts.detectors import DetectorPlugin
 from skyrange.contracts.monitors import ObservedFrame
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.core.volumes import Volume4D
-from skyrange.detect.motion.drag_model import DragModels, lean_acceleration
-from skyrange.detect.moving_mean import MovingMean
-from skyrange.detect.navigation.self_starting import SelfStarting
-from skyrange.detect.series import Series, offset_m, rounds
+from skyrange.detect.motion.consistency import DragModels, lean_acceleration
+from skyrange.detect.navigation.gnss_innovation import SelfStarting
+from skyrange.detect.series import MovingMean, Series, offset_m, rounds
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.runs import run
 from skyrange.testing import check_monitor
@@ -48,7 +47,7 @@ from tests.unit.telemetry_sample import (
 )
 
 if TYPE_CHECKING:
-    from skyrange.detect.bases.telemetry import TelemetryDetector
+    from skyrange.detect.bases import TelemetryDetector
 
 CONSISTENCY = DetectorPlugin.find("motion.consistency")
 FLEET = DetectorPlugin.find("motion.fleet")

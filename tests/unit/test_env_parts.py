@@ -20,11 +20,9 @@ from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.env import FEATURES, BlueAct, HoldTheMission, Quiet, RedAct, Rewards, ScriptedRed, make_scenario, play
 from skyrange.env.acts import BlueChoices, Clock, RedChoice
-from skyrange.env.announcer import Announcer
-from skyrange.env.blue_parts import CommandConsole, SourceFilter
 from skyrange.env.observations import TelemetryFeatures
 from skyrange.env.outcomes import MissionProgress
-from skyrange.env.red_parts import AdversaryTap, ChosenDrift, make_red_team
+from skyrange.env.parts import AdversaryTap, Announcer, ChosenDrift, CommandConsole, SourceFilter, make_red_team
 from skyrange.scenario import Scenario, load_scenario
 from skyrange.scenario.model.scenario import Origin as ScenarioOrigin
 from skyrange.testing import check_agent, check_monitor, check_tap

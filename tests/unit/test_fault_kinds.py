@@ -13,6 +13,9 @@ import shapely
 from skyrange.assembly.build import build
 from skyrange.attack.gnss.receiver_noise import CHIP_M
 from skyrange.city.city import Building, City
+from skyrange.attack.bases.gnss.receiver_noise import CHIP_M
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.codec.mavlink import decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.components import BodyAct, BodyHook, Disturbances, SensorAct, SensorHook, Sensors
@@ -22,8 +25,7 @@ from skyrange.contracts.verdicts import Drop, Inject
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.fault.contract import FaultPlugin
-from skyrange.fault.gnss.reflection_errors import pseudorange_errors
-from skyrange.fault.sky_view import Satellite, Seen, even_sky, see, solve
+from skyrange.fault.gnss.multipath import Satellite, Seen, even_sky, pseudorange_errors, see, solve
 from skyrange.scenario.shipped import FAULT_EXAMPLES, load
 from skyrange.scenario.toml_reader import load_text
 from tests.unit.test_attack_gnss import FLEET, context, readings

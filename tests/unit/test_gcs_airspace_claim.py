@@ -13,10 +13,9 @@ from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import contains
 from skyrange.gcs.flight.airspace_claim import LATE_NS, ROUNDS, AirspaceClaim
-from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.flight.lifecycle import Flight
 from skyrange.gcs.plan import plans
-from skyrange.gcs.plan.alterations import altered
-from skyrange.gcs.plan.plans import FlightPlan
+from skyrange.gcs.plan.plans import FlightPlan, altered
 from skyrange.gcs.plan.routes import enu_points
 from skyrange.gcs.plan.volumes import volumes
 from skyrange.gcs.station import GroundStation

@@ -14,7 +14,7 @@ from skyrange.codec.f3411 import BasicId, Location, MessagePack
 from skyrange.contracts.mailboxes import Arrival, Inbox, Note
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
-from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.flight.lifecycle import Flight
 from skyrange.gcs.plan import plans
 from skyrange.gcs.station import GroundStation
 from skyrange.gcs.traffic_picture import MAX_NOTED, TrafficPicture

@@ -5,7 +5,7 @@ import pytest
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import Epoch
-from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.flight.lifecycle import Flight
 from skyrange.gcs.plan.plans import square
 from skyrange.gcs.station import GroundStation
 

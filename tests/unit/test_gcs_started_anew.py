@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.gcs.flight.flight import Flight
-from skyrange.gcs.flight.lifecycle import FlightState
+from skyrange.gcs.flight.lifecycle import Flight, FlightState
 from skyrange.gcs.plan import plans
 from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.station import GroundStation

@@ -14,12 +14,11 @@ from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.errors import InputError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.gcs.flight.flight import Flight
-from skyrange.gcs.flight.lifecycle import FlightState
+from skyrange.gcs.flight.lifecycle import Flight, FlightState
 from skyrange.gcs.plan import plans
 from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.station import GroundStation
-from skyrange.gcs.telemetry.streams import LIGHT
+from skyrange.gcs.telemetry_streams import LIGHT
 from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.approve_all import ApproveAll
 from skyrange.utm.contract import ApprovalDecision, OperationalIntent

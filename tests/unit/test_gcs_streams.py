@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.flight.lifecycle import Flight
 from skyrange.gcs.plan import plans
 from skyrange.gcs.station import GroundStation
-from skyrange.gcs.telemetry.streams import OPERATOR, PROFILES
+from skyrange.gcs.telemetry_streams import OPERATOR, PROFILES
 from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.approve_all import ApproveAll
 from tests.unit.fake_autopilot import EPOCH, ORIGIN, FakeAutopilot, Loop

@@ -36,12 +36,17 @@ def test_a_harmless_message_has_the_receiver_and_the_length(message: Any, name: 
 
 
 def test_a_sender_of_a_sham_sends_no_order() -> None:
-    sent = [decode(Sender(Packer(255, 190), 7, True, is_sham=sham).pack(mode_order(9))) for sham in (False, True)]
+    sent = [
+        decode(Sender(Packer(255, 190), 7, claims_station=True, is_sham=sham).pack(mode_order(9)))
+        for sham in (False, True)
+    ]
     assert [(one.target_system, one.command) for one in sent] == [
         (7, mav.MAV_CMD_DO_SET_MODE), (7, mav.MAV_CMD_REQUEST_MESSAGE),
     ]  # fmt: skip
     target = mav.MAVLink_mission_item_int_message(7, 1, 0, 0, 16, 0, 1, 0, 0, 0, 0, 1, 2, 3.0)
-    item, unread = (Sender(Packer(255, 190), 7, True, is_sham=sham).pack(target) for sham in (False, True))
+    item, unread = (
+        Sender(Packer(255, 190), 7, claims_station=True, is_sham=sham).pack(target) for sham in (False, True)
+    )
     assert (len(item), decode(unread).get_type()) == (len(unread), "ENCAPSULATED_DATA")
 
 

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import pytest
 
 from skyrange.assembly.build import build
+from skyrange.attack.campaign import StagedAdversary
 from skyrange.attack.campaigns.parts import Controller
-from skyrange.attack.campaigns.stages import StagedAdversary
 from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.triggers import Near
 from skyrange.contracts.plugins import registry as plugins

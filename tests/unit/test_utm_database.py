@@ -36,8 +36,8 @@ from skyrange.utm.federated.dss.store import (
     StoredIntent,
     Subscription,
 )
+from skyrange.utm.federated.exchanges import KnownPeers, Peer
 from skyrange.utm.federated.tokens import TokenChecker, TokenStore, public_of
-from skyrange.utm.federated.uss.directory import KnownPeers, Peer
 from skyrange.utm.federated.uss.service import Uss
 from skyrange.utm.federated.uss.shared_intents import OwnIntent
 from skyrange.utm.intent_states import IntentState
@@ -189,14 +189,14 @@ def test_an_end_of_which_the_dss_has_not_heard_is_asked_for_after_a_restart() ->
     uss = Uss(
         "north",
         "north",
-        [("blue", Port("approval", "approval:blue"))],
-        Peer("dss", Port("approval.north", "uss:dss")),
-        KnownPeers({}),
-        "https://north",
-        TokenStore("north", SECRET, EPOCH),
-        TokenChecker(frozenset({"north"}), (public_of(SECRET),), EPOCH),
-        AuthorityParams().limits,
-        EPOCH,
+        operators=[("blue", Port("approval", "approval:blue"))],
+        dss=Peer("dss", Port("approval.north", "uss:dss")),
+        directory=KnownPeers({}),
+        base_url="https://north",
+        tokens=TokenStore("north", SECRET, EPOCH),
+        checker=TokenChecker(frozenset({"north"}), (public_of(SECRET),), EPOCH),
+        limits=AuthorityParams().limits,
+        epoch=EPOCH,
         own=[OwnIntent(ended, reference)],
     )
     (departure,) = uss.step(0, Inbox()).departures

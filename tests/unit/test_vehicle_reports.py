@@ -18,7 +18,7 @@ from skyrange.codec.mavlink import decode, dialect, message_fields
 from skyrange.codec.mavlink.message_columns import payload_dtype
 from skyrange.contracts.mailboxes import Outbox
 from skyrange.core.chance import Chance
-from skyrange.gcs.telemetry.streams import OPERATOR
+from skyrange.gcs.telemetry_streams import OPERATOR
 from skyrange.vehicle.builtin.engine import BuiltinFleet
 from skyrange.vehicle.builtin.layout import ControlMode
 from skyrange.vehicle.builtin.modes import Mode

@@ -8,7 +8,7 @@ import pytest
 
 from skyrange.attack.bases.mavlink.message_fields import read_fields
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.ground.zone_alteration import Form, ZoneAlteration
+from skyrange.attack.ground.geo_zones import Form, ZoneAlteration
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.errors import InputError

@@ -40,7 +40,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.ids import APPROVAL, endpoint, vehicle_id
 from skyrange.core.time import NEVER, Time, from_seconds
-from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.flight.lifecycle import Flight
 from skyrange.gcs.flight.replanning import Replanning
 from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.plan.volumes import Margins

@@ -70,7 +70,7 @@ def down_link(context: AttackContext) -> LinkSpec:
     return LinkSpec(context.down, ORACLE, context.radio, CHANNEL)
 
 
-def transmitter(context: AttackContext, at_enu_m: Place, power_dbm: float, listens: bool = False) -> Transmitter:
+def transmitter(context: AttackContext, at_enu_m: Place, power_dbm: float, *, listens: bool = False) -> Transmitter:
     """The attacker's node in the medium."""
     return Transmitter(context.radio, at_enu_m, power_dbm, listens)
 

@@ -1,4 +1,4 @@
-"""Inboxes and outboxes: what agents and engines receive, send and note.
+"""Inboxes, outboxes and turns: what agents and engines receive, send and note.
 
 Both are containers: iterate them frame by frame, or handle many frames as columns. Payloads are always bytes; nothing
 here depends on MAVLink.
@@ -7,6 +7,7 @@ here depends on MAVLink.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, overload
 
@@ -267,3 +268,24 @@ class Outbox:
     ) -> None:
         """Record a decision or an event."""
         self.notes.append(Note(kind, about, data or {}, causes))
+
+
+@dataclass(slots=True)
+class Turn:
+    """What an agent does in one step because of some frames: what it sends and notes here names them as its causes."""
+
+    now: Time
+    out: Outbox
+    causes: tuple[FrameId, ...] = ()
+
+    def caused_by(self, *causes: FrameId) -> Turn:
+        """The same step, with other causes, or with none."""
+        return Turn(self.now, self.out, causes)
+
+    def send(self, port: Port, payload: bytes) -> None:
+        """Send `payload` from `port`."""
+        self.out.send(port, payload, self.causes)
+
+    def note(self, kind: str, about: str, data: Mapping[str, Scalar] | None = None) -> None:
+        """Record a decision or an event."""
+        self.out.note(kind, about, data, self.causes)

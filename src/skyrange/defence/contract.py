@@ -1,4 +1,4 @@
-"""Defences as plugins: the parts that a defence consists of, and what a kind says of itself.
+"""Defences as plugins: the parts that a defence consists of, what a kind says of itself, and its decorator.
 
 A kind of defence is a class with the decorator `defence` (`defence.declaration`), as a kind of attack is, and is kept
 as a `DefencePlugin` under a dotted name.
@@ -13,11 +13,13 @@ undefended one, to the byte.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from skyrange.attack.contract import AttackContext
+from skyrange.attack.declaration import Acting
+from skyrange.contracts.plugins.declaration import declare
 from skyrange.contracts.plugins.registry import DEFENCES, Plugin
 
 if TYPE_CHECKING:
@@ -83,3 +85,35 @@ class DefencePlugin(Plugin[AttackContext, Defence]):
     nothing."""
     realism: Mapping[str, str] = field(default_factory=dict)
     """What of it is "simulated", "cited: …" or "assumed: …"."""
+
+
+DefenceT = TypeVar("DefenceT", bound="type[Acting]")
+
+
+def defence(
+    name: str,
+    *,
+    surface: Sequence[str] = (),
+    place: str = "",
+    effect: str = "",
+    alerts: Sequence[str] = (),
+    against: Sequence[str] = (),
+    evasion: str = "",
+    cost: str = "",
+    nominal: Sequence[str] = (),
+    realism: Mapping[str, str] | None = None,
+) -> Callable[[DefenceT], DefenceT]:
+    """Declare a class as the kind of defence `name`; the facts are those of `DefencePlugin`.
+
+    Raises `InputError` for a class that is no such kind, as `contracts.plugins.declaration.declare` does.
+    """
+
+    def decorate(kind: DefenceT) -> DefenceT:
+        facts = {
+            "surface": surface, "place": place, "effect": effect, "alerts": alerts, "against": against,
+            "evasion": evasion, "cost": cost, "nominal": nominal, "realism": dict(realism or {}),
+        }  # fmt: skip
+        declare(kind, name, Acting, DefencePlugin, facts)
+        return kind
+
+    return decorate

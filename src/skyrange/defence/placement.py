@@ -1,19 +1,33 @@
-"""Places of defences: taps at the ends of links of aircraft, and limits of their alarms."""
+"""Places of defences: the aircraft they protect, taps at the ends of their links, and limits of alarms."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from skyrange.attack.declaration import Acting
+from skyrange.attack.params import Vehicles, check_vehicles
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.plugins.fields import param
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.ids import link_name
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.defence.contract import DefenceContext
+
+
+class Protection(Acting):
+    """Protects aircraft of the scenario."""
+
+    vehicles: Vehicles = param("Aircraft that it protects, such as ['blue/b1']; default: all.", default=())
+
+    def find_protected(self, context: DefenceContext) -> list[str]:
+        """The aircraft that it protects. Raises `InputError` for those that are not in the scenario."""
+        check_vehicles(context, self.vehicles)
+        return list(self.vehicles or context.vehicles)
 
 
 def place_taps(

@@ -1,4 +1,4 @@
-"""Series of MAVLink messages at each link end: the steps from one message to the next, and the last values.
+"""Series of MAVLink messages at each link end: steps from one message to the next, last values, and moving means.
 
 Only messages that claim to be an autopilot's count. Values that are not finite are left out, and others are cut at
 `MOST`, so that no arithmetic on them overflows.
@@ -17,7 +17,7 @@ from skyrange.contracts.frames.payloads import Ints
 from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.plugins.fields import state
 from skyrange.core.time import NS_PER_S
-from skyrange.detect.telemetry import read_messages
+from skyrange.detect.messages import read_messages
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -57,7 +57,7 @@ class Steps(NamedTuple):
 class Series:
     """The messages called `message`, and of each link end the values of `fields` in the last one."""
 
-    def __init__(self, message: str, fields: Sequence[str], timed: bool = True) -> None:
+    def __init__(self, message: str, fields: Sequence[str], *, timed: bool = True) -> None:
         """`timed` says that the message has a `time_boot_ms`."""
         self._message = message
         self._fields = tuple(fields)
@@ -96,7 +96,7 @@ class Series:
 
 def series(message: str, *fields: str, timed: bool = True) -> Any:
     """State of a detector that is a `Series`."""
-    return state(partial(Series, message, fields, timed))
+    return state(partial(Series, message, fields, timed=timed))
 
 
 def grown(values: Floats, count: int, fill: float = 0.0) -> Floats:
@@ -142,3 +142,31 @@ def rounds(places: Ints) -> list[Ints]:
     if len(first) == len(ordered):
         return [order]
     return [order[rank == number] for number in range(int(rank.max()) + 1)]
+
+
+class MovingMean:
+    """Exponentially weighted moving means of one quantity at every link end.
+
+    Their time constant is `seconds`; they begin at `first`, or with the first value.
+    """
+
+    def __init__(self, seconds: float, first: float = np.nan) -> None:
+        self._seconds, self._first = seconds, first
+        self._means: Floats = np.zeros(0)
+
+    def add(self, places: Ints, seconds: Floats, values: Floats) -> Floats:
+        """Take in (n,) values, each `seconds` after the one before at its link end; returns the mean after each.
+
+        Values of one end are in order of time. One that is not finite leaves the mean as it is, and NaN seconds count
+        as none.
+        """
+        self._means = grown(self._means, int(places.max(initial=-1)) + 1, self._first)
+        weights = -np.expm1(-np.maximum(np.nan_to_num(seconds), 0.0) / self._seconds)
+        found = np.empty(len(places))
+        for rows in rounds(places):
+            at = places[rows]
+            mean, value = self._means[at], values[rows]
+            mean = np.where(np.isfinite(mean), mean, value)
+            mean = np.where(np.isfinite(value), mean + weights[rows] * (value - mean), mean)
+            self._means[at] = found[rows] = mean
+        return found

@@ -13,8 +13,8 @@ import numpy as np
 from skyrange.contracts.frames.payloads import Ints
 from skyrange.contracts.monitors import ObservedFrames
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.detect.message_heads import MessageHeads, name_message, read_heads
-from skyrange.detect.pressure_altitude import pressure_altitude_m
+from skyrange.detect.messages import MessageHeads, name_message, read_heads
+from skyrange.detect.sensor_values import pressure_altitude_m
 from skyrange.detect.series import Floats, Series, Steps, grown, offset_m, step_errors
 
 _RATED: Final = (

@@ -12,12 +12,11 @@ from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
     from skyrange.env.acts import BlueAct, RedAct
-    from skyrange.env.hold_the_mission import HoldTheMission
+    from skyrange.env.hold_the_mission import HoldTheMission, make_scenario
     from skyrange.env.observations import FEATURES, Feature
     from skyrange.env.observations import describe as describe_observation
     from skyrange.env.outcomes import Rewards
     from skyrange.env.policies import Quiet, RandomPolicy, ScriptedBlue, ScriptedRed, play
-    from skyrange.env.task_scenario import make_scenario
 
 __all__ = [
     "FEATURES",

@@ -16,10 +16,9 @@ from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import link_name, operator_of, vehicle_id
 from skyrange.core.time import Time, from_seconds, to_seconds
 from skyrange.env.acts import RED, BlueAct, BlueChoices, Clock, RedAct, RedChoice, blue_agent
-from skyrange.env.blue_parts import make_blue_team
 from skyrange.env.observations import TelemetryFeatures, place_monitor
 from skyrange.env.outcomes import MissionProgress, Outcomes, Rewards
-from skyrange.env.red_parts import make_red_team
+from skyrange.env.parts import make_blue_team, make_red_team
 from skyrange.kernel import Kernel
 from skyrange.runtime.run import Run
 from skyrange.scenario.model.scenario import Scenario

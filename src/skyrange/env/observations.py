@@ -18,8 +18,8 @@ from skyrange.contracts.monitors import MonitorPlacement, ObservedFrames
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import link_name
 from skyrange.core.time import NEVER, NS_PER_S, Time
-from skyrange.detect.telemetry import ObservedMessages, read_messages
-from skyrange.env.blue_parts import STATION_SYSTEM
+from skyrange.detect.messages import ObservedMessages, read_messages
+from skyrange.env.parts import STATION_SYSTEM
 
 Floats = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Benign faults as plugins: made of the parts of an attack, with no adversary.
+"""Benign faults as plugins: made of the parts of an attack, with no adversary; and their decorator.
 
 A kind of fault is a class with the decorator `fault` (`fault.declaration`), as a kind of attack is, and is kept as a
 `FaultPlugin` under a dotted name. Its parts run, are muted and are labelled as those of an attack are, but every label
@@ -7,11 +7,13 @@ and event says "fault". Without it there would be nothing, so its counterfactual
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.declaration import Acting
+from skyrange.contracts.plugins.declaration import declare
 from skyrange.contracts.plugins.registry import FAULTS, Plugin
 
 FaultContext = AttackContext
@@ -40,3 +42,32 @@ class FaultPlugin(Plugin[AttackContext, Attack]):
     """What a sensor or link does under the fault → "simulated", "cited: …" or "assumed: …"."""
     places: Sequence[str] = ("at",)
     """Names of parameters that are places, which `anchor` of a fault moves. The kind need not have all of them."""
+
+
+FaultT = TypeVar("FaultT", bound="type[Acting]")
+
+
+def fault(
+    name: str,
+    *,
+    surface: Sequence[str] = (),
+    effect: str = "",
+    cause: str = "",
+    not_modelled: str = "",
+    realism: Mapping[str, str] | None = None,
+    places: Sequence[str] = ("at",),
+) -> Callable[[FaultT], FaultT]:
+    """Declare a class as the kind of fault `name`; the facts are those of `FaultPlugin`.
+
+    Raises `InputError` for a class that is no such kind, as `contracts.plugins.declaration.declare` does.
+    """
+
+    def decorate(kind: FaultT) -> FaultT:
+        facts = {
+            "surface": surface, "effect": effect, "cause": cause, "not_modelled": not_modelled,
+            "realism": dict(realism or {}), "places": places,
+        }  # fmt: skip
+        declare(kind, name, Acting, FaultPlugin, facts)
+        return kind
+
+    return decorate

@@ -19,29 +19,35 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.message_columns import FleetPacker, assign_sequence_numbers, pack_batches, payload_dtype
 from skyrange.codec.mavlink.signing import SignedConnection, SignedConnections, SigningKey
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
+from skyrange.codec.mavlink.message_columns import pack_batches, payload_dtype
+from skyrange.codec.mavlink.sequence_numbers import FleetPacker, assign_sequence_numbers
+from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
+from skyrange.codec.mavlink.signing import SigningKey
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox, Turn
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
 from skyrange.gcs.flight.airspace_claim import AirspaceClaim
-from skyrange.gcs.flight.flight import Flight, FlightOutcome
-from skyrange.gcs.flight.lifecycle import ENDED, FlightState
+from skyrange.gcs.flight.autopilot_dialogue import (
+    AUTOPILOT_COMPONENT,
+    STATION_COMPONENT,
+    STATION_SYSTEM,
+    AutopilotDialogue,
+)
+from skyrange.gcs.flight.lifecycle import ENDED, Flight, FlightOutcome, FlightState
 from skyrange.gcs.flight.replanning import Replanner, Replanning
 from skyrange.gcs.flight.sequencer import (
-    AUTOPILOT_COMPONENT,
     HEARTBEAT_NS,
     LINK_TIMEOUT_NS,
     READ,
     STALE_NS,
-    STATION_COMPONENT,
-    STATION_SYSTEM,
     FlightSequencer,
 )
 from skyrange.gcs.plan.volumes import MARGINS, Margins
-from skyrange.gcs.telemetry.belief import Belief, BeliefTable
-from skyrange.gcs.telemetry.receiver import TelemetryReceiver
-from skyrange.gcs.telemetry.streams import PROFILES
+from skyrange.gcs.telemetry import Belief, BeliefTable, TelemetryReceiver
+from skyrange.gcs.telemetry_streams import PROFILES
 from skyrange.gcs.traffic_picture import TrafficPicture
 from skyrange.remoteid.tracks import TrackTable
 from skyrange.utm.messages import DecisionBody, decode_response
@@ -95,11 +101,15 @@ class GroundStation:
         self._sequencers = [
             FlightSequencer(
                 flight,
-                Port(self.name, link_name("gcs", flight.vehicle)),
+                AutopilotDialogue(
+                    flight.vehicle,
+                    flight.system_id,
+                    Port(self.name, link_name("gcs", flight.vehicle)),
+                    FleetPacker(STATION_SYSTEM, STATION_COMPONENT, self._sequences, place),
+                ),
                 approval,
                 profile,
                 self._beliefs.of(place),
-                FleetPacker(STATION_SYSTEM, STATION_COMPONENT, self._sequences, place),
                 AirspaceClaim(epoch, chance, margins, city),
             )
             for place, flight in enumerate(flights)
@@ -108,7 +118,7 @@ class GroundStation:
             self._beliefs, [flight.system_id for flight in flights], AUTOPILOT_COMPONENT, READ
         )
         reports = [Port(self.name, link_name("oracle", operator))] if traffic_picture is not None else []
-        self.ports: Sequence[Port] = (*(sequencer.port for sequencer in self._sequencers), approval, *reports)
+        self.ports: Sequence[Port] = (*(sequencer.dialogue.port for sequencer in self._sequencers), approval, *reports)
         self.traffic_picture = traffic_picture
         """The traffic picture of the ground receivers; `None` without receivers."""
         self.bad_approvals = 0
@@ -117,7 +127,7 @@ class GroundStation:
         self._signed: SignedConnections | None = None
         if key is not None:
             ends = [
-                SignedConnection(sequencer.flight.vehicle, key, sequencer.port, sequencer.port)
+                SignedConnection(sequencer.flight.vehicle, key, sequencer.dialogue.port, sequencer.dialogue.port)
                 for sequencer in self._sequencers
             ]
             self._signed = SignedConnections(self.ports, ends, LINK_ID, "decision.signature_refused")
@@ -141,16 +151,17 @@ class GroundStation:
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         """Process what was received, then do what is due."""
         out = Outbox()
+        turn = Turn(now, out)
         if len(inbox):
-            self._read(now, inbox, out)
+            self._read(turn, inbox)
         heartbeat_due = now >= self._beat_due
         if heartbeat_due:
             self._beat_due = now - now % HEARTBEAT_NS + HEARTBEAT_NS
             for place in self._beliefs.stale_rows(now, LINK_TIMEOUT_NS, STALE_NS).tolist():
-                self._sequencers[place].check_telemetry_age(now, out)
+                self._sequencers[place].check_telemetry_age(turn)
                 self._queue(place)
             if self._replanner is not None:
-                for place in self._replanner.check(now, out):
+                for place in self._replanner.check(turn):
                     self._queue(place)
         heap = self._heap
         while heap and heap[0][0] <= now:
@@ -158,7 +169,7 @@ class GroundStation:
             self._queued[place] = NEVER
             sequencer = self._sequencers[place]
             if sequencer.due <= now:
-                sequencer.on_time(now, out)
+                sequencer.on_time(turn)
             self._queue(place)
         if heartbeat_due:
             self._send_heartbeats(out)
@@ -168,8 +179,9 @@ class GroundStation:
             self._signed.sign_outbox(now, out)
         return out
 
-    def _read(self, now: Time, inbox: Inbox, out: Outbox) -> None:
+    def _read(self, turn: Turn, inbox: Inbox) -> None:
         """Decode all received frames; frames that only refresh a belief are handled at once, the rest in order."""
+        now, out = turn.now, turn.out
         table = inbox.columns(self._places)
         if self._signed is not None:
             table = self._signed.verify_inbox(now, inbox, table, out)
@@ -178,9 +190,10 @@ class GroundStation:
             self.traffic_picture.receive_reports(now, inbox, table.order[reports], out)
         rows = self._receiver.read(now, table.places, table.payloads)
         for place, arrival in zip(table.places[rows].tolist(), inbox.arrivals(table.order[rows]), strict=True):
+            caused = turn.caused_by(arrival.ref)
             if place == len(self._sequencers):
-                self._on_approval(now, arrival, out)
-            elif place < len(self._sequencers) and self._sequencers[place].on_frame(now, arrival, out):
+                self._on_approval(caused, arrival)
+            elif place < len(self._sequencers) and self._sequencers[place].on_frame(caused, arrival):
                 self._queue(place)
 
     def _send_heartbeats(self, out: Outbox) -> None:
@@ -207,7 +220,7 @@ class GroundStation:
             self._queued[place] = due
             heappush(self._heap, (due, place))
 
-    def _on_approval(self, now: Time, arrival: Arrival, out: Outbox) -> None:
+    def _on_approval(self, turn: Turn, arrival: Arrival) -> None:
         reason = ""
         try:
             response = decode_response(arrival.payload)
@@ -221,13 +234,13 @@ class GroundStation:
                 reason = f"an answer to {body.id}, which was not requested"
             else:
                 place = self._by_intent[body.id]
-                self._sequencers[place].on_decision(now, body, arrival.ref, out)
+                self._sequencers[place].on_decision(turn, body)
                 self._queue(place)
                 return
         self.bad_approvals += 1
         if self.bad_approvals & (self.bad_approvals - 1) == 0:
             data: dict[str, Scalar] = {"count": self.bad_approvals, "reason": reason}
-            out.note("decision.bad_approval", self.operator, data, (arrival.ref,))
+            turn.note("decision.bad_approval", self.operator, data)
 
     # --- state --------------------------------------------------------------------------------
 

@@ -13,8 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError
-from skyrange.detect.learned.model_file import GRADIENT_BOOSTING, ISOLATION_FOREST, Algorithm, ModelFile
-from skyrange.detect.learned.trees import LEAF, TreeTable, mean_path
+from skyrange.detect.learned.model_file import (
+    GRADIENT_BOOSTING,
+    ISOLATION_FOREST,
+    LEAF,
+    Algorithm,
+    ModelFile,
+    TreeTable,
+    mean_path,
+)
 from skyrange.detect.series import Floats
 from skyrange.detect.window_features import NAMES
 from skyrange.study.feature_windows import ATTACKED, BENIGN

@@ -8,12 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox, Turn
 from skyrange.contracts.params import Params
 from skyrange.contracts.scalars import Scalar
-from skyrange.core.ids import APPROVAL, FrameId, Port, link_name
+from skyrange.core.ids import APPROVAL, Port, link_name
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
-from skyrange.utm.constraints import Publication, claim_of
 from skyrange.utm.contract import (
     ApprovalContext,
     ApprovalDecision,
@@ -21,10 +20,11 @@ from skyrange.utm.contract import (
     ApprovalPolicy,
     ApprovalService,
     Constraint,
+    Publication,
+    claim_of,
 )
 from skyrange.utm.messages import EndBody, Response, encode, encode_decision
-from skyrange.utm.request_book import OpenRequest, RequestBook
-from skyrange.utm.request_order import RequestQueue
+from skyrange.utm.request_book import OpenRequest, RequestBook, RequestQueue
 
 SERVICE_NS = 20 * NS_PER_MS
 """How often it looks at its mail, as the ground stations do."""
@@ -80,86 +80,79 @@ class FlightApproval:
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         """Take constraints into account that are published, and answer every request that arrived."""
         out = Outbox()
+        turn = Turn(now, out)
         for constraint in self._publication.take(now):
-            apply_constraint(now, self.name, constraint, self._policy, self._book, self._epoch, out)
+            apply_constraint(turn, self.name, constraint, self._policy, self._book, self._epoch)
         for arrival in inbox:
-            self._answer(now, arrival, out)
+            self._answer(turn.caused_by(arrival.ref), arrival)
         while self._queue is not None and (waiting := self._queue.take(now, self._book.accepted)) is not None:
-            self._decide(now, waiting, out)
+            self._decide(turn, waiting)
         return out
 
-    def _answer(self, now: Time, arrival: Arrival, out: Outbox) -> None:
-        asked = self._book.read(arrival, out)
+    def _answer(self, turn: Turn, arrival: Arrival) -> None:
+        asked = self._book.read(arrival, turn.out)
         if asked is None:
             return
         if self._queue is not None:
             earlier = self._queue.take_earlier(asked.request.body.id)
             if earlier is not None:
-                self._decide(now, earlier, out)
-            if self._queue.add(now, asked):
+                self._decide(turn, earlier)
+            if self._queue.add(turn.now, asked):
                 return
-        self._decide(now, asked, out)
+        self._decide(turn, asked)
 
-    def _decide(self, now: Time, asked: OpenRequest, out: Outbox) -> None:
-        decide_request(now, asked, self._policy, self._book, self._epoch, out)
+    def _decide(self, turn: Turn, asked: OpenRequest) -> None:
+        decide_request(turn, asked, self._policy, self._book, self._epoch)
 
 
 def apply_constraint(
-    now: Time,
-    approval: str,
-    constraint: Constraint,
-    policy: ApprovalPolicy,
-    book: RequestBook,
-    epoch: Epoch,
-    out: Outbox,
+    turn: Turn, approval: str, constraint: Constraint, policy: ApprovalPolicy, book: RequestBook, epoch: Epoch
 ) -> None:
     """Have a policy take a constraint into account; tell those whose intents it closes."""
-    decision = policy.decide(now, claim_of(constraint.id, constraint.name, [constraint.volume]))
+    decision = policy.decide(turn.now, claim_of(constraint.id, constraint.name, [constraint.volume]))
     data: dict[str, Scalar] = {"constraint": constraint.name, "overruled": len(decision.overruled)}
-    out.note("decision.approval_constraint", approval, data)
-    tell_overruled(decision, book, epoch, (), out)
+    turn = turn.caused_by()
+    turn.note("decision.approval_constraint", approval, data)
+    tell_overruled(turn, decision, book, epoch)
 
 
-def decide_request(
-    now: Time, asked: OpenRequest, policy: ApprovalPolicy, book: RequestBook, epoch: Epoch, out: Outbox
-) -> None:
+def decide_request(turn: Turn, asked: OpenRequest, policy: ApprovalPolicy, book: RequestBook, epoch: Epoch) -> None:
     """Have a policy decide a request, and answer it; tell those whose intents it overrules."""
     body = asked.request.body
     if isinstance(body, EndBody):
-        policy.end(now, body.id)
-        answer_end(asked, book, out)
+        policy.end(turn.now, body.id)
+        answer_end(turn, asked, book)
     else:
-        answer_intent(asked, policy.decide(now, asked.request.intent(epoch)), book, epoch, out)
+        answer_intent(turn, asked, policy.decide(turn.now, asked.request.intent(epoch)), book, epoch)
 
 
-def answer_end(asked: OpenRequest, book: RequestBook, out: Outbox) -> None:
+def answer_end(turn: Turn, asked: OpenRequest, book: RequestBook) -> None:
     """Answer a request that has ended an intent."""
     body = asked.request.body
-    out.note("decision.approval_ended", body.vehicle, {"intent": body.id}, (asked.cause,))
-    book.answer(asked, encode(Response.ended(body.id)), out)
+    turn.caused_by(asked.cause).note("decision.approval_ended", body.vehicle, {"intent": body.id})
+    book.answer(asked, encode(Response.ended(body.id)), turn.out)
 
 
-def answer_intent(asked: OpenRequest, decision: ApprovalDecision, book: RequestBook, epoch: Epoch, out: Outbox) -> None:
+def answer_intent(turn: Turn, asked: OpenRequest, decision: ApprovalDecision, book: RequestBook, epoch: Epoch) -> None:
     """Answer a request for an intent, and tell those whose intents the decision overrules."""
-    note_decision(asked, decision, out)
-    tell_overruled(decision, book, epoch, (asked.cause,), out)
+    turn = turn.caused_by(asked.cause)
+    note_decision(turn, asked, decision)
+    tell_overruled(turn, decision, book, epoch)
     body = asked.request.body
     version = None if isinstance(body, EndBody) else body.version
-    book.answer(asked, encode_decision(body.id, decision, epoch, version), out, accepted=decision.accepted)
+    book.answer(asked, encode_decision(body.id, decision, epoch, version), turn.out, accepted=decision.accepted)
 
 
-def tell_overruled(
-    overruling: ApprovalDecision, book: RequestBook, epoch: Epoch, causes: tuple[FrameId, ...], out: Outbox
-) -> None:
+def tell_overruled(turn: Turn, overruling: ApprovalDecision, book: RequestBook, epoch: Epoch) -> None:
     """Tell the operators of `book` whose intents a decision has overruled."""
     for one in overruling.overruled:
         if one.operator in book.operators:
             decision = ApprovalDecision(accepted=one.in_flight, reason=one.reason, tracked=one.in_flight)
-            out.note("decision.approval_overruled", one.vehicle, {"intent": one.id, "reason": one.reason}, causes)
-            book.retract(one.operator, one.id, encode_decision(one.id, decision, epoch, overruled=one), causes, out)
+            turn.note("decision.approval_overruled", one.vehicle, {"intent": one.id, "reason": one.reason})
+            book.retract(turn, one.operator, one.id, encode_decision(one.id, decision, epoch, overruled=one))
 
 
-def note_decision(asked: OpenRequest, decision: ApprovalDecision, out: Outbox) -> None:
+def note_decision(turn: Turn, asked: OpenRequest, decision: ApprovalDecision) -> None:
     """Record a decision on a request."""
     body = asked.request.body
     data: dict[str, Scalar] = {"intent": body.id, "reason": decision.reason}
@@ -168,7 +161,7 @@ def note_decision(asked: OpenRequest, decision: ApprovalDecision, out: Outbox) -
     if decision.alternatives:
         data["alternatives"] = len(decision.alternatives)
     kind = "decision.approval_accepted" if decision.accepted else "decision.approval_rejected"
-    out.note(kind, body.vehicle, data, (asked.cause,))
+    turn.note(kind, body.vehicle, data)
 
 
 def policy_plugin(

@@ -21,7 +21,7 @@ from skyrange.utm.contract import ApprovalDecision, OperationalIntent, is_constr
 from skyrange.utm.intent_register import IntentRegister, find_problem
 from skyrange.utm.intent_states import OFF_NOMINAL
 from skyrange.utm.journal import Journal, NoJournal
-from skyrange.utm.request_order import RequestQueue, least_served
+from skyrange.utm.request_book import RequestQueue, least_served
 
 
 class AlternativeParams(Params):
@@ -102,7 +102,7 @@ class Authority:
         """The same decision without alternatives, which take time, for one who only keeps up with what is decided."""
         return self._decide(now, request, offers=False)
 
-    def _decide(self, now: Time, request: OperationalIntent, offers: bool) -> ApprovalDecision:
+    def _decide(self, now: Time, request: OperationalIntent, *, offers: bool) -> ApprovalDecision:
         for forgotten in self._register.forget(now):
             del self._decisions[forgotten]
             self._journal.delete(forgotten)

@@ -1,7 +1,11 @@
-"""Flight approvals as plugins: what one is told when it is made, and what it then owns.
+"""Flight approvals as plugins: what one is told when it is made, what it then owns, and constraints that it keeps.
 
 Words are those of ASTM F3548-21: an *operational intent* claims 4-D volumes; an accepted one gets an
 *OVN* (opaque version number), which names the version that was accepted.
+
+An approval treats a constraint, an area that a constraint manager closes to flight, as an activated intent of the
+highest priority: nothing is accepted into it, intents that have not been activated are taken back, and those in flight
+are told.
 """
 
 from __future__ import annotations
@@ -24,6 +28,11 @@ if TYPE_CHECKING:
     from skyrange.core.chance import Chance
     from skyrange.core.geodesy import Origin
     from skyrange.core.time import Epoch
+
+DSS: Final = "dss"
+"""The discovery and synchronization service."""
+AIRSPACE: Final = "airspace"
+"""The constraint manager."""
 
 
 CONSTRAINT_PRIORITY: Final = 1_001
@@ -206,3 +215,26 @@ def make_uuid(name: str) -> str:
     raw[8] = raw[8] & 0x3F | 0x80
     text = raw.hex()
     return f"{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:]}"
+
+
+def claim_of(id_: str, name: str, volumes: Sequence[Volume4D]) -> OperationalIntent:
+    """The intent as which an approval treats a constraint."""
+    return OperationalIntent(id_, "", f"constraint {name}", tuple(volumes), CONSTRAINT_PRIORITY, IntentState.ACTIVATED)
+
+
+class Publication:
+    """Constraints in the order of their publication. Deep-copyable."""
+
+    def __init__(self, constraints: Sequence[Constraint] = ()) -> None:
+        self._waiting = sorted(constraints, key=lambda one: (one.published_ns, one.name))
+
+    @property
+    def due(self) -> Time | None:
+        """When the next one is published."""
+        return self._waiting[0].published_ns if self._waiting else None
+
+    def take(self, now: Time) -> list[Constraint]:
+        """Those that are published by `now`, each once."""
+        count = sum(one.published_ns <= now for one in self._waiting)
+        taken, self._waiting = self._waiting[:count], self._waiting[count:]
+        return taken

@@ -283,7 +283,7 @@ def _request_data(intent: OperationalIntent, epoch: Epoch, version: int) -> dict
         "vehicle": intent.vehicle,
         "state": intent.state.value,
         "priority": intent.priority,
-        "volumes": [_volume_data(one, epoch) for one in intent.volumes],
+        "volumes": [_volume_data(volume, epoch) for volume in intent.volumes],
         **({"version": version} if version else {}),
     }
     return {"method": "PUT", "path": PATH + intent.id, "body": body}
@@ -309,26 +309,28 @@ def _decision_data(
         "conflicts": decision.conflicts or None,
         "tracked": True if decision.tracked else None,
         "overruled": True if overruled is not None else None,
-        "closed": [_volume_data(one, epoch) for one in overruled.closed] if overruled and overruled.in_flight else None,
+        "closed": [_volume_data(volume, epoch) for volume in overruled.closed]
+        if overruled and overruled.in_flight
+        else None,
     }
     body = {
         "id": intent_id,
         "decision": "Accepted" if decision.accepted else "Rejected",
         "reason": decision.reason[:256],
-        "alternatives": [_alternative_data(one, epoch) for one in decision.alternatives],
+        "alternatives": [_alternative_data(alternative, epoch) for alternative in decision.alternatives],
         "ovn": decision.ovn,
         **{name: value for name, value in optional.items() if value is not None},
     }
     return {"status": 200, "path": PATH + intent_id, "body": body}
 
 
-def _alternative_data(one: Alternative, epoch: Epoch) -> dict[str, Any]:
+def _alternative_data(alternative: Alternative, epoch: Epoch) -> dict[str, Any]:
     return {
-        "delay_s": to_seconds(one.delay_ns),
-        "climb_m": float(one.climb_m),
-        "east_m": float(one.east_m),
-        "north_m": float(one.north_m),
-        "volumes": [_volume_data(volume, epoch) for volume in one.volumes],
+        "delay_s": to_seconds(alternative.delay_ns),
+        "climb_m": float(alternative.climb_m),
+        "east_m": float(alternative.east_m),
+        "north_m": float(alternative.north_m),
+        "volumes": [_volume_data(volume, epoch) for volume in alternative.volumes],
     }
 
 

@@ -1,19 +1,23 @@
-"""Requests of operators to a flight approval: read, checked, and answered once each.
+"""Requests of operators to a flight approval: read, checked, answered once each, and put in order where they compete.
 
 A request that comes again, because its answer may have been lost, gets the same answer without another decision. Bad
 bytes are counted, noted and answered with 400; requests in the name of others with 403.
+
+Without a policy of order an approval decides each request when it arrives: first come, first served.
 """
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
-from typing import Final
+from typing import Final, NamedTuple
 
-from skyrange.contracts.mailboxes import Arrival, Outbox
+from skyrange.contracts.mailboxes import Arrival, Outbox, Turn
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port, operator_of
+from skyrange.core.time import Time
+from skyrange.utm.intent_states import IntentState
 from skyrange.utm.messages import PATH, EndBody, ErrorBody, Request, Response, decode_request, encode
 
 REMEMBERED: Final = 4_096
@@ -114,10 +118,10 @@ class RequestBook:
             self._held.add(intent)
             self.accepted[operator] += 1
 
-    def retract(self, operator: str, intent: str, payload: bytes, causes: tuple[FrameId, ...], out: Outbox) -> None:
+    def retract(self, turn: Turn, operator: str, intent: str, payload: bytes) -> None:
         """Send the frame of a response that nobody asked for, and forget the answer that it takes back."""
         self._answers[operator].pop(intent, None)
-        out.send(self._port_of[operator], payload, causes)
+        turn.send(self._port_of[operator], payload)
 
     def _refuse(self, operator: str, arrival: Arrival, response: Response, out: Outbox) -> None:
         count = self.bad_frames[operator] = self.bad_frames[operator] + 1
@@ -125,3 +129,67 @@ class RequestBook:
             reason = response.body.message if isinstance(response.body, ErrorBody) else ""
             out.note("decision.approval_bad_request", operator, {"count": count, "reason": reason}, (arrival.ref,))
         out.send(arrival.port, encode(response), (arrival.ref,))
+
+
+class WaitingRequest(NamedTuple):
+    """What a policy knows of a request that waits."""
+
+    operator: str
+    arrived_ns: Time
+    accepted: int
+    """How many intents of the operator were accepted so far, those that have ended included."""
+    tie: bytes
+    """Digest of the request, which favours nobody."""
+
+
+RequestOrder = Callable[[Sequence[WaitingRequest]], int]
+"""A policy: the number of the request, of one or more that wait in order of arrival, that is decided next."""
+
+
+def least_served(waiting: Sequence[WaitingRequest]) -> int:
+    """Prefer the operator with the fewest accepted intents; of equal ones, the earliest request."""
+    return min(range(len(waiting)), key=lambda row: (waiting[row].accepted, waiting[row].arrived_ns, waiting[row].tie))
+
+
+class RequestQueue:
+    """Requests for airspace that wait for others to compete with. Deep-copyable.
+
+    The first one opens a window of time. At its end all that wait are decided, in the order of the policy.
+    """
+
+    def __init__(self, order: RequestOrder, window_ns: Time) -> None:
+        self._order = order
+        self._window_ns = window_ns
+        self._waiting: list[tuple[Time, OpenRequest]] = []
+        self.due: Time | None = None
+        """When the window ends."""
+
+    def add(self, now: Time, asked: OpenRequest) -> bool:
+        """Let a request wait; False for one that does not claim airspace for a later flight, which cannot wait."""
+        body = asked.request.body
+        if isinstance(body, EndBody) or body.state is not IntentState.ACCEPTED:
+            return False
+        if not self._waiting:
+            self.due = now + self._window_ns
+        self._waiting.append((now, asked))
+        return True
+
+    def take(self, now: Time, accepted: Mapping[str, int]) -> OpenRequest | None:
+        """The next request, if the window is over. `accepted`: how many intents of each operator were accepted."""
+        if self.due is None or now < self.due:
+            return None
+        rows = [WaitingRequest(one.operator, at, accepted[one.operator], one.digest) for at, one in self._waiting]
+        return self._remove(self._order(rows))
+
+    def take_earlier(self, intent: str) -> OpenRequest | None:
+        """The request for an intent that waits while another one for it arrives."""
+        for row, (_, one) in enumerate(self._waiting):
+            if one.request.body.id == intent:
+                return self._remove(row)
+        return None
+
+    def _remove(self, row: int) -> OpenRequest:
+        _, taken = self._waiting.pop(row)
+        if not self._waiting:
+            self.due = None
+        return taken

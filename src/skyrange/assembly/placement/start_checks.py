@@ -12,7 +12,7 @@ from skyrange.core.ids import vehicle_id
 from skyrange.gcs.plan.checks import check as check_plan
 from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.protocols.commands import enum_name
-from skyrange.gcs.protocols.mission_items import encode_mission
+from skyrange.gcs.protocols.mission_transfer import encode_mission
 from skyrange.scenario.model.fleet import Vehicle
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.validation.error_messages import spell_path

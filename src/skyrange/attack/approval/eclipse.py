@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.hashgraph import find_peers
+from skyrange.attack.bases.approval.hashgraph import find_peers
 from skyrange.attack.tapped_links import Names
 
 

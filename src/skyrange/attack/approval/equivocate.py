@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.corridor import CorridorClaim
-from skyrange.attack.bases.hashgraph import ByzantineMember, find_peers, make_second_event, tell
+from skyrange.attack.bases.approval.hashgraph import ByzantineMember, find_peers, make_second_event, tell
+from skyrange.attack.bases.approval.links import CorridorClaim
 
 
 @sky.attack(

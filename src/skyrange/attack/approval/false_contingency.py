@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.corridor import CorridorClaim
+from skyrange.attack.bases.approval.links import CorridorClaim
 from skyrange.utm.intent_states import IntentState
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any, Final
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.approval import AltersMessages
-from skyrange.attack.bases.federation import AtUss
+from skyrange.attack.bases.approval.federation import AtUss
+from skyrange.attack.bases.approval.links import AltersMessages
 
 _BELOW_M: Final = 500.0
 """By how much lower the false volumes are: below the ground."""

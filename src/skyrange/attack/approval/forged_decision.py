@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final, Literal
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.approval import approval_taps, read_request
+from skyrange.attack.bases.approval.links import approval_taps, read_request
 
 _NEVER_SUBMITTED: Final = 1_000_000
 """Version of an intent that no operator submits: the sham answers it."""

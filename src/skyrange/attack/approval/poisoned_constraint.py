@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.approval import AltersMessages
-from skyrange.attack.bases.corridor import InCorridor
-from skyrange.attack.bases.federation import check_constraint_manager
+from skyrange.attack.bases.approval.federation import check_constraint_manager
+from skyrange.attack.bases.approval.links import AltersMessages, InCorridor
 from skyrange.codec.f3548.values import volume_body
-from skyrange.utm.federated.names import AIRSPACE
+from skyrange.utm.contract import AIRSPACE
 
 
 @sky.attack(

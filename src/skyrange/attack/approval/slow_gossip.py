@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
+from skyrange.attack.bases.approval.hashgraph import ByzantineMember, find_peers
 from skyrange.attack.bases.frame_acts import SHAM_NS
-from skyrange.attack.bases.hashgraph import ByzantineMember, find_peers
 from skyrange.attack.tapped_links import Names
 
 

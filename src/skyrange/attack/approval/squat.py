@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.corridor import CorridorClaim
+from skyrange.attack.bases.approval.links import CorridorClaim
 
 
 @sky.attack(

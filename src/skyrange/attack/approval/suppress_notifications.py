@@ -7,7 +7,7 @@ from typing import Final
 from uas_standards.astm.f3548.v21.api import OperationID
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.federation import AtUss, read_uss
+from skyrange.attack.bases.approval.federation import AtUss, read_uss
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, encode
 from skyrange.codec.f3548.operations import path_of
 

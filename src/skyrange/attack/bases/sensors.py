@@ -1,11 +1,15 @@
-"""Bases of kinds that alter sensor readings, between the sensors and the autopilots of aircraft."""
+"""Bases of kinds that alter sensor readings, between sensors and autopilots, and acts on readings without a method.
+
+A kind with the base `OnSensors` that has an act on readings as its `act` needs no method. A reading is a column of
+`Sensors` by its name, such as `baro_up_m`. The sham leaves the readings.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from math import pi, sin
-from typing import Any, ClassVar, Final, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +17,12 @@ from pydantic import AfterValidator
 
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.declaration import Acting, Facts
-from skyrange.attack.victims import Victims, check_vehicles
+from skyrange.attack.params import Victims, check_vehicles
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
-from skyrange.contracts.params import Number, refuse
-from skyrange.contracts.plugins.fields import param, state
+from skyrange.contracts.params import Enu, Number, refuse
+from skyrange.contracts.plugins.fields import param, reads_fields, state
 from skyrange.contracts.plugins.form import Kind, place_of
-from skyrange.core.errors import InputError, Problem
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 SAMPLE_NS: Final = 100 * NS_PER_MS
@@ -217,3 +221,58 @@ def within(least: float, most: float, what: str) -> AfterValidator:
         return vector
 
     return AfterValidator(check)
+
+
+COLUMNS: Final = tuple(field.name for field in fields(Sensors))
+"""Names of all readings."""
+
+
+def alter_reading(column: str, change: str | Callable[[Any, Floats], Any]) -> Any:
+    """Alter a reading: `change` is a function of the kind and the values, or the name of a parameter that is added.
+
+    The values have a row for each aircraft; whole ones, such as a number of satellites, are rounded. Raises
+    `InputError` for a reading that does not exist.
+    """
+    _check(column)
+
+    def act(self: Any, now: Time, sensors: Sensors) -> None:
+        true = getattr(sensors, column)
+        false = np.asarray(true + np.asarray(getattr(self, change)) if isinstance(change, str) else change(self, true))
+        true[...] = np.rint(false) if true.dtype.kind == "i" and false.dtype.kind == "f" else false
+
+    return reads_fields(act, change)
+
+
+def hold_reading(column: str) -> Any:
+    """Keep a reading as it was when the act began.
+
+    Raises `InputError` for a reading that does not exist.
+    """
+    _check(column)
+
+    def act(self: Any, now: Time, sensors: Sensors) -> None:
+        true = getattr(sensors, column)
+        true[...] = self.held_readings.setdefault(column, true.copy())
+
+    return act
+
+
+def _check(column: str) -> None:
+    if column not in COLUMNS:
+        raise InputError.one("act", "reading", column, ", ".join(COLUMNS), nearest(column, COLUMNS))
+
+
+SOUND_AT_AIRCRAFT: Final = {
+    "amplitude at the aircraft": "assumed: a parameter, because it depends on sensor, distance and housing"
+}
+"""Realism of readings that sound alters."""
+Accelerations = Annotated[Enu, within(-160.0, 160.0, "m/s²")]
+"""Forward, left and up, up to 16 g: full scale of usual accelerometers."""
+Rates = Annotated[Enu, within(-2_000.0, 2_000.0, "deg/s")]
+"""About forward, left and up, up to the full scale of usual gyroscopes."""
+
+
+class AddsSound(AddsSignal):
+    """Adds the error that sound at the resonance of a MEMS sensor makes of its readings."""
+
+    attack_facts: ClassVar[Facts] = {"equipment": "a loudspeaker and amplifier for the resonance"}

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, Place
 from skyrange.attack.declaration import Acting, Facts
-from skyrange.attack.places import place_param
+from skyrange.attack.params import place_param
 from skyrange.attack.radio import SERVICE_NS, down_link, transmitter, up_link
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
@@ -73,7 +73,7 @@ class RadioAgent(Acting):
         self.ports = [self.up, *([Port(context.radio, context.down)] if self.listens else [])]
         links = [up_link(context), *([down_link(context)] if self.listens else [])]
         assert self.transmitter_m is not None  # a kind without a default has found one in `prepare`
-        radio = transmitter(context, self.transmitter_m, self.power_dbm, self.listens)
+        radio = transmitter(context, self.transmitter_m, self.power_dbm, listens=self.listens)
         return Attack(agents=[self], links=links, radios=[radio])
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:

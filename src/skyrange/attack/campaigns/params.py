@@ -1,17 +1,19 @@
-"""Parameters of campaigns: acts, means of observation, stages, and the conditions on observations that end a stage."""
+"""Parameters of campaigns: acts, observation, stages and what ends them; their checks, and places in them that move."""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, ValidationError
 
 from skyrange.attack.campaigns.course import MAX_STAGES
+from skyrange.attack.contract import AttackPlugin, Place, move_place, moved
 from skyrange.attack.declaration import Composite, Facts
 from skyrange.attack.tapped_links import Messages, Names
 from skyrange.contracts.params import Enu, Number, Params, Whole, items
 from skyrange.contracts.plugins.fields import param
-from skyrange.core.errors import Problem, Problems
+from skyrange.core.errors import InputError, Problem, Problems, nearest
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"
 
@@ -127,3 +129,79 @@ class CampaignKind(Composite):
         """No act."""
         if not self.acts:
             yield Problem("acts", "{}", "one act or more")
+
+
+def find_problems(stages: Sequence[Stage], acts: Collection[str], *, taps: bool, receiver: bool) -> Iterator[Problem]:
+    """What is wrong with the stages of a campaign with these acts, whose adversary has taps or a receiver."""
+    if not acts:
+        yield Problem("acts", "{}", "one act or more")
+        return
+    names = [stage.name for stage in stages]
+    for place, stage in enumerate(stages):
+        where = f"stages.{place}"
+        if names.index(stage.name) != place:
+            yield Problem(f"{where}.name", stage.name, "a name that no other stage has")
+        for act in stage.acts:
+            if act not in acts:
+                yield Problem(f"{where}.acts", act, "the name of an act", nearest(act, acts))
+        if not stage.bounded:
+            yield Problem(f"{where}.timeout_s", "missing", "a longest duration", "Without one it may never end.")
+        yield from _find_unobservable(where, stage, taps=taps, receiver=receiver)
+    yield from _find_idle(stages, acts)
+
+
+def _find_unobservable(where: str, stage: Stage, *, taps: bool, receiver: bool) -> Iterator[Problem]:
+    """Conditions on what the adversary has no means to observe."""
+    until = stage.until
+    if until is None:
+        return
+    sighting = until.sighting
+    by_radio = until.broadcasts is not None or (sighting is not None and sighting.vehicle is None)
+    if by_radio and not receiver:
+        yield Problem(f"{where}.until", "Remote ID", "receiver_m, with which to receive it")
+    by_tap = bool(until.messages) or until.mission_item is not None
+    by_tap = by_tap or (sighting is not None and sighting.vehicle is not None)
+    if by_tap and not taps:
+        yield Problem(f"{where}.until", "MAVLink", "taps, on which to read it")
+    if sighting is not None and sighting.vehicle is not None and sighting.uas_id is not None:
+        yield Problem(f"{where}.until.sighting", sighting.uas_id, "vehicle or uas_id, not both")
+
+
+def _find_idle(stages: Sequence[Stage], acts: Collection[str]) -> Iterator[Problem]:
+    """Acts that are in no stage, or in stages that do not follow each other."""
+    idle = set(acts) - {act for stage in stages for act in stage.acts}
+    for act in sorted(idle):
+        yield Problem(f"acts.{act}", "in no stage", "a stage in which it acts")
+    for act in sorted(set(acts) - idle):
+        places = [place for place, stage in enumerate(stages) if act in stage.acts]
+        if places[-1] - places[0] >= len(places):
+            expected = "stages that follow each other"
+            yield Problem(f"acts.{act}", "stops and starts again", expected, "Declare it twice, under two names.")
+
+
+def move_acts(params: Any, by: Place) -> Any:
+    """The parameters of a campaign with the places of its acts moved; an act that is wrong stays as it is."""
+    return params.model_copy(update={"acts": {name: _moved_act(act, by) for name, act in params.acts.items()}})
+
+
+def move_stages(params: Any, by: Place) -> Any:
+    """The parameters of a campaign with the places of its acts and sightings moved."""
+    stages = tuple(_moved_stage(stage, by) for stage in params.stages)
+    return move_acts(params, by).model_copy(update={"stages": stages})
+
+
+def _moved_act(act: CampaignAct, by: Place) -> CampaignAct:
+    try:
+        plugin = AttackPlugin.find(act.kind)
+        settings: Params = moved(plugin, plugin.params.model_validate(act.params), by)
+    except (ValidationError, InputError):
+        return act  # named when it is made
+    return act.model_copy(update={"params": settings.model_dump(exclude_none=True)})
+
+
+def _moved_stage(stage: Stage, by: Place) -> Stage:
+    if stage.until is None or stage.until.sighting is None:
+        return stage
+    sighting = stage.until.sighting
+    seen = sighting.model_copy(update={"place": move_place(sighting.place, by)})
+    return stage.model_copy(update={"until": stage.until.model_copy(update={"sighting": seen})})

@@ -10,8 +10,7 @@ from typing import Final
 from pydantic import ValidationError
 
 from skyrange.attack.campaigns.adversary import Adversary, Observation
-from skyrange.attack.campaigns.course import Course
-from skyrange.attack.campaigns.gates import GatedAgent, GatedHook, GatedTapMaker
+from skyrange.attack.campaigns.course import Course, GatedAgent, GatedHook, GatedTapMaker
 from skyrange.attack.campaigns.params import CampaignAct, CampaignKind
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, ThreatModel
 from skyrange.attack.exclusive import common

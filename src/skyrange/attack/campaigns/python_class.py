@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from skyrange.attack.campaigns.adversary import CampaignStage, Observation
-from skyrange.attack.campaigns.moved_places import move_acts
-from skyrange.attack.campaigns.params import CampaignKind
+from skyrange.attack.campaigns.params import CampaignKind, move_acts
 from skyrange.attack.campaigns.parts import make_parts
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.contracts.params import Number

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.compromised_companion import CompromisedCompanion
+from skyrange.attack.bases.mavlink.compromised_sender import CompromisedCompanion
 
 
 @sky.attack(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.compromised_companion import CompromisedCompanion
-from skyrange.attack.bases.mavlink.leading import Leader
+from skyrange.attack.bases.mavlink.compromised_sender import CompromisedCompanion
+from skyrange.attack.bases.mavlink.orders import Leader
 from skyrange.attack.bases.mavlink.params import Track
 
 

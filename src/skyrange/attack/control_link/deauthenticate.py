@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Literal
 
 import skyrange.plugin as sky
-from skyrange.attack.control_link.wifi_links import OnWifiLinks
+from skyrange.attack.bases.wifi_links import OnWifiLinks
 from skyrange.codec.wifi_management import NOBODY, FrameRequest, encode_deauthentication, pack_request
 
 

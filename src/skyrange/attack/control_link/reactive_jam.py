@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.transmission import OrdersNoise
-from skyrange.attack.control_link.wifi_links import OnWifiLinks
+from skyrange.attack.bases.wifi_links import OnWifiLinks
 from skyrange.codec.remote_id.noise_request import NoiseRequest, pack
 
 

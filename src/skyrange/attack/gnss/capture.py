@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.fixes import Rate
-from skyrange.attack.gnss.constellations import ALL_CONSTELLATIONS, Constellations
-from skyrange.attack.gnss.takeover import AFTER_CAPTURE, WHO_IS_CAPTURED, SimulatedSignals, Takeover
+from skyrange.attack.bases.gnss.fixes import Rate
+from skyrange.attack.bases.gnss.takeover import (
+    AFTER_CAPTURE,
+    ALL_CONSTELLATIONS,
+    WHO_IS_CAPTURED,
+    Constellations,
+    SimulatedSignals,
+    Takeover,
+)
 
 
 @sky.attack(

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.fixes import Rate, Shift
+from skyrange.attack.bases.gnss.fixes import Rate, Shift
 
 GROWING, HELD, RETURNING, BACK = range(4)  # phases
 

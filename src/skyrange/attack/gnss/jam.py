@@ -7,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.fixes import FIX_2D
-from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, reach_m
-from skyrange.attack.gnss.radiation import ANTENNA, Radiation
-from skyrange.attack.gnss.receiver_noise import LEAST_SATELLITES, effective_db_hz, loss_db
+from skyrange.attack.bases.gnss.emitter import AUTHENTIC_DBM, reach_m
+from skyrange.attack.bases.gnss.fixes import FIX_2D
+from skyrange.attack.bases.gnss.radiation import ANTENNA, Radiation
+from skyrange.attack.bases.gnss.receiver_noise import LEAST_SATELLITES, effective_db_hz, loss_db
 from skyrange.contracts.components import Ints
 from skyrange.world.sensing import sensor_errors
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, emitter_at
-from skyrange.attack.gnss.takeover import AFTER_CAPTURE, DEFAULT_DBM, WHO_IS_CAPTURED, SimulatedSignals, Takeover
+from skyrange.attack.bases.gnss.emitter import AUTHENTIC_DBM, emitter_at
+from skyrange.attack.bases.gnss.takeover import AFTER_CAPTURE, DEFAULT_DBM, WHO_IS_CAPTURED, SimulatedSignals, Takeover
 
 
 @sky.attack(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.fixes import fixes_since
+from skyrange.attack.bases.gnss.fixes import fixes_since
 
 ROLLOVER_S = 1024 * 604_800
 """After this time the week number of GPS L1 C/A repeats (IS-GPS-200, 6.2.4)."""

@@ -6,11 +6,10 @@ from dataclasses import replace
 from typing import Final
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.approval import approval_taps, read_request, replace_json
+from skyrange.attack.bases.approval.links import approval_taps, read_request, replace_json
+from skyrange.attack.bases.links import CopyForLink
+from skyrange.attack.bases.mavlink.altered_upload import AlteredUpload, Form, PlanAlteration
 from skyrange.attack.bases.mavlink.compromised_sender import SenderStream, station_key
-from skyrange.attack.bases.on_path import CopyForLink
-from skyrange.attack.ground.altered_upload import AlteredUpload
-from skyrange.attack.ground.plan_alteration import Form, PlanAlteration
 from skyrange.core.ids import APPROVAL
 from skyrange.utm.messages import IntentBody
 
@@ -91,7 +90,7 @@ class PlanFile(sky.LinkTap):
             return ()
         if self.upload is None:
             return self._alter_intent(frame)
-        sent = self.upload.alter(frame, self.sham)
+        sent = self.upload.alter(frame, sham=self.sham)
         return () if sent is None else (sky.Replace(sent),)
 
     def _alter_intent(self, frame: sky.Frame) -> sky.Verdicts:
@@ -102,4 +101,4 @@ class PlanFile(sky.LinkTap):
         intent = request.intent(self.epoch)
         altered = replace(intent, volumes=tuple(map(self.alteration.alter_volume, intent.volumes)))
         payload = sky.encode_approval(sky.ApprovalRequest.of(altered, self.epoch, request.body.version or 0))
-        return (replace_json(frame.payload, payload, self.sham),)
+        return (replace_json(frame.payload, payload, sham=self.sham),)

@@ -2,10 +2,79 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from math import atan2, degrees, hypot
+from typing import Any, Final
+
 import skyrange.plugin as sky
-from skyrange.attack.identity.claimed_aircraft import HEARTBEAT, POSITION, ClaimedAircraft
-from skyrange.attack.places import place_param
+from skyrange.attack.bases.mavlink.message_fields import put, put_bits, read_fields, write_fields
+from skyrange.attack.bases.mavlink.orders import AUTOPILOT
+from skyrange.attack.contract import Place
+from skyrange.attack.params import place_param
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink import message_id
+from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.verdicts import Direction
+from skyrange.core.geodesy import Origin
+
+HEARTBEAT: Final = int(mav.MAVLINK_MSG_ID_HEARTBEAT)
+POSITION: Final = int(mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+_ARMED: Final = int(mav.MAV_MODE_FLAG_SAFETY_ARMED)
+
+
+@dataclass(slots=True)
+class ClaimedAircraft:
+    """What is claimed; the rest of each report is that of the true aircraft."""
+
+    origin: Origin
+    at: Place
+    """Position at the start."""
+    velocity_mps: Place
+    mode: str | None
+    armed: bool | None
+    heard: dict[int, bytes] = field(default_factory=dict)
+    """The last HEARTBEAT and GLOBAL_POSITION_INT of the true aircraft, by message id."""
+    sequence: int = 0
+
+    def hear(self, payload: bytes, system: int) -> None:
+        """Learn from a frame, if the autopilot of this system sent it."""
+        number = message_id(payload)
+        if number not in (HEARTBEAT, POSITION) or read_fields(payload, number) is None:
+            return
+        if payload[5] == system and payload[6] == AUTOPILOT:
+            self.heard[number] = payload
+
+    def report(self, number: int, seconds: float | None) -> bytes:
+        """The next frame, some seconds after the start; with `None` it tells the same as the true one."""
+        payload = self.heard[number]
+        fields: Any = read_fields(payload, number)
+        if seconds is not None and number == HEARTBEAT:
+            self._write_state(fields)
+        elif seconds is not None:
+            self._write_position(fields, seconds)
+        self.sequence = (self.sequence + 1) & 0xFF
+        header = payload[:4] + bytes([self.sequence]) + payload[5:]
+        return write_fields(header, number, fields, fields.dtype.itemsize)
+
+    def _write_state(self, fields: Any) -> None:
+        if self.mode is not None:
+            put(fields, "custom_mode", COPTER_MODE_NUMBERS[self.mode])
+        if self.armed is not None:
+            put_bits(fields, "base_mode", _ARMED, value=self.armed)
+
+    def _write_position(self, fields: Any, seconds: float) -> None:
+        at, (east, north, up) = self.at, self.velocity_mps
+        lat_deg, lon_deg = self.origin.geodetic_of(at[0] + east * seconds, at[1] + north * seconds)
+        above_home_m = (float(fields["relative_alt"]) - float(fields["alt"])) * 1e-3
+        msl_m = self.origin.alt_msl_m + at[2] + up * seconds
+        claimed = {
+            "lat": lat_deg * 1e7, "lon": lon_deg * 1e7, "alt": msl_m * 1e3,
+            "relative_alt": (msl_m + above_home_m) * 1e3, "vx": north * 100, "vy": east * 100, "vz": -up * 100,
+        }  # fmt: skip
+        if hypot(east, north) > 0:
+            claimed["hdg"] = degrees(atan2(east, north)) % 360.0 * 100
+        for name, value in claimed.items():
+            put(fields, name, value)
 
 
 @sky.attack(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.roles import OnControlLinks
+from skyrange.attack.bases.links import OnControlLinks
 from skyrange.codec.mavlink import dialect as mav
 
 

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Final, Literal
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.waiting_frames import WaitingFrames
+from skyrange.attack.bases.links import WaitingFrames
 
 MAX_FRAMES: Final = 100_000
 """Frames that the record of a link holds; the oldest are discarded."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.leading import Leader
+from skyrange.attack.bases.mavlink.orders import Leader
 from skyrange.attack.bases.mavlink.params import Track
 
 

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.orders import read, rewrite
-from skyrange.attack.victims import check_vehicles
+from skyrange.attack.params import check_vehicles
 from skyrange.codec.mavlink import dialect as mav
 
 Form = Literal["offset", "delete", "insert", "swap", "jump"]

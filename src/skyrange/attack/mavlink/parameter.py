@@ -70,4 +70,4 @@ class ParameterTampering(sky.Injection):
         shown = sky.mavlink.MAVLink_param_value_message(
             message.param_id.encode(), value, message.param_type, message.param_count, message.param_index
         )
-        return [replace_message(message, shown, self.sham)]
+        return [replace_message(message, shown, sham=self.sham)]

@@ -46,5 +46,5 @@ class StickOverride(sky.Injection):
 
     def orders(self, now: sky.Time) -> list[sky.Order | sky.MavlinkMessage]:
         sticks = (self.forward, self.right, self.throttle, self.yaw)
-        moved = stick_message(self.target, sky.AUTOPILOT, sticks, self.message == "MANUAL_CONTROL")
+        moved = stick_message(self.target, sky.AUTOPILOT, sticks, manual=self.message == "MANUAL_CONTROL")
         return [moved, *self.keeper.orders(now)]

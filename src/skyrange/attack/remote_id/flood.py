@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.standing_aircraft import StandingAircraft
+from skyrange.attack.bases.remote_id import StandingAircraft
 from skyrange.attack.bases.transmission import WifiBeacons, join
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.standing_aircraft import StandingAircraft
+from skyrange.attack.bases.remote_id import StandingAircraft
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import ANY_CHANNEL, NO_RSSI, RidHeader
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.forged_remote_id import ForgedRemoteId
-from skyrange.attack.remote_id.drip_keys import KeyOrigin, find_registration
+from skyrange.attack.bases.remote_id import ForgedRemoteId, KeyOrigin, find_registration
 from skyrange.codec.f3411 import IdType
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport

@@ -10,7 +10,7 @@ from typing import Annotated, Final, Literal
 from pydantic import Field
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.forged_remote_id import ForgedRemoteId
+from skyrange.attack.bases.remote_id import ForgedRemoteId
 from skyrange.attack.contract import ORACLE
 from skyrange.attack.radio import check_vehicle
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.attack.sensor.sound import SOUND_AT_AIRCRAFT, Accelerations, AddsSound
+from skyrange.attack.bases.sensors import SOUND_AT_AIRCRAFT, Accelerations, AddsSound
 
 
 @sky.attack(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import radians
 
 import skyrange.plugin as sky
-from skyrange.attack.sensor.sound import SOUND_AT_AIRCRAFT, AddsSound, Rates
+from skyrange.attack.bases.sensors import SOUND_AT_AIRCRAFT, AddsSound, Rates
 
 
 @sky.attack(

@@ -2,12 +2,70 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from math import asin, atan2, cos, pi, radians, sin
+from typing import Annotated, Final
 
 from pydantic import Field
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.turned_attitude import ATTITUDE_MESSAGES, turn_attitude
+from skyrange.attack.bases.mavlink.message_fields import Fields, put
+
+ATTITUDE_MESSAGES: Final = ("ATTITUDE", "ATTITUDE_QUATERNION", "AHRS2", "VFR_HUD", "GLOBAL_POSITION_INT")
+"""All messages that tell an attitude or a heading, by name."""
+_PARTS: Final = ("q1", "q2", "q3", "q4")
+_NO_HEADING: Final = 65_535
+"""GLOBAL_POSITION_INT: the heading is not known."""
+
+
+def turn_attitude(message: str, fields: Fields, by_deg: tuple[float, float, float]) -> None:
+    """Add offsets of roll, pitch and yaw to what the message tells; headings turn by that of yaw."""
+    yaw_deg = by_deg[2]
+    if message == "ATTITUDE_QUATERNION":
+        turned = quaternion_of(*_add(euler_angles_of(*(float(fields[name]) for name in _PARTS)), by_deg))
+        for name, value in zip(_PARTS, turned, strict=True):
+            put(fields, name, value)
+    elif message == "VFR_HUD":
+        put(fields, "heading", (float(fields["heading"]) + yaw_deg) % 360.0 // 1)
+    elif message != "GLOBAL_POSITION_INT":
+        roll, pitch, yaw = _add((fields["roll"], float(fields["pitch"]), fields["yaw"]), by_deg)
+        put(fields, "roll", wrap_angle(roll))
+        put(fields, "pitch", pitch)
+        put(fields, "yaw", wrap_angle(yaw))
+    elif fields["hdg"] != _NO_HEADING:
+        put(fields, "hdg", (float(fields["hdg"]) + yaw_deg * 100.0) % 36_000.0 // 1)
+
+
+def _add(angles: tuple[float, float, float], by_deg: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Roll, pitch and yaw in radians with offsets in degrees; the pitch within a right angle."""
+    pitch = min(max(angles[1] + radians(by_deg[1]), -pi / 2), pi / 2)
+    return angles[0] + radians(by_deg[0]), pitch, angles[2] + radians(by_deg[2])
+
+
+def wrap_angle(angle_rad: float) -> float:
+    """The same angle from -π to π."""
+    return (float(angle_rad) + pi) % (2 * pi) - pi
+
+
+def euler_angles_of(w: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Roll, pitch and yaw in radians of a quaternion, in aerospace sequence."""
+    return (
+        atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        asin(min(max(2 * (w * y - z * x), -1.0), 1.0)),
+        atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+    )
+
+
+def quaternion_of(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """The quaternion w, x, y, z of Euler angles in radians, in aerospace sequence."""
+    cr, cp, cy = cos(roll / 2), cos(pitch / 2), cos(yaw / 2)
+    sr, sp, sy = sin(roll / 2), sin(pitch / 2), sin(yaw / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
 
 Angle = Annotated[sky.Number, Field(ge=-180, le=180)]
 

@@ -2,8 +2,59 @@
 
 from __future__ import annotations
 
+from typing import Final
+
+import numpy as np
+
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.claimed_battery import BATTERY_MESSAGES, claim_charge, claim_voltage
+from skyrange.attack.bases.mavlink.message_fields import Fields, put
+from skyrange.codec.mavlink import dialect as mav
+
+BATTERY_MESSAGES: Final = ("SYS_STATUS", "BATTERY_STATUS")
+"""All messages that tell charge or voltage, by name."""
+_NO_CELL: Final = 65_535
+"""BATTERY_STATUS: a cell that does not exist."""
+_LOW_PERCENT, _CRITICAL_PERCENT = 25.0, 10.0
+"""Below these, the claimed charge state is low or critical."""
+
+
+def claim_charge(message: str, fields: Fields, percent: float) -> None:
+    """Claim a charge, within 0 to 100 %; consumed charge and charge state agree with it."""
+    claimed = min(max(percent, 0.0), 100.0)
+    if message == "BATTERY_STATUS":
+        _set_consumed(fields, claimed)
+    put(fields, "battery_remaining", claimed)
+
+
+def claim_voltage(message: str, fields: Fields, volts: float) -> None:
+    """Claim a voltage of the battery; its cells have their shares of it."""
+    if message == "BATTERY_STATUS":
+        _set_cells(fields, volts * 1e3)
+    else:
+        put(fields, "voltage_battery", volts * 1e3)
+
+
+def _set_consumed(fields: Fields, claimed: float) -> None:
+    true = float(fields["battery_remaining"])
+    if 0 <= true < 100:
+        used = (100.0 - claimed) / (100.0 - true)
+        for name in ("current_consumed", "energy_consumed"):
+            if fields[name] > 0:
+                put(fields, name, fields[name] * used)
+    states = mav.MAV_BATTERY_CHARGE_STATE_OK, mav.MAV_BATTERY_CHARGE_STATE_LOW, mav.MAV_BATTERY_CHARGE_STATE_CRITICAL
+    put(fields, "charge_state", states[(claimed < _LOW_PERCENT) + (claimed < _CRITICAL_PERCENT)])
+
+
+def _set_cells(fields: Fields, millivolts: float) -> None:
+    """Scale the cells to a total; a battery without cells reports it in the first."""
+    cells = fields["voltages"].astype(np.float64)
+    there = cells < _NO_CELL
+    total = float(cells[there].sum())
+    if total > 0:
+        cells[there] = np.clip(np.rint(cells[there] * (millivolts / total)), 0, _NO_CELL - 1)
+    else:
+        cells[0] = min(millivolts, _NO_CELL - 1)
+    fields["voltages"] = cells.astype(np.uint16)
 
 
 @sky.attack(

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Final, Literal
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.estimator_reports import report_lost
 from skyrange.attack.bases.mavlink.message_fields import put_bits
 from skyrange.attack.bases.mavlink.params import SENSORS, SensorNames
+from skyrange.attack.bases.mavlink.telemetry import report_lost
 
 _STATES: Final = {"critical": sky.mavlink.MAV_STATE_CRITICAL, "emergency": sky.mavlink.MAV_STATE_EMERGENCY}
 
@@ -42,8 +42,8 @@ class FalseAlarm(sky.AlteredTelemetry):
             sky.put(fields, "system_status", _STATES[self.state])
         elif message == "SYS_STATUS":
             for name in ("onboard_control_sensors_present", "onboard_control_sensors_enabled"):
-                put_bits(fields, name, self.failed, True)
-            put_bits(fields, "onboard_control_sensors_health", self.failed, False)
+                put_bits(fields, name, self.failed, value=True)
+            put_bits(fields, "onboard_control_sensors_health", self.failed, value=False)
         else:
             report_lost(fields)
         return True

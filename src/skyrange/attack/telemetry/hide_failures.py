@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.attack.bases.mavlink.estimator_reports import report_healthy
+from skyrange.attack.bases.mavlink.telemetry import report_healthy
 from skyrange.codec.mavlink import dialect as mav
 
 

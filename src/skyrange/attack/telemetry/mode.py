@@ -62,7 +62,7 @@ class FalseMode(sky.AlteredTelemetry):
             if self.mode is not None:
                 sky.put(fields, "custom_mode", sky.copter_mode(self.mode))
             if self.armed is not None:
-                put_bits(fields, "base_mode", mav.MAV_MODE_FLAG_SAFETY_ARMED, self.armed)
+                put_bits(fields, "base_mode", mav.MAV_MODE_FLAG_SAFETY_ARMED, value=self.armed)
                 sky.put(fields, "system_status", mav.MAV_STATE_ACTIVE if self.armed else mav.MAV_STATE_STANDBY)
         return True
 

@@ -11,8 +11,8 @@ from skyrange.attack.exclusive import Exclusive
 from skyrange.contracts.channel_plans import ChannelPlan, ChannelPolicy
 from skyrange.core.errors import InputError
 from skyrange.core.ids import link_name
-from skyrange.defence.bases.protection import Protection
 from skyrange.defence.contract import Defence, DefenceContext
+from skyrange.defence.placement import Protection
 
 
 @dataclass(frozen=True, slots=True)

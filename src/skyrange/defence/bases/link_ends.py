@@ -16,10 +16,9 @@ from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.time import Time
-from skyrange.defence.bases.protection import Protection
 from skyrange.defence.contract import Defence, DefenceContext
 from skyrange.defence.path_rules import PathEnd, PathRule, ends_at
-from skyrange.defence.placement import Alarm, find_links
+from skyrange.defence.placement import Alarm, Protection, find_links
 
 STATION: Final = 255
 """System id of a ground station by convention, in whose network a defence at its end stands."""

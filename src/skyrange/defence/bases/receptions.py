@@ -15,9 +15,8 @@ from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.ids import link_name
 from skyrange.core.time import Time
-from skyrange.defence.bases.protection import Protection
 from skyrange.defence.contract import Defence, DefenceContext
-from skyrange.defence.placement import Alarm, inspects_forward, inspects_none, place_taps
+from skyrange.defence.placement import Alarm, Protection, inspects_forward, inspects_none, place_taps
 from skyrange.defence.receptions import Claim, Finding, OwnAircraft, OwnTap, Reader, Sender
 
 

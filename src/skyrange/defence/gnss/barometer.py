@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import skyrange.plugin as sky
 from skyrange.defence import data_sheets
-from skyrange.defence.fix_guard import NewFixes
+from skyrange.defence.bases.fix_checks import NewFixes
 from skyrange.defence.gnss.gates import normal_gate
 
 WINDOWS: Final = (1, 25, 100)

@@ -9,7 +9,7 @@ depends on GNSS.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,7 @@ class DeadReckoning:
     _state: Floats = field(init=False)
     _past: Floats = field(init=False)
     _due: Mask = field(init=False)
+    _rest: _Rest = field(init=False)
     _newest: int = 0
 
     def __post_init__(self) -> None:
@@ -66,6 +67,7 @@ class DeadReckoning:
         self._body = np.tile(np.eye(3), (n, 1, 1))
         self._bias, self._gravity = np.zeros((n, 3)), np.full(n, _GRAVITY_MPS2)
         self._state = np.zeros((n, 18))
+        self._rest = _Rest(self.resting, self.aligned, self.since_ns, self._means, self._steps, self._due)
         self._past = np.zeros((n, HISTORY, 18))
 
     def update(self, now: Time, sensors: Sensors) -> None:
@@ -77,10 +79,8 @@ class DeadReckoning:
         if last is None:
             return
         step_s = (now - last) / NS_PER_S
-        if _judge_rest(
-            now, sensors.gyro_radps, sensors.accel_mps2, sensors.compass_gauss, sensors.rotor_radps,
-            self.resting, self.aligned, self.since_ns, self._means, self._steps, self._state, self._due,
-        ):  # fmt: skip
+        readings = _Readings(sensors.gyro_radps, sensors.accel_mps2, sensors.compass_gauss, sensors.rotor_radps)
+        if _judge_rest(now, readings, self._rest, self._state):
             for row in np.flatnonzero(self._due).tolist():
                 self._align(row)
         _integrate(
@@ -125,6 +125,28 @@ def _triad(first: Floats, second: Floats) -> Floats:
     return np.stack([one, two, np.cross(one, two)], axis=1)
 
 
+class _Readings(NamedTuple):
+    """Readings of all aircraft at one tick."""
+
+    gyro_radps: Floats
+    accel_mps2: Floats
+    compass_gauss: Floats
+    rotor_radps: Floats
+
+
+class _Rest(NamedTuple):
+    """What is known of each aircraft at rest, and the means of its readings there."""
+
+    resting: Mask
+    aligned: Mask
+    since_ns: Times
+    means: Floats
+    steps: Floats
+    """How many readings the means are of."""
+    due: Mask
+    """Whether it is to be aligned now."""
+
+
 @compiled
 def _limited(reading: float) -> float:
     """A reading within the limits of any sensor; 0 for one that is not a number."""
@@ -134,21 +156,10 @@ def _limited(reading: float) -> float:
 
 
 @compiled
-def _judge_rest(
-    now: int,
-    gyro_radps: Floats,
-    accel_mps2: Floats,
-    compass_gauss: Floats,
-    rotor_radps: Floats,
-    resting: Mask,
-    aligned: Mask,
-    since_ns: Times,
-    means: Floats,
-    steps: Floats,
-    state: Floats,
-    due: Mask,
-) -> bool:
+def _judge_rest(now: int, readings: _Readings, rest: _Rest, state: Floats) -> bool:
     """Tell aircraft at rest from others, and average the readings of those; whether any is `due` to be aligned."""
+    gyro_radps, accel_mps2, compass_gauss, rotor_radps = readings
+    resting, aligned, since_ns, means, steps, due = rest
     any_due = False
     for row in range(len(resting)):
         fastest, square = 0.0, 0.0

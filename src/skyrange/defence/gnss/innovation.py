@@ -18,8 +18,7 @@ import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.defence import data_sheets
-from skyrange.defence.bases.fix_checks import FIXES_PER_H
-from skyrange.defence.fix_guard import NewFixes
+from skyrange.defence.bases.fix_checks import FIXES_PER_H, NewFixes
 from skyrange.defence.gnss.dead_reckoning import ALIGN_STEPS, DeadReckoning
 from skyrange.defence.gnss.gates import chi_square_gate, cusum_gate
 from skyrange.world.sensing.geomagnetism import magnetic_field_at
@@ -163,7 +162,7 @@ class InnovationCheck(sky.FixCheck):
             self.guard.release(row)
             self.fused_ns[row] = now
             return []
-        one.predict(time, force, rotation, resting)
+        one.predict(time, force, rotation, resting=resting)
         innovation, spread, white = one.innovate(fix_m - position, fix_mps - velocity, sensors.gnss_accuracy[row])
         closed = self.guard.closed(row)
         if closed:
@@ -280,7 +279,7 @@ class ErrorFilter:
         self._squares.clear()
         self._sums[:] = 0.0
 
-    def predict(self, time: sky.Time, force: sky.Floats, rotation: sky.Floats, resting: bool) -> None:
+    def predict(self, time: sky.Time, force: sky.Floats, rotation: sky.Floats, *, resting: bool) -> None:
         """Go on to the time of a fix; `force` and `rotation` are the integrals since the start."""
         dt_s = max((time - self.time_ns) / sky.NS_PER_S, 0.0)
         push, turned = force - self.force, rotation - self.rotation

@@ -21,7 +21,7 @@ from typing import ClassVar, Final
 
 import skyrange.plugin as sky
 from skyrange.defence import data_sheets
-from skyrange.defence.fix_guard import LEAST_INTERVAL_NS
+from skyrange.defence.bases.fix_checks import LEAST_INTERVAL_NS
 from skyrange.defence.gnss.gates import normal_gate
 
 STREAM: Final = "defence.gnss_integrity"

@@ -11,7 +11,7 @@ from typing import ClassVar, Final
 
 import skyrange.plugin as sky
 from skyrange.defence import data_sheets
-from skyrange.defence.fix_guard import LEAST_INTERVAL_NS
+from skyrange.defence.bases.fix_checks import LEAST_INTERVAL_NS
 from skyrange.defence.gnss.gates import normal_gate
 
 _FIX_3D: Final = data_sheets.FIX_3D

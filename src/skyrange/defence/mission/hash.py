@@ -16,11 +16,9 @@ from typing import Literal
 import skyrange.plugin as sky
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.defence.bases.link_ends import STATION, role_of
-from skyrange.defence.bases.protection import Protection
-from skyrange.defence.mission.hash_ends import WRITES, AircraftEnd, StationEnd
-from skyrange.defence.mission.hash_messages import COMPONENT, derive_key
+from skyrange.defence.mission.hash_ends import COMPONENT, WRITES, AircraftEnd, StationEnd, derive_key
 from skyrange.defence.path_rules import ends_at
-from skyrange.defence.placement import Alarm, DefenceTap, find_links
+from skyrange.defence.placement import Alarm, DefenceTap, Protection, find_links
 
 
 @sky.defence(

@@ -1,10 +1,17 @@
-"""The two ends of mission hashes: what the station's end sends, and what the aircraft's end holds and verifies."""
+"""Mission hashes at both ends of a link: messages, what the station sends, what the aircraft holds and verifies.
+
+TUNNEL (https://mavlink.io/en/messages/common.html#TUNNEL) carries 128 bytes of a type that its users agree on; types
+above 32767 are free for experiments.
+"""
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from hashlib import sha256
 from hmac import compare_digest
+from hmac import new as new_hmac
 from typing import Final, NamedTuple
 
 from skyrange.attack.bases.mavlink.orders import read
@@ -17,17 +24,75 @@ from skyrange.contracts.verdicts import Drop, Inject, Verdict
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.defence.bases.link_ends import STATION
-from skyrange.defence.mission.hash_messages import (
-    ASKED,
-    SENT,
-    UNKNOWN,
-    HashMessage,
-    make_tag,
-    name_frame,
-    pack_message,
-    read_message,
-)
 from skyrange.defence.placement import Alarm, DefenceTap
+
+PAYLOAD_TYPE: Final = 40_385
+"""Payload type of these messages, in the range for experiments."""
+COMPONENT: Final = int(mav.MAV_COMP_ID_TUNNEL_NODE)
+"""Component id of both ends; a number sequence of its own leaves those of station and autopilot alone."""
+TAG_BYTES: Final = 16
+"""HMAC-SHA-256 truncated to 128 bits, half of its length as RFC 2104, section 5, recommends at least."""
+FRAME_BYTES: Final = 16
+"""Bytes of a frame's name, its truncated SHA-256."""
+_PAYLOAD: Final = 128
+_FORMAT: Final = struct.Struct("<BI16s16s16s")
+
+SENT, ASKED, UNKNOWN = 1, 2, 3
+"""Kinds: the station's end has sent that frame; the aircraft's end asks whether it did; it did not."""
+
+
+class HashMessage(NamedTuple):
+    """One message: its kind, the number of the upload or of the question, and the frame that it is about."""
+
+    kind: int
+    number: int
+    frame: bytes
+    upload: bytes = bytes(TAG_BYTES)
+    """Of `SENT`: the keyed hash of the upload as far as that frame."""
+    tag: bytes = bytes(TAG_BYTES)
+    """The keyed hash of all before."""
+
+    def sealed(self, key: bytes) -> HashMessage:
+        """The same with its tag."""
+        return self._replace(tag=make_tag(key, self.kind, self.number, self.frame, self.upload))
+
+    def is_genuine(self, key: bytes) -> bool:
+        """Whether its tag is right."""
+        return compare_digest(make_tag(key, self.kind, self.number, self.frame, self.upload), self.tag)
+
+
+def name_frame(payload: bytes) -> bytes:
+    """The name of a frame: its SHA-256, truncated."""
+    return sha256(payload).digest()[:FRAME_BYTES]
+
+
+def derive_key(passphrase: str, vehicle: str) -> bytes:
+    """The key of one aircraft (32 bytes): the HMAC-SHA-256 of its id under the passphrase."""
+    return new_hmac(passphrase.encode(), vehicle.encode(), sha256).digest()
+
+
+def make_tag(key: bytes, kind: int, number: int, *parts: bytes) -> bytes:
+    """The keyed hash (`TAG_BYTES`) of a message of this kind and number about `parts`; each is told with its length."""
+    covered = struct.pack("<BI", kind, number) + b"".join(struct.pack("<I", len(part)) + part for part in parts)
+    return new_hmac(key, covered, sha256).digest()[:TAG_BYTES]
+
+
+def pack_message(packer: Packer, target: int, message: HashMessage) -> bytes:
+    """The TUNNEL frame of a message to system `target`."""
+    body = _FORMAT.pack(*message)
+    padded = list(body.ljust(_PAYLOAD, b"\0"))
+    return packer.pack(mav.MAVLink_tunnel_message(target, COMPONENT, PAYLOAD_TYPE, len(body), padded))
+
+
+def read_message(payload: bytes) -> HashMessage | None:
+    """The message in a TUNNEL frame; `None` for every other frame."""
+    message = read(payload)
+    if message is None or message.get_msgId() != mav.MAVLINK_MSG_ID_TUNNEL or message.payload_type != PAYLOAD_TYPE:
+        return None
+    if message.payload_length != _FORMAT.size:
+        return None
+    return HashMessage(*_FORMAT.unpack(bytes(message.payload[: _FORMAT.size])))
+
 
 WRITES: Final = frozenset((
     mav.MAVLINK_MSG_ID_MISSION_COUNT, mav.MAVLINK_MSG_ID_MISSION_ITEM_INT, mav.MAVLINK_MSG_ID_MISSION_ITEM,
@@ -131,19 +196,19 @@ class StationEnd(DefenceTap):
         name = name_frame(frame.payload)
         running = make_tag(self.key, SENT, upload.number, *parts)
         message = HashMessage(SENT, upload.number, name, running).sealed(self.key)
-        self.sent = {one: (at, said) for one, (at, said) in self.sent.items() if now - at < _KEPT_NS}
+        self.sent = {name: (at, sent) for name, (at, sent) in self.sent.items() if now - at < _KEPT_NS}
         self.sent[name] = (now, message)
         return [self._say(message)]
 
     def _answer(self, now: Time, payload: bytes) -> Sequence[Verdict]:
-        asked = read_message(payload)
-        if asked is None:
+        question = read_message(payload)
+        if question is None:
             return ()
-        if asked.kind != ASKED or not asked.is_genuine(self.key):
+        if question.kind != ASKED or not question.is_genuine(self.key):
             return [Drop()]
-        at, message = self.sent.get(asked.frame, (-_KEPT_NS, asked))
+        at, message = self.sent.get(question.frame, (-_KEPT_NS, question))
         if now - at >= _KEPT_NS:
-            message = HashMessage(UNKNOWN, asked.number, asked.frame).sealed(self.key)
+            message = HashMessage(UNKNOWN, question.number, question.frame).sealed(self.key)
         return [Drop(), self._say(message)]
 
     def _say(self, message: HashMessage) -> Inject:
@@ -193,21 +258,21 @@ class AircraftEnd(DefenceTap):
 
     def next_wakeup(self) -> Time | None:
         """When the next question is due."""
-        return min((one.due_ns for one in self.held.values()), default=None)
+        return min((frame.due_ns for frame in self.held.values()), default=None)
 
     def on_wakeup(self, now: Time) -> Sequence[Verdict]:
         """Ask for the hashes that have not come; give up those that were asked for too long."""
         answer: list[Verdict] = []
-        for name, one in list(self.held.items()):
-            if one.due_ns > now:
+        for name, frame in list(self.held.items()):
+            if frame.due_ns > now:
                 continue
-            if now - one.came_ns >= self.patience_ns:
+            if now - frame.came_ns >= self.patience_ns:
                 del self.held[name]
-                answer += self.alarm.raise_at(now, "mission.unanswered", 1.0, what=_describe(one.payload))
+                answer += self.alarm.raise_at(now, "mission.unanswered", 1.0, what=_describe(frame.payload))
                 continue
-            one.due_ns = now + NS_PER_S
-            asked = HashMessage(ASKED, one.question, name).sealed(self.key)
-            payload = pack_message(self.packer, self.packer.system, asked)
+            frame.due_ns = now + NS_PER_S
+            question = HashMessage(ASKED, frame.question, name).sealed(self.key)
+            payload = pack_message(self.packer, self.packer.system, question)
             answer.append(Inject(payload, "rev", *ends_of(self.link, "rev")))
         return answer
 
@@ -250,7 +315,7 @@ class AircraftEnd(DefenceTap):
         """Whether the hash is right for a frame at this place; counts the frame in."""
         upload = self.uploads.setdefault(step.mission_type, Upload())
         if step.seq < 0:
-            newest = max(one.number for one in self.uploads.values())
+            newest = max(known.number for known in self.uploads.values())
             again = message.number == upload.number and not upload.items and upload.first == step.content
             fits = message.number > newest or again
         else:

@@ -7,10 +7,9 @@ from math import ceil, log
 from typing import ClassVar, Final
 
 import skyrange.plugin as sky
+from skyrange.defence.bases.signal_strengths import SignalJudge, channel_of, distance_m, free_space_loss_db
 from skyrange.defence.receptions import Claim, Finding, Held, Sender
-from skyrange.defence.remote_id.knowledge import SignalJudge, channel_of
 from skyrange.defence.remote_id.signal import ErrorRate, is_in_sight
-from skyrange.defence.remote_id.strength_test import distance_m, free_space_loss_db
 
 KIND: Final = "remote_id.appearance"
 SENSITIVITY_DBM: Final = -92.0

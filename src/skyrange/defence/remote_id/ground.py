@@ -12,10 +12,9 @@ import skyrange.plugin as sky
 from skyrange.attack.contract import GroundReceiver
 from skyrange.attack.declaration import Acting
 from skyrange.defence.bases.receptions import TapOf
-from skyrange.defence.placement import Alarm
-from skyrange.defence.receptions import Held, Reader, Sender
-from skyrange.defence.remote_id.knowledge import (
+from skyrange.defence.bases.signal_strengths import (
     Shift,
+    StrengthTest,
     assumed_decorrelation,
     assumed_k,
     assumed_missing,
@@ -24,8 +23,9 @@ from skyrange.defence.remote_id.knowledge import (
     channel_of,
     map_of,
 )
+from skyrange.defence.placement import Alarm
+from skyrange.defence.receptions import Held, Reader, Sender
 from skyrange.defence.remote_id.signal import ErrorRate, PowerLimits, doubt_m, is_usable
-from skyrange.defence.remote_id.strength_test import StrengthTest
 from skyrange.radio.ground_receptions import Reception, ReceptionReport, decode, encode
 
 KIND: Final = "remote_id.ground"

@@ -9,9 +9,8 @@ from typing import Annotated, ClassVar, Final
 from pydantic import AfterValidator, BeforeValidator, Field
 
 import skyrange.plugin as sky
+from skyrange.defence.bases.signal_strengths import WAVELENGTH_M, SignalJudge, StrengthTest, channel_of, distance_m
 from skyrange.defence.receptions import UNKNOWN_M, Claim, Finding, Held, Place, Sender
-from skyrange.defence.remote_id.knowledge import SignalJudge, channel_of
-from skyrange.defence.remote_id.strength_test import WAVELENGTH_M, StrengthTest, distance_m
 
 KIND: Final = "remote_id.signal"
 

@@ -31,7 +31,7 @@ from pydantic import BeforeValidator
 
 import skyrange.plugin as sky
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.detect.message_heads import Flags, MessageHeads, message_numbers
+from skyrange.detect.messages import Flags, MessageHeads, message_numbers
 from skyrange.detect.series import Floats
 
 WORST, PROTECTION, COURSE, USUAL = 4.0, 2.0, 1.0, 0.5

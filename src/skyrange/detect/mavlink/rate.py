@@ -26,7 +26,7 @@ import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.contracts.scalars import Scalar
-from skyrange.detect.message_heads import MessageHeads, message_numbers, name_message, read_heads
+from skyrange.detect.messages import MessageHeads, message_numbers, name_message, read_heads
 from skyrange.detect.series import Floats
 
 PARTS: Final = 5
@@ -91,7 +91,7 @@ class MessageRate(sky.MessageDetector):
         learns = now < begin_ns + length_ns
         rates = np.zeros(size) if learns else self._rates(size)
         counts = self.counts[:size].sum(axis=1)
-        raised, scores = self.episodes.update(now, np.arange(size), counts / self._expect(rates, learns))
+        raised, scores = self.episodes.update(now, np.arange(size), counts / self._expect(rates, learns=learns))
         alerts = []
         for stream, score in zip(raised.tolist(), scores.tolist(), strict=True):
             sender, message = self.keys[stream].tolist()
@@ -111,7 +111,7 @@ class MessageRate(sky.MessageDetector):
         regular = (learned > 0).all(axis=1)
         return np.asarray(np.where(regular, learned.sum(axis=1) / sky.to_seconds(sky.from_seconds(self.learn_s)), 0.0))
 
-    def _expect(self, rates: Floats, learns: bool) -> Floats:
+    def _expect(self, rates: Floats, *, learns: bool) -> Floats:
         """(n,) the most messages in a window that each of the first n streams is expected to send."""
         transfer = np.isin(self.keys[: len(rates), 1], [message_numbers()[name] for name in _TRANSFER]) | learns
         others = np.where(transfer, self.transfer_per_s, self.others_per_s) * self.window_s

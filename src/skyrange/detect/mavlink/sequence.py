@@ -24,14 +24,14 @@ frames in `silence_s` and loses 128 of them in a row.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.contracts.frames.payloads import Ints
 from skyrange.core.compiled import compiled
-from skyrange.detect.message_heads import MessageHeads
+from skyrange.detect.messages import MessageHeads
 from skyrange.detect.streams import EventCounts
 
 FINDINGS: Final = ("", "interleaved", "conflict", "old")
@@ -78,9 +78,11 @@ class SequenceNumbers(sky.MessageDetector):
         self.states[begins] = (0, -1, -1, _NEVER, _NEVER)
         findings = np.zeros(len(streams), dtype=np.int64)
         _follow(
-            streams, heads.at_ns, heads.sequences, heads.checksums, self.states, self.seen, self.seen_ns,
-            self.most_lost, sky.from_seconds(self.late_s), sky.from_seconds(self.silence_s), findings,
-        )  # fmt: skip
+            _Frames(streams, heads.at_ns, heads.sequences, heads.checksums),
+            _Memory(self.states, self.seen, self.seen_ns),
+            _Limits(self.most_lost, sky.from_seconds(self.late_s), sky.from_seconds(self.silence_s)),
+            findings,
+        )
         rows = np.flatnonzero(findings)
         events, found = heads.take(rows), findings[rows]
         counts = self.counts.add(events.at_ns, streams[rows])
@@ -90,12 +92,38 @@ class SequenceNumbers(sky.MessageDetector):
         )  # fmt: skip
 
 
+class _Frames(NamedTuple):
+    """Frames in the order of their arrival."""
+
+    streams: Ints
+    at_ns: Ints
+    sequences: Ints
+    contents: Ints
+
+
+class _Memory(NamedTuple):
+    """What is known of each stream."""
+
+    states: Ints
+    seen: Ints
+    """The content of the last frame with each sequence number; -1 without one."""
+    seen_ns: Ints
+
+
+class _Limits(NamedTuple):
+    """Parameters of the detector."""
+
+    most_lost: int
+    late_ns: int
+    silence_ns: int
+
+
 @compiled
-def _follow(
-    streams: Ints, at_ns: Ints, sequences: Ints, contents: Ints, states: Ints, seen: Ints, seen_ns: Ints,
-    most_lost: int, late_ns: int, silence_ns: int, findings: Ints,
-) -> None:  # fmt: skip
+def _follow(frames: _Frames, memory: _Memory, limits: _Limits, findings: Ints) -> None:
     """Follow the counters of all senders; writes the index in `FINDINGS` of each frame."""
+    streams, at_ns, sequences, contents = frames
+    states, seen, seen_ns = memory
+    most_lost, late_ns, silence_ns = limits
     for row in range(streams.shape[0]):
         stream, at, number = streams[row], at_ns[row], sequences[row]
         state = states[stream]

@@ -26,7 +26,7 @@ import numpy as np
 from pydantic import BeforeValidator
 
 import skyrange.plugin as sky
-from skyrange.detect.message_heads import MessageHeads, message_numbers
+from skyrange.detect.messages import MessageHeads, message_numbers
 from skyrange.detect.streams import EventCounts, StreamNumbers
 
 RULES: Final = ("unknown", "endpoint", "command", "reply")

@@ -4,7 +4,7 @@ It reads the headers of all MAVLink frames that arrive at a link end, and the ti
 next. For each stream (sender and message) it learns mean and standard deviation of the intervals from `learn_after_s`
 on for `learn_s`; a stream is periodic if it had at least eight intervals and a standard deviation below half the mean.
 Each further interval gives z, its deviation from the mean in standard deviations (at least `least_deviation_s`, since
-programs poll). Three CUSUM charts (Page 1954; see `cusum`) accumulate z − k for late, −z − k for early messages, and
+programs poll). Three CUSUM charts (Page 1954, `run_length`) accumulate z − k for late, −z − k for early messages, and
 (√|z| − 0.822)/0.349 − k for irregular ones; the root is nearly standard normal if z is. The score is the highest sum
 divided by the decision interval h.
 
@@ -23,17 +23,50 @@ out, since autopilots send them beside the regular ones. Silence is `heartbeat.g
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import log10
-from typing import Final
+from functools import cache
+from math import erf, log, log10, sqrt
+from typing import Final, NamedTuple
 
 import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.contracts.frames.payloads import Ints
 from skyrange.core.compiled import compiled
-from skyrange.detect.mavlink.cusum import find_interval
-from skyrange.detect.message_heads import Flags, MessageHeads
+from skyrange.detect.messages import Flags, MessageHeads
 from skyrange.detect.series import Floats
+
+STATES = 100
+_SCALE = sqrt(2.0)
+
+
+def run_length(reference: float, interval: float) -> float:
+    """The average number of standard normal values to an alarm; `reference` is k and `interval` is h.
+
+    A one-sided CUSUM of standard normal values z (E. S. Page, "Continuous Inspection Schemes", Biometrika 41, 1954) is
+    S ← max(0, S + z − k), with an alarm at S ≥ h. Its average run length follows from a Markov chain over a division of
+    0…h (D. Brook and D. A. Evans, "An approach to the probability distribution of cusum run length", Biometrika 59,
+    1972).
+    """
+    width = 2.0 * interval / (2 * STATES - 1)
+    steps = (np.arange(-STATES, STATES) + 0.5) * width + reference
+    below = np.array([0.5 * (1.0 + erf(step / _SCALE)) for step in steps.tolist()])
+    probability = np.diff(below)  # of a step of j − STATES + 1 states
+    places = np.arange(STATES)
+    moves = places[None, :] - places[:, None]
+    chain = probability[moves + STATES - 1]
+    chain[:, 0] = below[STATES - places]
+    return float(np.linalg.solve(np.eye(STATES) - chain, np.ones(STATES))[0])
+
+
+@cache
+def find_interval(reference: float, length: float) -> float:
+    """The decision interval h whose average run length is `length` values (10 … 1e9), to 0.1 %."""
+    low, high = 0.05, 0.1 + 2.0 * log(length) / reference
+    while high - low > 1e-3 * low:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if run_length(reference, middle) < length else (low, middle)
+    return 0.5 * (low + high)
+
 
 CHARTS: Final = ("late", "early", "irregular")
 LEAST_INTERVALS: Final = 8
@@ -88,10 +121,8 @@ class MessageTiming(sky.MessageDetector):
         if now >= end_ns:
             self._design(np.unique(streams[self.phase[streams] == _FRESH]))
         peaks, which = np.zeros(len(streams)), np.zeros(len(streams), dtype=np.int64)
-        _accumulate(
-            streams, heads.at_ns, self.last_ns, self.phase, self.learned, self.charts, self.clip, self.shift / 2.0,
-            begin_ns, end_ns, peaks, which,
-        )  # fmt: skip
+        memory = _Memory(self.last_ns, self.phase, self.learned, self.charts)
+        _accumulate(streams, heads.at_ns, memory, _Limits(self.clip, self.shift / 2.0, begin_ns, end_ns), peaks, which)
         learned = self.learned
         return self.alerts(
             frames, heads, streams, peaks,
@@ -133,12 +164,30 @@ class MessageTiming(sky.MessageDetector):
             self.phase[stream] = _WATCHED
 
 
+class _Memory(NamedTuple):
+    """What is known of each stream."""
+
+    last_ns: Ints
+    phase: Ints
+    learned: Floats
+    charts: Floats
+
+
+class _Limits(NamedTuple):
+    """Parameters of the charts, and the begin and end of learning."""
+
+    clip: float
+    reference: float
+    """k: what each value has to exceed."""
+    begin_ns: int
+    end_ns: int
+
+
 @compiled
-def _accumulate(
-    streams: Ints, at_ns: Ints, last_ns: Ints, phase: Ints, learned: Floats, charts: Floats, clip: float,
-    reference: float, begin_ns: int, end_ns: int, peaks: Floats, which: Ints,
-) -> None:  # fmt: skip
+def _accumulate(streams: Ints, at_ns: Ints, memory: _Memory, limits: _Limits, peaks: Floats, which: Ints) -> None:
     """Learn from the intervals or add them to the charts; writes each row's highest sum over h, and its chart."""
+    last_ns, phase, learned, charts = memory
+    clip, reference, begin_ns, end_ns = limits
     for row in range(streams.shape[0]):
         stream, at = streams[row], at_ns[row]
         last = last_ns[stream]

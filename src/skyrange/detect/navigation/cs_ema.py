@@ -29,7 +29,7 @@ The differences to VIMU:
   each sample of the sensor, so delays in seconds are longer; in samples they are the same.
 - The reference is the autopilot's own estimate, not one by a model of motors and airframe ("virtual IMU"), whose
   inputs telemetry does not carry at its rate. So gyroscopes and accelerometers are not judged. For the magnetometer,
-  the field and the bias of the compass are estimated as PX4 does (`field_reference`), turned by ATTITUDE.
+  the field and the bias of the compass are estimated as PX4 does (`FieldReference`), turned by ATTITUDE.
 - VIMU adds the variance of the reference. Telemetry does not report that of position, velocity and height; there the
   variance of the measurement is taken, which it does not exceed while the estimator uses the sensor.
 - Heights of fixes are not judged by default (`heights`): their errors change by metres within a minute, and with the
@@ -44,16 +44,129 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import ClassVar, Final
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.detect.navigation.cs_ema_charts import Chart, CsEma
-from skyrange.detect.navigation.field_reference import FieldReference, turns_to_earth
-from skyrange.detect.navigation.fix_errors import fix_errors
-from skyrange.detect.pressure_altitude import pressure_altitude_m
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.detect.bases import MOST_SCORE
+from skyrange.detect.sensor_values import fix_errors, pressure_altitude_m
 from skyrange.detect.series import Floats, grown, rounds
+
+NOISE_GAUSS: Final = 0.05
+"""EKF2_MAG_NOISE, its default: of a measurement, and of the states at the beginning."""
+_GROWTH: Final = np.repeat([1e-8, 1e-10], 3)
+"""Growth of variances in gauss²/s: EKF2_MAG_E_NOISE and EKF2_MAG_B_NOISE, 1e-3 and 1e-4 gauss/s, in steps of 10 ms."""
+_MOST_S: Final = 60.0
+
+
+class FieldReference:
+    """Estimates of the magnetic field that each aircraft should measure, of all link ends.
+
+    Each end at most once in a call; its first field begins the estimate. A Kalman filter with six states for each link
+    end, as the magnetic states of PX4's EKF2: the field north, east and down, and the bias forward, right and down,
+    both nearly constant. Attitudes are taken as exact.
+    """
+
+    def __init__(self) -> None:
+        self._states: Floats = np.zeros((0, 6))
+        self._covariances: Floats = np.zeros((0, 6, 6))
+
+    def predict(self, places: Ints, fields: Floats, turns: Floats, seconds: Floats) -> Floats:
+        """Innovations (n, 3) of fields in the body frame, in standard deviations of each.
+
+        `fields` are (n, 3) in gauss; `turns` are (n, 3, 3), from the body to north, east and down; `seconds` since the
+        last field of the end, which may be NaN.
+        """
+        count = int(places.max(initial=-1)) + 1
+        self._states = grown(self._states, count, np.nan)
+        self._covariances = grown(self._covariances, count)
+        fresh = np.flatnonzero(np.isnan(self._states[places, 0]))
+        ends = places[fresh]
+        self._states[ends, :3] = (turns[fresh] * fields[fresh, None, :]).sum(axis=2)
+        self._states[ends, 3:] = 0.0
+        self._covariances[ends] = np.eye(6) * NOISE_GAUSS**2
+        growth = np.clip(np.nan_to_num(seconds), 0.0, _MOST_S)
+        self._covariances[places] += growth[:, None, None] * np.diag(_GROWTH)
+        ratios = np.empty((len(places), 3))
+        for axis in range(3):
+            innovation, variance, _ = self._compare(places, fields, turns, axis)
+            ratios[:, axis] = innovation / np.sqrt(variance)
+        return ratios
+
+    def update(self, places: Ints, fields: Floats, turns: Floats) -> None:
+        """Fuse fields, one axis after another."""
+        for axis in range(3):
+            innovation, variance, cross = self._compare(places, fields, turns, axis)
+            gain = cross / variance[:, None]
+            self._states[places] += gain * innovation[:, None]
+            self._covariances[places] -= gain[:, :, None] * cross[:, None, :]
+
+    def _compare(self, places: Ints, fields: Floats, turns: Floats, axis: int) -> tuple[Floats, Floats, Floats]:
+        """Of one axis: (n,) innovations, their (n,) variances, and their (n, 6) covariances with the states."""
+        row = np.concatenate([turns[:, :, axis], np.broadcast_to(np.eye(3)[axis], (len(places), 3))], axis=1)
+        cross = (self._covariances[places] * row[:, None, :]).sum(axis=2)
+        innovation = fields[:, axis] - (self._states[places] * row).sum(axis=1)
+        return innovation, (cross * row).sum(axis=1) + NOISE_GAUSS**2, cross
+
+
+def turns_to_earth(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
+    """The (n, 3, 3) matrices from the body frame (forward, right, down) to north, east and down, by angles in rad."""
+    (cr, cp, cy), (sr, sp, sy) = (np.cos(a) for a in (roll, pitch, yaw)), (np.sin(a) for a in (roll, pitch, yaw))
+    rows = (
+        (cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy),
+        (cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy),
+        (-sp, sr * cp, cr * cp),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+class Chart(NamedTuple):
+    """The design of the charts of a sensor; all but `weight` in standard deviations of the innovation."""
+
+    weight: float
+    """λ, the weight of a new value in the moving average."""
+    cap: float
+    """R, the greatest absolute value that enters the moving average."""
+    ema_limit: float
+    """The control limit of the moving average; 0 leaves it out."""
+    shift: float
+    """b, the part of an absolute value that the CUSUM does not add."""
+    cusum_limit: float
+    """The control limit of the CUSUM; 0 leaves it out."""
+
+
+class CsEma:
+    """The charts of the axes of one sensor at every link end."""
+
+    def __init__(self, chart: Chart, axes: int) -> None:
+        self._chart = chart
+        self._sums: Floats = np.zeros((0, axes))
+        self._means: Floats = np.zeros((0, axes))
+
+    def add(self, places: Ints, ratios: Floats) -> tuple[Floats, Floats]:
+        """Take in innovations at link ends; returns the statistics after each, over their limits.
+
+        `places` are (n,) link ends, and rows of one end are in order of time. `ratios` are (n, axes) finite
+        innovations in standard deviations. Returns the CUSUM and the absolute moving average, (n, axes) each; 0 where
+        the chart is left out.
+        """
+        chart, count = self._chart, int(places.max(initial=-1)) + 1
+        self._sums, self._means = grown(self._sums, count), grown(self._means, count)
+        sums, means = np.zeros(ratios.shape), np.zeros(ratios.shape)
+        capped = np.clip(ratios, -chart.cap, chart.cap)
+        excess = np.abs(ratios) - chart.shift
+        for rows in rounds(places):
+            at = places[rows]
+            if chart.cusum_limit > 0.0:
+                kept = np.clip(self._sums[at] + excess[rows] / chart.cusum_limit, 0.0, MOST_SCORE)
+                self._sums[at] = sums[rows] = kept
+            if chart.ema_limit > 0.0:
+                self._means[at] = (1.0 - chart.weight) * self._means[at] + chart.weight * capped[rows]
+                means[rows] = np.abs(self._means[at]) / chart.ema_limit
+        return sums, means
+
 
 SENSORS: Final = ("position", "velocity", "barometer", "magnetometer")
 CHARTS: Final = ("cusum", "ema")

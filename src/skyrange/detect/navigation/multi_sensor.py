@@ -33,9 +33,8 @@ from typing import ClassVar, Final
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.detect.moving_mean import MovingMean
-from skyrange.detect.pressure_altitude import pressure_altitude_m
-from skyrange.detect.series import Flags, Floats
+from skyrange.detect.sensor_values import pressure_altitude_m
+from skyrange.detect.series import Flags, Floats, MovingMean
 
 GNSS_HEIGHT, FUSED_HEIGHT, HEADING, TURN, AIR_SPEED = "gnss_height", "fused_height", "heading", "turn", "air_speed"
 _MEAN_S: Final = 5.0

@@ -33,7 +33,7 @@ import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.core.compiled import compiled
-from skyrange.detect.claims import Claims
+from skyrange.detect.receptions import Claims
 from skyrange.detect.series import Floats
 from skyrange.detect.streams import StreamNumbers
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.attack.gnss.emitter import FIX_NONE
+from skyrange.attack.bases.gnss.emitter import FIX_NONE
 
 
 @sky.fault(

@@ -7,12 +7,12 @@ from typing import Final, Literal
 import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.compromised_sender import read_timestamp, station_key
 from skyrange.attack.bases.mavlink.orders import Sender
+from skyrange.attack.params import check_vehicles
 from skyrange.attack.tapped_links import ends_of
-from skyrange.attack.victims import check_vehicles
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.codec.mavlink.signing import LAST_TIMESTAMP, sign_frame
-from skyrange.fault.at_station import AtStation
+from skyrange.fault.bases import AtStation
 
 _LINK: Final = 1
 """Link id in signatures: another one than the station's own frames have, because timestamps of one may not repeat."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import skyrange.plugin as sky
-from skyrange.fault.at_station import AtStation
+from skyrange.fault.bases import AtStation
 
 
 @sky.fault(

@@ -11,23 +11,72 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from skyrange.city.city import City
+from skyrange.contracts.scalars import Scalar
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import hash64, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Epoch, Time, from_seconds, to_seconds
 from skyrange.core.volumes import Volume4D, contains
-from skyrange.gcs.flight.flight import Flight
-from skyrange.gcs.flight.intent_submission import IntentSubmission
-from skyrange.gcs.plan.alterations import altered
+from skyrange.gcs.flight.lifecycle import Flight
 from skyrange.gcs.plan.checks import check
 from skyrange.gcs.plan.paths import Point
-from skyrange.gcs.plan.plans import FlightPlan
+from skyrange.gcs.plan.plans import FlightPlan, altered
 from skyrange.gcs.plan.rerouting import rest_legs
 from skyrange.gcs.plan.routes import enu_points, return_legs
 from skyrange.gcs.plan.volumes import MARGINS, Margins, around, leg_volumes, volumes
 from skyrange.utm.contract import OperationalIntent, intent_id
 from skyrange.utm.intent_states import EXCURSION_NS, RECOVERY_NS, IntentState
-from skyrange.utm.messages import AlternativeMessage
+from skyrange.utm.messages import AlternativeMessage, DecisionBody, Request, encode, encode_request
+
+ANSWER_TIMEOUT_NS = 1_500 * NS_PER_MS
+MAX_RETRIES = 5
+"""Both equal the defaults of the MAVLink mission protocol, so that all retries of the station follow one rule."""
+
+
+@dataclass(slots=True)
+class IntentSubmission:
+    """One version of an intent that awaits its decision; `due` is when it is sent (again).
+
+    Every repetition has the same bytes, so the approval recognises it as one request.
+    """
+
+    intent: OperationalIntent
+    payload: bytes
+    version: int
+    due: Time
+    tries: int = 0
+
+    @classmethod
+    def of(cls, intent: OperationalIntent, version: int, due: Time, epoch: Epoch) -> IntentSubmission:
+        """The submission of an intent, or of its end."""
+        ends = intent.state is IntentState.ENDED
+        payload = encode(Request.end(intent)) if ends else encode_request(intent, epoch, version)
+        return cls(intent, payload, version, due)
+
+    def count_attempt(self, now: Time) -> bool:
+        """Count an attempt and return whether to send it now; false once all retries are used up."""
+        if self.tries > MAX_RETRIES:
+            return False
+        self.tries += 1
+        self.due = now + ANSWER_TIMEOUT_NS
+        return True
+
+    def is_answered_by(self, decision: DecisionBody) -> bool:
+        """Whether a decision is about this request."""
+        if self.intent.state is IntentState.ENDED or decision.decision == "Ended":
+            return self.intent.state is IntentState.ENDED and decision.decision == "Ended"
+        return not decision.overruled and (decision.version or 0) == self.version
+
+    def summary(self) -> dict[str, Scalar]:
+        """The details that are recorded: intent id, number of volumes, and the time that they span."""
+        claimed = self.intent.volumes
+        return {
+            "intent": self.intent.id,
+            "volumes": len(claimed),
+            "from_s": to_seconds(claimed[0].start_ns),
+            "until_s": to_seconds(claimed[-1].end_ns),
+        }
+
 
 ROUNDS: Final = 128
 """Most requests of a flight for one approval."""
@@ -119,7 +168,7 @@ class AirspaceClaim:
         self.version += 1
         return submission
 
-    def accept(self, submission: IntentSubmission, tracked: bool) -> None:
+    def accept(self, submission: IntentSubmission, *, tracked: bool) -> None:
         """The approval has accepted a request."""
         self.state, self.tracked = submission.intent.state, tracked
         self.rounds, self.wanted = 0, None

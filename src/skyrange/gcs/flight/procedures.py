@@ -9,7 +9,7 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.gcs.flight.lifecycle import FlightEvent, FlightState
 from skyrange.gcs.plan.plans import LANDINGS, FlightPlan, is_navigation
 from skyrange.gcs.protocols.commands import Command, set_mode
-from skyrange.gcs.telemetry.streams import interval_us
+from skyrange.gcs.telemetry_streams import interval_us
 
 PREPARE_S = 60.0
 """For how long arming and mode changes are retried; ArduCopter's estimator takes up to a minute to settle."""

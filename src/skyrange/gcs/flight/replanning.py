@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from skyrange.contracts.mailboxes import Outbox
+from skyrange.contracts.mailboxes import Turn
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.time import Time, to_seconds
 from skyrange.core.volumes import Volume4D
@@ -58,65 +58,65 @@ class Replanner:
     """When each flight began, and with how many percent."""
     _short: set[int] = field(default_factory=set)
 
-    def check(self, now: Time, out: Outbox) -> list[int]:
+    def check(self, turn: Turn) -> list[int]:
         """Replan what has to be; returns the indices of flights that were. It is called once a second."""
         changed = []
         if self.rules.jammed_radius_m is not None:
-            self._look_for_jamming(now, self.rules.jammed_radius_m, out)
-        for place, one in enumerate(self.sequencers):
-            if one.state is not FlightState.FLYING or not one.claim.tracked or one.link_lost:
+            self._look_for_jamming(turn, self.rules.jammed_radius_m)
+        for place, sequencer in enumerate(self.sequencers):
+            if sequencer.state is not FlightState.FLYING or not sequencer.claim.tracked or sequencer.link_lost:
                 continue
-            if self._avoid(now, place, one, out) or self._save_battery(now, place, one, out):
+            if self._avoid(turn, place, sequencer) or self._save_battery(turn, place, sequencer):
                 changed.append(place)
         return changed
 
-    def _look_for_jamming(self, now: Time, radius_m: float, out: Outbox) -> None:
-        for place, one in enumerate(self.sequencers):
-            if not one.link_lost:
+    def _look_for_jamming(self, turn: Turn, radius_m: float) -> None:
+        for place, sequencer in enumerate(self.sequencers):
+            if not sequencer.link_lost:
                 self._lost.discard(place)
             elif place not in self._lost:
                 self._lost.add(place)
-                if one.state is FlightState.FLYING and one.claim.seen is not None:
-                    plan = one.flight.plan
-                    there = one.claim.position(plan)
-                    area = around(plan.origin, there, radius_m, _TOP_M, now, now + self.rules.jammed_ns)
+                if sequencer.state is FlightState.FLYING and sequencer.claim.seen is not None:
+                    plan = sequencer.flight.plan
+                    there = sequencer.claim.position(plan)
+                    area = around(plan.origin, there, radius_m, _TOP_M, turn.now, turn.now + self.rules.jammed_ns)
                     self._jammed.append(area)
                     data: dict[str, Scalar] = {"east_m": there.east_m, "north_m": there.north_m}
-                    out.note("decision.area_jammed", one.flight.vehicle, data)
+                    turn.note("decision.area_jammed", sequencer.flight.vehicle, data)
 
-    def _avoid(self, now: Time, place: int, one: FlightSequencer, out: Outbox) -> bool:
+    def _avoid(self, turn: Turn, place: int, sequencer: FlightSequencer) -> bool:
         """Lead a flight around the areas that it has not been checked for, if it would meet one; where there is no way,
         it flies on.
         """
-        found = [area for area in self._jammed[self._avoided.get(place, 0) :] if area.end_ns > now]
+        found = [area for area in self._jammed[self._avoided.get(place, 0) :] if area.end_ns > turn.now]
         self._avoided[place] = len(self._jammed)
-        plan, claim = one.flight.plan, one.claim
-        if not found or not is_met(found, plan, one.progress, claim.position(plan), now, claim.margins):
+        plan, claim = sequencer.flight.plan, sequencer.claim
+        if not found or not is_met(found, plan, sequencer.progress, claim.position(plan), turn.now, claim.margins):
             return False
-        closed = [area for area in self._jammed if area.end_ns > now]
-        return not one.ask_for_way(now, closed, "a jammed area", (), out)
+        closed = [area for area in self._jammed if area.end_ns > turn.now]
+        return not sequencer.ask_for_way(turn, closed, "a jammed area")
 
-    def _save_battery(self, now: Time, place: int, one: FlightSequencer, out: Outbox) -> bool:
+    def _save_battery(self, turn: Turn, place: int, sequencer: FlightSequencer) -> bool:
         """Make a flight shorter whose battery will not last."""
         status = None if self.rules.battery_reserve is None else self.latest_status(place)
         if status is None or status["battery_remaining"] < 0 or self.rules.battery_reserve is None:
             return False
         left = int(status["battery_remaining"])
-        since, full = self._begun.setdefault(place, (now, left))
+        since, full = self._begun.setdefault(place, (turn.now, left))
         if full - left < _LEAST_USED or place in self._short:
             return False
-        per_s = (full - left) / to_seconds(now - since)
-        plan, here = one.flight.plan, one.claim.position(one.flight.plan)
-        rest_s = rest_duration_s(plan, one.progress, here)
+        per_s = (full - left) / to_seconds(turn.now - since)
+        plan, here = sequencer.flight.plan, sequencer.claim.position(sequencer.flight.plan)
+        rest_s = rest_duration_s(plan, sequencer.progress, here)
         if rest_s is None or left - per_s * rest_s >= 100.0 * self.rules.battery_reserve:
             return False
         self._short.add(place)
-        out.note("decision.battery_short", one.flight.vehicle, {"left": left, "at_end": left - per_s * rest_s})
+        turn.note("decision.battery_short", sequencer.flight.vehicle, {"left": left, "at_end": left - per_s * rest_s})
         return_s = sum(leg.duration_s for leg in return_legs(plan, here))
-        direct_s = rest_duration_s(plan, one.progress, here, direct=True)
+        direct_s = rest_duration_s(plan, sequencer.progress, here, direct=True)
         if direct_s is not None and direct_s < min(return_s, rest_s):
-            return not one.ask_for_way(now, (), "the battery", (), out, direct=True)
+            return not sequencer.ask_for_way(turn, (), "the battery", direct=True)
         if return_s < rest_s:
-            one.give_up("the battery would end below its reserve", now, out, ())
+            sequencer.give_up(turn, "the battery would end below its reserve")
             return True
         return False

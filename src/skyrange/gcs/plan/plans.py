@@ -1,4 +1,4 @@
-"""Flight plans, and their construction from a shape, a path or a mission file.
+"""Flight plans: their construction from a shape, a path or a mission file, and alterations of one.
 
 There are two kinds. An *auto* plan is a mission that is uploaded and that the autopilot flies in AUTO mode. A
 *guided* plan is a list of targets that the ground station sends one by one in GUIDED mode. Every plan contains the
@@ -217,7 +217,16 @@ def _items(origin: Origin, home: Point, route: Sequence[Point], cruise_mps: floa
     items = [
         at(Point(0.0, 0.0, first.up_m), mav.MAV_CMD_NAV_TAKEOFF),
         MissionItem(
-            mav.MAV_FRAME_MISSION, mav.MAV_CMD_DO_CHANGE_SPEED, 1.0, cruise_mps, -1.0, 0.0, 0.0, 0.0, 0.0, True
+            mav.MAV_FRAME_MISSION,
+            mav.MAV_CMD_DO_CHANGE_SPEED,
+            1.0,
+            cruise_mps,
+            -1.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            autocontinue=True,
         ),
     ]
     rest = route[1:] if (first.east_m, first.north_m) == (0.0, 0.0) else route
@@ -227,7 +236,48 @@ def _items(origin: Origin, home: Point, route: Sequence[Point], cruise_mps: floa
     else:
         items.append(
             MissionItem(
-                mav.MAV_FRAME_MISSION, mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, True
+                mav.MAV_FRAME_MISSION,
+                mav.MAV_CMD_NAV_RETURN_TO_LAUNCH,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                autocontinue=True,
             )
         )
     return tuple(items)
+
+
+def altered(plan: FlightPlan, climb_m: float, east_m: float, north_m: float) -> FlightPlan:
+    """The plan with all that is flown between take-off and landing raised and shifted by these metres."""
+    if plan.kind == "guided":
+        last = len(plan.targets_enu_m) - 1
+        targets = tuple(
+            Point(one.east_m, one.north_m, one.up_m + climb_m)
+            if plan.end == "land" and place == last
+            else Point(one.east_m + east_m, one.north_m + north_m, one.up_m + climb_m)
+            for place, one in enumerate(plan.targets_enu_m)
+        )
+        return replace(plan, targets_enu_m=targets)
+    if plan.mission is None:
+        return plan
+    items = tuple(_altered_item(plan, item, climb_m, east_m, north_m) for item in plan.mission.items)
+    return replace(plan, mission=replace(plan.mission, items=items))
+
+
+def _altered_item(plan: FlightPlan, item: MissionItem, climb_m: float, east_m: float, north_m: float) -> MissionItem:
+    """A waypoint moves; a take-off climbs higher; altitude 0 and position 0, 0 are the current ones and stay so."""
+    if item.command not in LOCATED or not is_navigation(item.command) or item.frame not in GLOBAL_FRAMES:
+        return item
+    if item.command in LANDINGS:
+        return item
+    if item.z != 0.0:
+        item = replace(item, z=item.z + climb_m)
+    if item.command in TAKEOFFS or (item.x == 0.0 and item.y == 0.0):
+        return item
+    at = plan.origin.enu_of(item.x, item.y)
+    lat, lon = plan.origin.geodetic_of(at[0] + east_m, at[1] + north_m)
+    return replace(item, x=lat, y=lon)

@@ -41,10 +41,10 @@ def reroute(
     progress: int,
     here: Point,
     closed: Sequence[Volume4D],
+    *,
     now: Time,
     city: City | None,
     margins: Margins,
-    *,
     direct: bool = False,
 ) -> FlightPlan:
     """The rest of a plan from `here` on as a guided plan whose volumes from `now` on are none of the closed ones.
@@ -129,11 +129,11 @@ def is_met(
 
 def rest_duration_s(plan: FlightPlan, progress: int, here: Point, *, direct: bool = False) -> float | None:
     """How long the rest of a plan takes from `here` on, flown straight; `None` if it is over, or more than points."""
-    rest = _straight_rest(plan, progress, direct)
+    rest = _straight_rest(plan, progress, direct=direct)
     return None if rest is None else _duration_s(rest, here)
 
 
-def _straight_rest(plan: FlightPlan, progress: int, direct: bool) -> FlightPlan | None:
+def _straight_rest(plan: FlightPlan, progress: int, *, direct: bool) -> FlightPlan | None:
     try:
         rest, end = _rest_of(plan, progress)
     except NoRouteError:

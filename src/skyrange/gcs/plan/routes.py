@@ -86,7 +86,7 @@ def _guided_legs(plan: FlightPlan) -> tuple[Leg, ...]:
     for target in plan.targets_enu_m:
         out.append(leg(here, target, plan.cruise_mps))
         here = target
-    return (*out, *final_legs(plan, here, plan.cruise_mps, plan.end == "rtl"))
+    return (*out, *final_legs(plan, here, plan.cruise_mps, rtl=plan.end == "rtl"))
 
 
 def return_legs(plan: FlightPlan, here: Point) -> tuple[Leg, ...]:
@@ -94,7 +94,7 @@ def return_legs(plan: FlightPlan, here: Point) -> tuple[Leg, ...]:
     return tuple(final_legs(plan, here, plan.cruise_mps, rtl=True))
 
 
-def final_legs(plan: FlightPlan, here: Point, speed_mps: float, rtl: bool) -> list[Leg]:
+def final_legs(plan: FlightPlan, here: Point, speed_mps: float, *, rtl: bool) -> list[Leg]:
     """The legs of the landing, with the return home before it if `rtl`."""
     out: list[Leg] = []
     home = plan.home_enu_m
@@ -146,7 +146,7 @@ def _follow_mission(plan: FlightPlan) -> Unrolled:
     at = 0
     while at < len(items):
         if len(out) >= MAX_LEGS or sum(jumps_done.values()) >= MAX_LEGS:
-            return Unrolled(tuple(out), False, False)
+            return Unrolled(tuple(out), complete=False, endless=False)
         item, at = items[at], at + 1
         command = item.command
         if command in TAKEOFFS:
@@ -161,7 +161,7 @@ def _follow_mission(plan: FlightPlan) -> Unrolled:
             if wait_s > 0.0:
                 out.append(Leg(here, here, wait_s))
             if command == mav.MAV_CMD_NAV_LOITER_UNLIM:
-                return Unrolled(tuple(out), True, True)
+                return Unrolled(tuple(out), complete=True, endless=True)
         elif command == mav.MAV_CMD_NAV_DELAY or command == mav.MAV_CMD_NAV_ATTITUDE_TIME:
             out.append(Leg(here, here, max(item.param1, 0.0)))
         elif command == mav.MAV_CMD_NAV_SCRIPT_TIME:
@@ -169,17 +169,17 @@ def _follow_mission(plan: FlightPlan) -> Unrolled:
         elif command == mav.MAV_CMD_DO_CHANGE_SPEED and item.param1 in (0.0, 1.0) and item.param2 > 0.0:
             speed_mps = item.param2
         elif command in _JUMPS and item.param2 < 0.0 and jumps_done.get(at, 0) > 0:
-            return Unrolled(tuple(out), True, True)
+            return Unrolled(tuple(out), complete=True, endless=True)
         elif command in _JUMPS and (item.param2 < 0.0 or jumps_done.get(at, 0) < item.param2):
             jumps_done[at] = jumps_done.get(at, 0) + 1
             at = _jump_target(items, item) - 1  # item 1 is the first after home
         elif command in LANDINGS:
             there = place(plan, item, here)._replace(up_m=here.up_m)
             out.append(leg(here, there, speed_mps))
-            return Unrolled((*out, *final_legs(plan, there, speed_mps, rtl=False)), True, False)
+            return Unrolled((*out, *final_legs(plan, there, speed_mps, rtl=False)), complete=True, endless=False)
         elif command == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
-            return Unrolled((*out, *final_legs(plan, here, speed_mps, rtl=True)), True, False)
-    return Unrolled((*out, *final_legs(plan, here, speed_mps, rtl=plan.end == "rtl")), True, False)
+            return Unrolled((*out, *final_legs(plan, here, speed_mps, rtl=True)), complete=True, endless=False)
+    return Unrolled((*out, *final_legs(plan, here, speed_mps, rtl=plan.end == "rtl")), complete=True, endless=False)
 
 
 def _jump_target(items: Sequence[MissionItem], jump: MissionItem) -> int:

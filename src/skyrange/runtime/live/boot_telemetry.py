@@ -9,7 +9,7 @@ from collections.abc import Collection
 from typing import Final
 
 from skyrange.core.ids import endpoint
-from skyrange.gcs.telemetry.streams import OPERATOR
+from skyrange.gcs.telemetry_streams import OPERATOR
 from skyrange.scenario.model.operators import Operator
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.vehicle.builtin.parameters.renames import canonical_name

@@ -18,7 +18,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port, endpoint, link_name
 from skyrange.io.http.bodies import read_bounded
 from skyrange.runtime.utm.tokens import TokenClient, parse_request
-from skyrange.utm.federated.uss.directory import Peer
+from skyrange.utm.federated.exchanges import Peer
 
 ANSWER_S: Final = 15.0
 """How long a request of another service waits: a USS may ask the DSS and every peer before it answers."""

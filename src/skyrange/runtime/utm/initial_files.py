@@ -20,7 +20,7 @@ from uas_standards.astm.f3548.v21.constants import Scope
 
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import ID_PATTERN
-from skyrange.utm.federated.names import DSS
+from skyrange.utm.contract import DSS
 
 AUTHORIZATION: Final = "auth"
 AUTHORITY: Final = "authority"

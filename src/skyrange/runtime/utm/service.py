@@ -41,8 +41,8 @@ from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.authority import Authority
 from skyrange.utm.federated.dss.service import Dss
 from skyrange.utm.federated.dss.store import DssStore
+from skyrange.utm.federated.exchanges import Peer
 from skyrange.utm.federated.tokens import TokenChecker
-from skyrange.utm.federated.uss.directory import Peer
 from skyrange.utm.federated.uss.service import Uss
 
 TEST_OPERATOR: Final = "tests"
@@ -218,17 +218,17 @@ def _make_uss(
     return Uss(
         config.name,
         config.name,
-        list(operators.ports.items()),
-        Peer(audience, Port(here, _DSS)),
-        directory,
-        config.base_url,
-        TokenRequests(),
-        checker,
-        settings.limits.limits,
-        UNIX,
-        journal,
-        () if journal is None else journal.intents(),
-        settings.constraints,
+        operators=list(operators.ports.items()),
+        dss=Peer(audience, Port(here, _DSS)),
+        directory=directory,
+        base_url=config.base_url,
+        tokens=TokenRequests(),
+        checker=checker,
+        limits=settings.limits.limits,
+        epoch=UNIX,
+        journal=journal,
+        own=() if journal is None else journal.intents(),
+        constraints=settings.constraints,
     )
 
 

@@ -31,7 +31,7 @@ def _is_hex(text: str) -> bool:
 
 
 def _known_streams(name: str) -> str:
-    from skyrange.gcs.telemetry.streams import (
+    from skyrange.gcs.telemetry_streams import (
         PROFILES,  # its imports are slow, and the default needs no check
     )
 

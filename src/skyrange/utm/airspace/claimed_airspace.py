@@ -17,8 +17,18 @@ from skyrange.core.geodesy import unwrap_outline
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import Volume4D
 from skyrange.utm.airspace.cell_grid import MAX_WALKED, NONE, CellGrid, Lists, bucket_of, cells_of, count_cells
-from skyrange.utm.airspace.convex import APART, UNDECIDED, compare
-from skyrange.utm.airspace.solids import NOWHERE, Outline, Solids, find_meeting, make_solids, solids_of, turned
+from skyrange.utm.airspace.solids import (
+    APART,
+    NOWHERE,
+    UNDECIDED,
+    Outline,
+    Solids,
+    compare,
+    find_meeting,
+    make_solids,
+    solids_of,
+    turned,
+)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

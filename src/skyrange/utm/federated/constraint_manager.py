@@ -14,16 +14,14 @@ from uas_standards.astm.f3548.v21.constants import Scope
 
 from skyrange.codec.f3548.frames import UssRequest, decode
 from skyrange.codec.f3548.values import ConstraintReference, volume_body
-from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox, Turn
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Epoch, Time
-from skyrange.utm.constraints import Publication
-from skyrange.utm.contract import Constraint
-from skyrange.utm.federated.exchanges import Asked, Caller, Reply, Server, WrongReplyError, file_report
+from skyrange.utm.contract import Constraint, Publication
+from skyrange.utm.federated.exchanges import Asked, Caller, Directory, Peer, Reply, Server, WrongReplyError, file_report
 from skyrange.utm.federated.tokens import TokenChecker, Tokens
-from skyrange.utm.federated.uss.directory import Directory, Peer
 
 SERVICE_NS: Final = 10 * NS_PER_MS
 RETRY_NS: Final = 5 * NS_PER_S
@@ -44,6 +42,7 @@ class ConstraintManager:
     def __init__(
         self,
         name: str,
+        *,
         dss: Peer,
         directory: Directory,
         base_url: str,
@@ -84,56 +83,59 @@ class ConstraintManager:
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         """Publish what is due, and answer what arrived."""
         out = Outbox()
+        turn = Turn(now, out)
         for arrival in inbox:
-            self._on_frame(now, arrival, out)
-        for call in self._caller.on_time(now, out):
-            self._note_failure(f"{call.receiver} does not answer {call.operation.value}", out)
+            self._on_frame(turn.caused_by(arrival.ref), arrival)
+        for call in self._caller.on_time(turn):
+            self._note_failure(turn, f"{call.receiver} does not answer {call.operation.value}")
         for constraint in self._publication.take(now):
             self._waiting[constraint.id] = constraint, now
         for id_, (constraint, due) in list(self._waiting.items()):
             if due <= now:
                 self._waiting[id_] = constraint, now + RETRY_NS
-                self._publish(now, constraint, out)
+                self._publish(turn, constraint)
         return out
 
-    def _publish(self, now: Time, constraint: Constraint, out: Outbox) -> None:
-        token = self._tokens.get(now, self._dss.name, Scope.ConstraintManagement.value)
+    def _publish(self, turn: Turn, constraint: Constraint) -> None:
+        token = self._tokens.get(turn.now, self._dss.name, Scope.ConstraintManagement.value)
         body = {"extents": [volume_body(constraint.volume, self._epoch)], "uss_base_url": self._base_url}
         parameters = {"entityid": constraint.id}
         operation = Op.CreateConstraintReference
-        self._caller.call(now, self._dss.name, self._dss.port, token, operation, parameters, body, (), out)
+        self._caller.call(turn, self._dss, operation, token=token, parameters=parameters, body=body)
 
-    def _on_frame(self, now: Time, arrival: Arrival, out: Outbox) -> None:
+    def _on_frame(self, turn: Turn, arrival: Arrival) -> None:
         try:
             frame = decode(arrival.payload)
             if isinstance(frame, UssRequest):
-                asked = self._server.read(now, arrival, frame, out)
+                asked = self._server.read(turn, arrival, frame)
                 if asked is not None:
-                    self._answer(now, asked, out)
+                    self._answer(turn, asked)
                 return
             reply = self._caller.read(arrival, frame)
             if reply is not None and reply.call.operation is Op.CreateConstraintReference:
-                self._on_published(now, reply, out)
+                self._on_published(turn, reply)
         except WrongReplyError as error:
-            self._server.count_bad(str(error), arrival.ref, out)
-            self._note_failure(f"{error.call.receiver} answers {error.call.operation.value} wrongly", out)
+            self._server.count_bad(str(error), arrival.ref, turn.out)
+            self._note_failure(turn, f"{error.call.receiver} answers {error.call.operation.value} wrongly")
         except DecodeError as error:
-            self._server.count_bad(str(error), arrival.ref, out)
+            self._server.count_bad(str(error), arrival.ref, turn.out)
 
-    def _answer(self, now: Time, asked: Asked, out: Outbox) -> None:
+    def _answer(self, turn: Turn, asked: Asked) -> None:
         if asked.operation is Op.MakeUssReport:
-            self._server.answer(asked, 201, file_report("decision.uss_report", now, asked, out), out)
+            self._server.answer(asked, 201, file_report(turn, "decision.uss_report", asked), turn.out)
             return
         found = self._published.get(asked.parameters["entityid"])
         if found is None:
-            self._server.answer(asked, 404, {"message": f"there is no constraint {asked.parameters['entityid']}"}, out)
+            self._server.answer(
+                asked, 404, {"message": f"there is no constraint {asked.parameters['entityid']}"}, turn.out
+            )
         else:
-            self._server.answer(asked, 200, {"constraint": self._shown(*found)}, out)
+            self._server.answer(asked, 200, {"constraint": self._shown(*found)}, turn.out)
 
-    def _on_published(self, now: Time, reply: Reply, out: Outbox) -> None:
+    def _on_published(self, turn: Turn, reply: Reply) -> None:
         """The DSS has accepted a constraint, or not."""
         if reply.status != 201:
-            self._note_failure(f"DSS: {reply.body.get('message') or f'status {reply.status}'}", out)
+            self._note_failure(turn, f"DSS: {reply.body.get('message') or f'status {reply.status}'}")
             return
         reference = ConstraintReference.of(reply.body["constraint_reference"], self._epoch)
         waiting = self._waiting.pop(reference.id, None)
@@ -150,15 +152,15 @@ class ConstraintManager:
                     "constraint": self._shown(constraint, reference),
                     "subscriptions": one["subscriptions"],
                 }
-                token = self._tokens.get(now, peer.name, Scope.ConstraintManagement.value)
+                token = self._tokens.get(turn.now, peer.name, Scope.ConstraintManagement.value)
                 operation = Op.NotifyConstraintDetailsChanged
-                self._caller.call(now, peer.name, peer.port, token, operation, {}, body, (reply.ref,), out)
+                self._caller.call(turn, peer, operation, token=token, body=body)
         data: dict[str, Scalar] = {"constraint": constraint.name, "subscribers": len(subscribers)}
-        out.note("decision.constraint_published", self.name, data, (reply.ref,))
+        turn.note("decision.constraint_published", self.name, data)
 
     def _shown(self, constraint: Constraint, reference: ConstraintReference) -> dict[str, Any]:
         details = {"volumes": [volume_body(constraint.volume, self._epoch)], "type": constraint.name}
         return {"reference": reference.body(self._epoch), "details": details}
 
-    def _note_failure(self, reason: str, out: Outbox) -> None:
-        out.note("decision.uss_failed", self.name, {"reason": reason[:256]})
+    def _note_failure(self, turn: Turn, reason: str) -> None:
+        turn.caused_by().note("decision.uss_failed", self.name, {"reason": reason[:256]})

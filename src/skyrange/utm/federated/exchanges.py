@@ -1,4 +1,4 @@
-"""Exchanges of requests and responses on `uss` links: the side that asks, and the side that answers.
+"""Exchanges of requests and responses on `uss` links: the side that asks, the side that answers, and where peers are.
 
 A request that is not answered is sent again with the same bytes; who answers knows it again, and repeats its response
 without acting twice.
@@ -6,17 +6,18 @@ without acting twice.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import blake2b
-from typing import Any, Final
+from types import MappingProxyType
+from typing import Any, Final, Protocol
 
 from uas_standards.astm.f3548.v21.api import OperationID
 from uas_standards.astm.f3548.v21.constants import Scope
 
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, encode
 from skyrange.codec.f3548.operations import check_request, check_response, find_operation, path_of
-from skyrange.contracts.mailboxes import Arrival, Outbox
+from skyrange.contracts.mailboxes import Arrival, Outbox, Turn
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, NS_PER_MS, Time
@@ -31,6 +32,8 @@ REMEMBERED: Final = 4_096
 
 Refs = tuple[FrameId, ...]
 Body = Mapping[str, Any]
+NOTHING: Final[Mapping[str, str]] = MappingProxyType({})
+"""Parameters of an operation that has none."""
 
 
 @dataclass(slots=True)
@@ -68,7 +71,7 @@ class WrongReplyError(DecodeError):
 
 @dataclass(slots=True)
 class Caller:
-    """The requests of one agent. Deep-copyable."""
+    """The requests of one agent, whose causes are those of the turn in which they are sent. Deep-copyable."""
 
     _calls: dict[int, Call] = field(default_factory=dict)
     _count: int = 0
@@ -80,15 +83,13 @@ class Caller:
 
     def call(
         self,
-        now: Time,
-        receiver: str,
-        port: Port,
-        token: str,
+        turn: Turn,
+        peer: Peer,
         operation: OperationID,
-        parameters: Mapping[str, str],
-        body: Body | None,
-        causes: Refs,
-        out: Outbox,
+        *,
+        token: str,
+        parameters: Mapping[str, str] = NOTHING,
+        body: Body | None = None,
     ) -> int:
         """Send a request; returns the number of its exchange."""
         self._count += 1
@@ -96,9 +97,9 @@ class Caller:
         frame = UssRequest.model_construct(
             exchange=self._count, method=method, path=path, token=token, body=None if body is None else dict(body)
         )
-        call = Call(self._count, operation, receiver, port, encode(frame), causes, now + TIMEOUT_NS)
+        call = Call(self._count, operation, peer.name, peer.port, encode(frame), turn.causes, turn.now + TIMEOUT_NS)
         self._calls[call.exchange] = call
-        out.send(port, call.payload, causes)
+        turn.send(peer.port, call.payload)
         return call.exchange
 
     def read(self, arrival: Arrival, response: UssResponse) -> Reply | None:
@@ -115,17 +116,17 @@ class Caller:
             raise WrongReplyError(call, str(error)) from error
         return Reply(call, response.status, body, arrival.ref)
 
-    def on_time(self, now: Time, out: Outbox) -> list[Call]:
+    def on_time(self, turn: Turn) -> list[Call]:
         """Send again what was not answered; returns the calls that are given up."""
         given_up = []
-        for call in [one for one in self._calls.values() if one.due <= now]:
+        for call in [one for one in self._calls.values() if one.due <= turn.now]:
             if call.tries >= MAX_TRIES:
                 del self._calls[call.exchange]
                 given_up.append(call)
                 continue
             call.tries += 1
-            call.due = now + TIMEOUT_NS
-            out.send(call.port, call.payload, call.causes)
+            call.due = turn.now + TIMEOUT_NS
+            turn.caused_by(*call.causes).send(call.port, call.payload)
         return given_up
 
 
@@ -163,32 +164,34 @@ class Server:
     _answers: dict[str, dict[bytes, bytes | None]] = field(default_factory=dict)
     """Responses by link and digest of the request; None while it is open."""
 
-    def read(self, now: Time, arrival: Arrival, request: UssRequest, out: Outbox) -> Asked | None:
+    def read(self, turn: Turn, arrival: Arrival, request: UssRequest) -> Asked | None:
         """What is asked, if it is to be decided; otherwise it is answered here, or will be."""
         answers = self._answers.setdefault(arrival.port.link, {})
         digest = blake2b(arrival.payload, digest_size=16).digest()
         if digest in answers:
             known = answers[digest]
             if known is not None:
-                out.send(arrival.port, known, (arrival.ref,))
+                turn.send(arrival.port, known)
             return None
         operation = find_operation(request.method, request.path)
         if operation is None or operation.id not in self.serves:
             status = 400 if request.path.endswith("/") else 404  # a parameter is empty, or there is no such resource
-            self.refuse(arrival, request.exchange, status, f"{request.method} {request.path[:128]} is unknown", out)
+            self.refuse(
+                arrival, request.exchange, status, f"{request.method} {request.path[:128]} is unknown", turn.out
+            )
             return None
         try:
-            claims = self.tokens.check(now, request.token)
+            claims = self.tokens.check(turn.now, request.token)
             body = check_request(operation.id, request.body)
         except TokenError as error:
-            self.refuse(arrival, request.exchange, 401, str(error), out)
+            self.refuse(arrival, request.exchange, 401, str(error), turn.out)
             return None
         except DecodeError as error:
-            self.refuse(arrival, request.exchange, 400, str(error), out)
+            self.refuse(arrival, request.exchange, 400, str(error), turn.out)
             return None
         needed = sorted(scope.value for scope in self.serves[operation.id])
         if not claims.scopes.intersection(needed):
-            self.refuse(arrival, request.exchange, 403, f"it needs the scope {' or '.join(needed)}", out)
+            self.refuse(arrival, request.exchange, 403, f"it needs the scope {' or '.join(needed)}", turn.out)
             return None
         answers[digest] = None
         return Asked(
@@ -216,13 +219,52 @@ class Server:
             out.note("decision.uss_bad_request", self.name, {"count": self.bad_requests, "reason": reason}, (ref,))
 
 
-def file_report(kind: str, now: Time, asked: Asked, out: Outbox) -> dict[str, Any]:
+def file_report(turn: Turn, kind: str, asked: Asked) -> dict[str, Any]:
     """Note a problem that another service reports; returns the body of the answer, with the id of the report."""
     problem = str(asked.body["exchange"].get("problem") or "")[:256]
-    out.note(kind, asked.claims.uss, {"problem": problem}, (asked.ref,))
-    return {**asked.body, "report_id": make_uuid(f"report {asked.claims.uss} {now} {asked.exchange}")}
+    turn.note(kind, asked.claims.uss, {"problem": problem})
+    return {**asked.body, "report_id": make_uuid(f"report {asked.claims.uss} {turn.now} {asked.exchange}")}
 
 
 def _response(exchange: int, status: int, body: Body | None) -> bytes:
     frame = UssResponse.model_construct(exchange=exchange, status=status, body=None if body is None else dict(body))
     return encode(frame)
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """Another service of the federation."""
+
+    name: str
+    """As tokens for it name their receiver."""
+    port: Port
+
+
+class Directory(Protocol):
+    """The services that a USS can reach."""
+
+    @property
+    def ports(self) -> Sequence[Port]:
+        """The ports that are known from the beginning."""
+        ...
+
+    def find(self, base_url: str) -> Peer | None:
+        """The USS at a base URL; `None` for one that cannot be reached, and for the USS itself."""
+        ...
+
+
+class KnownPeers:
+    """The directory of a federation whose members are fixed. Deep-copyable."""
+
+    def __init__(self, peers: Mapping[str, Peer]) -> None:
+        """`peers`: the other USSs by base URL."""
+        self._peers = dict(sorted(peers.items()))
+
+    @property
+    def ports(self) -> Sequence[Port]:
+        """The ports of all, in the order of their base URLs."""
+        return tuple(peer.port for peer in self._peers.values())
+
+    def find(self, base_url: str) -> Peer | None:
+        """The USS at a base URL."""
+        return self._peers.get(base_url)

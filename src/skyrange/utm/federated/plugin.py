@@ -14,8 +14,7 @@ from skyrange.core.errors import ComponentError, InputError, Problem, nearest
 from skyrange.core.ids import ID_PATTERN, Port, link_name
 from skyrange.core.time import NS_PER_MS
 from skyrange.utm.authority import AlternativeParams
-from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService
-from skyrange.utm.federated.names import AIRSPACE, DSS
+from skyrange.utm.contract import AIRSPACE, DSS, ApprovalContext, ApprovalPlugin, ApprovalService
 
 LATENCY_NS: Final = 20 * NS_PER_MS
 """Of the links between services, unless the scenario has another channel for them."""
@@ -38,8 +37,8 @@ def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
     try:
         from skyrange.utm.federated.constraint_manager import ConstraintManager
         from skyrange.utm.federated.dss.service import Dss
+        from skyrange.utm.federated.exchanges import KnownPeers, Peer
         from skyrange.utm.federated.tokens import TokenChecker, TokenStore, public_of
-        from skyrange.utm.federated.uss.directory import KnownPeers, Peer
         from skyrange.utm.federated.uss.service import Uss
     except ImportError as error:
         hint = "pip install 'skyrange[utm]'"
@@ -78,14 +77,14 @@ def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
             Uss(
                 f"{context.name}.{name}",
                 name,
-                [(operator, context.port(operator)) for operator in operators],
-                Peer(DSS, port(name, DSS)),
-                peers(name),
-                base_url(name),
-                TokenStore(name, secret, context.epoch),
-                TokenChecker(frozenset({name}), (public,), context.epoch),
-                params.limits,
-                context.epoch,
+                operators=[(operator, context.port(operator)) for operator in operators],
+                dss=Peer(DSS, port(name, DSS)),
+                directory=peers(name),
+                base_url=base_url(name),
+                tokens=TokenStore(name, secret, context.epoch),
+                checker=TokenChecker(frozenset({name}), (public,), context.epoch),
+                limits=params.limits,
+                epoch=context.epoch,
                 constraints=bool(context.constraints),
             )
         )
@@ -93,13 +92,13 @@ def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
         agents.append(
             ConstraintManager(
                 f"{context.name}.{AIRSPACE}",
-                Peer(DSS, port(AIRSPACE, DSS)),
-                peers(AIRSPACE),
-                base_url(AIRSPACE),
-                TokenStore(AIRSPACE, secret, context.epoch),
-                TokenChecker(frozenset({AIRSPACE}), (public,), context.epoch),
-                context.constraints,
-                context.epoch,
+                dss=Peer(DSS, port(AIRSPACE, DSS)),
+                directory=peers(AIRSPACE),
+                base_url=base_url(AIRSPACE),
+                tokens=TokenStore(AIRSPACE, secret, context.epoch),
+                checker=TokenChecker(frozenset({AIRSPACE}), (public,), context.epoch),
+                constraints=context.constraints,
+                epoch=context.epoch,
             )
         )
     return ApprovalService(agents, list(links.values()))

@@ -116,14 +116,14 @@ class Hashgraph:
         These are the events without a self-child, of all members, and some of their self-ancestors, at distances that
         grow: the other member may not know the newest ones.
         """
-        found = []
+        hashes = []
         for head in sorted(self._heads):
-            found.append(self.events[head].hash)
+            hashes.append(self.events[head].hash)
             for distance in _DISTANCES:
                 if distance > self._height[head]:
                     break
-                found.append(self.events[self._self_ancestor(head, distance)].hash)
-        return found
+                hashes.append(self.events[self._self_ancestor(head, distance)].hash)
+        return hashes
 
     def _self_ancestor(self, index: int, distance: int) -> int:
         """The self-ancestor of an event at a distance that is at most its height."""
@@ -136,7 +136,7 @@ class Hashgraph:
 
     def missing(self, known_there: Sequence[bytes]) -> list[Event]:
         """The events that a member which has told what is `known` there may not know, parents before children."""
-        known = [self._index[one] for one in known_there if one in self._index]
+        known = [self._index[hash_] for hash_ in known_there if hash_ in self._index]
         theirs: dict[int, list[int]] = {}
         for index in known:
             theirs.setdefault(self._creator[index], []).append(index)
@@ -144,15 +144,15 @@ class Hashgraph:
         def is_known(index: int) -> bool:
             return any(self._is_self_ancestor(index, tip) for tip in theirs.get(self._creator[index], ()))
 
-        found: set[int] = set()
+        unknown_there: set[int] = set()
         waiting = list(self._heads)
         while waiting:
             at = waiting.pop()
-            if at == _NONE or at in found or is_known(at):
+            if at == _NONE or at in unknown_there or is_known(at):
                 continue
-            found.add(at)
+            unknown_there.add(at)
             waiting += [self._self_parent[at], self._other_parent[at]]
-        return [self.events[index] for index in sorted(found)]
+        return [self.events[index] for index in sorted(unknown_there)]
 
     def round_of(self, event: bytes) -> int:
         """The round in which an event was created."""
@@ -213,13 +213,13 @@ class Hashgraph:
         if self_parent != _NONE:
             mine, others = self._tips[self_parent], self._tips[other_parent]
             forked = self._forked[self_parent] | self._forked[other_parent]
-            for number, (one, other) in enumerate(zip(mine, others, strict=True)):
-                if other == _NONE or (one != _NONE and self._is_self_ancestor(other, one)):
-                    tips[number] = one
-                elif one == _NONE or self._is_self_ancestor(one, other):
-                    tips[number] = other
+            for number, (tip, other_tip) in enumerate(zip(mine, others, strict=True)):
+                if other_tip == _NONE or (tip != _NONE and self._is_self_ancestor(other_tip, tip)):
+                    tips[number] = tip
+                elif tip == _NONE or self._is_self_ancestor(tip, other_tip):
+                    tips[number] = other_tip
                 else:
-                    tips[number], forked = one, forked | 1 << number
+                    tips[number], forked = tip, forked | 1 << number
             if tips[member] != self_parent:  # it descends from an event of its own that its self-parent does not
                 forked |= 1 << member
         tips[member] = index
@@ -271,7 +271,7 @@ class Hashgraph:
             number = 0
         else:
             number = max(self._round[self_parent], self._round[other_parent])
-            strongly_seen = [one for one in self._witnesses[number] if self._strongly_sees(index, one)]
+            strongly_seen = [witness for witness in self._witnesses[number] if self._strongly_sees(index, witness)]
             number += self._is_supermajority(self._stake_of(strongly_seen))
         self._round.append(number)
         if self_parent == _NONE or number > self._round[self_parent]:
@@ -284,7 +284,7 @@ class Hashgraph:
         """The votes of a new witness on the fame of earlier ones, and the elections that it decides."""
         if number == 0:
             return
-        seen_before = [one for one in self._witnesses[number - 1] if self._strongly_sees(voter, one)]
+        seen_before = [witness for witness in self._witnesses[number - 1] if self._strongly_sees(voter, witness)]
         for round_ in range(self._next_round, number):
             for candidate in self._witnesses[round_]:
                 self._vote(voter, candidate, number - round_, seen_before)
@@ -294,8 +294,8 @@ class Hashgraph:
             self._votes[voter, candidate] = self._sees(voter, candidate)
             return
         # a witness that was added after the voters' votes were cast was seen by none of them
-        yes = self._stake_of([one for one in seen_before if self._votes.get((one, candidate), False)])
-        no = self._stake_of([one for one in seen_before if not self._votes.get((one, candidate), False)])
+        yes = self._stake_of([witness for witness in seen_before if self._votes.get((witness, candidate), False)])
+        no = self._stake_of([witness for witness in seen_before if not self._votes.get((witness, candidate), False)])
         vote = yes >= no
         supported = self._is_supermajority(max(yes, no))
         if distance % COIN_ROUNDS == 0:
@@ -310,15 +310,15 @@ class Hashgraph:
         """Order the events of each round whose elections are all decided."""
         while self._next_round + 2 < len(self._witnesses):
             witnesses = self._witnesses[self._next_round]
-            if not all(one in self._famous for one in witnesses):
+            if not all(witness in self._famous for witness in witnesses):
                 return
             self._receive(self._next_round, self._unique_famous(witnesses))
             self._next_round += 1
 
     def _unique_famous(self, witnesses: Sequence[int]) -> list[int]:
-        famous = [one for one in witnesses if self._famous[one]]
-        creators = [self._creator[one] for one in famous]
-        return [one for one in famous if creators.count(self._creator[one]) == 1]
+        famous = [witness for witness in witnesses if self._famous[witness]]
+        creators = [self._creator[witness] for witness in famous]
+        return [witness for witness in famous if creators.count(self._creator[witness]) == 1]
 
     # --- order ---------------------------------------------------------------------------------------------
 
@@ -347,12 +347,12 @@ class Hashgraph:
         while at != _NONE and at not in self._received:
             chain.append(at)
             at = self._self_parent[at]
-        found: dict[int, Time] = {}
+        times: dict[int, Time] = {}
         for self_ancestor in reversed(chain):
             time = self.events[self_ancestor].time
-            for event in self._unordered_ancestors(self_ancestor, found):
-                found[event] = time
-        return found
+            for event in self._unordered_ancestors(self_ancestor, times):
+                times[event] = time
+        return times
 
     def _unordered_ancestors(self, index: int, but: Mapping[int, Time]) -> Iterator[int]:
         """The event and its ancestors that are not ordered yet, without those in `but`, which grows meanwhile."""

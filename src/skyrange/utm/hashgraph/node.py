@@ -14,17 +14,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox, Turn
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError
-from skyrange.core.ids import FrameId, Port, hash64, operator_of
+from skyrange.core.ids import Port, hash64, operator_of
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time, to_seconds
 from skyrange.utm.approval_service import answer_end, apply_constraint, decide_request, tell_overruled
 from skyrange.utm.authority import Authority
-from skyrange.utm.constraints import Publication
-from skyrange.utm.contract import Constraint
-from skyrange.utm.hashgraph.events import NO_PARENT, Event
+from skyrange.utm.contract import Constraint, Publication
+from skyrange.utm.hashgraph.events import NO_PARENT, Event, is_signed, public_of, sign
 from skyrange.utm.hashgraph.graph import GraphError, Hashgraph, UnknownParentError
 from skyrange.utm.hashgraph.messages import (
     MAX_EVENTS,
@@ -37,7 +36,6 @@ from skyrange.utm.hashgraph.messages import (
     decode,
     encode,
 )
-from skyrange.utm.hashgraph.signatures import is_signed, public_of, sign
 from skyrange.utm.messages import EndBody, decode_request
 from skyrange.utm.request_book import OpenRequest, RequestBook
 
@@ -74,6 +72,7 @@ class HashgraphNode:
         self,
         name: str,
         operator: str,
+        *,
         approval: Port,
         peers: Mapping[str, Port],
         membership: Membership,
@@ -134,14 +133,14 @@ class HashgraphNode:
                 if asked is not None:
                     self._waiting.append((asked, now))
             else:
-                self._on_gossip(now, arrival, out)
+                self._on_gossip(Turn(now, out, (arrival.ref,)), arrival)
         if self._is_busy(now):
             if self._due is None:
                 self._due = now
         else:
             self._due = None
         if self._due is not None and now >= self._due:
-            self._call(now, out)
+            self._call(Turn(now, out))
             self._due = now + self._gossip_ns
         return out
 
@@ -152,32 +151,32 @@ class HashgraphNode:
 
     # --- gossip --------------------------------------------------------------------------------------------
 
-    def _call(self, now: Time, out: Outbox) -> None:
+    def _call(self, turn: Turn) -> None:
         """Ask a member, drawn by chance, for what it knows."""
         peers = list(self._peers)
-        draw = self._chance.uniform4(STREAM, hash64(self.name), now, 0)[0]
+        draw = self._chance.uniform4(STREAM, hash64(self.name), turn.now, 0)[0]
         peer = peers[min(int(draw * len(peers)), len(peers) - 1)]
-        self._send(peer, Gossip(method="GET", body=GossipBody(known=self._known())), (), out)
+        self._send(turn, peer, Gossip(method="GET", body=GossipBody(known=self._known())))
 
-    def _on_gossip(self, now: Time, arrival: Arrival, out: Outbox) -> None:
+    def _on_gossip(self, turn: Turn, arrival: Arrival) -> None:
         peer = self._peer_of[arrival.port.link]
         try:
             message = decode(arrival.payload)
-            self._learn_all(now, peer, message.body.events)
+            self._learn_all(turn.now, peer, message.body.events)
         except (DecodeError, GraphError) as error:
             self.bad_gossip += 1
             if self.bad_gossip & (self.bad_gossip - 1) == 0:
                 data: dict[str, Scalar] = {"count": self.bad_gossip, "reason": str(error)[:200], "peer": peer}
-                out.note("decision.bad_gossip", self.name, data, (arrival.ref,))
+                turn.note("decision.bad_gossip", self.name, data)
             return
         if message.method == "GET":
-            body = GossipBody(known=self._known(), events=self._lacking(now, peer, message.body.known))
-            self._send(peer, Gossip(status=200, body=body), (arrival.ref,), out)
+            body = GossipBody(known=self._known(), events=self._lacking(turn.now, peer, message.body.known))
+            self._send(turn, peer, Gossip(status=200, body=body))
         elif message.status is not None:
-            self._create(now, peer)
-            body = GossipBody(events=self._lacking(now, peer, message.body.known))
-            self._send(peer, Gossip(method="POST", body=body), (arrival.ref,), out)
-        self._apply(now, arrival.ref, out)
+            self._create(turn.now, peer)
+            body = GossipBody(events=self._lacking(turn.now, peer, message.body.known))
+            self._send(turn, peer, Gossip(method="POST", body=body))
+        self._apply(turn)
 
     def _known(self) -> tuple[str, ...]:
         return tuple(one.hex() for one in itertools.islice(self._graph.known, MAX_KNOWN))
@@ -199,8 +198,8 @@ class HashgraphNode:
         shared.update((event.hash, now) for event in told)
         return tuple(EventMessage.of(event) for event in told)
 
-    def _send(self, peer: str, message: Gossip, causes: tuple[FrameId, ...], out: Outbox) -> None:
-        out.send(self._peers[peer], encode(message), causes)
+    def _send(self, turn: Turn, peer: str, message: Gossip) -> None:
+        turn.send(self._peers[peer], encode(message))
 
     def _learn_all(self, now: Time, peer: str, messages: Sequence[EventMessage]) -> None:
         """Add the events of a message, up to one whose parents have not arrived. Raises `GraphError`, `DecodeError`."""
@@ -242,7 +241,7 @@ class HashgraphNode:
 
     # --- decisions -----------------------------------------------------------------------------------------
 
-    def _apply(self, now: Time, cause: FrameId, out: Outbox) -> None:
+    def _apply(self, turn: Turn) -> None:
         """Decide on the requests whose order is final."""
         ordered = self._graph.ordered
         while self._applied < len(ordered):
@@ -250,10 +249,12 @@ class HashgraphNode:
             self._applied += 1
             self._clock = max(self._clock, time)
             for constraint in self._publication.take(self._clock):
-                apply_constraint(self._clock, self.name, constraint, self._authority, self._book, self._epoch, out)
+                apply_constraint(
+                    Turn(self._clock, turn.out), self.name, constraint, self._authority, self._book, self._epoch
+                )
             for payload in event.transactions:
                 self._undecided -= 1
-                self._decide(now, event.creator, payload, round_, cause, out)
+                self._decide(turn, event.creator, payload, round_)
         for fork in self._graph.forks:
             if fork.member not in self._told:
                 self._told.add(fork.member)
@@ -261,20 +262,20 @@ class HashgraphNode:
                     "time_s": to_seconds(fork.first.time),
                     "other_time_s": to_seconds(fork.second.time),
                 }
-                out.note("decision.fork_found", fork.member, data, (cause,))
+                turn.note("decision.fork_found", fork.member, data)
 
-    def _decide(self, now: Time, creator: str, payload: bytes, round_: int, cause: FrameId, out: Outbox) -> None:
+    def _decide(self, turn: Turn, creator: str, payload: bytes, round_: int) -> None:
         """Apply a request, its own or another member's; what is no request of its creator changes nothing, for all."""
         sent = self._sent.pop(payload, None) if creator == self.operator else None
         if sent is not None:
             asked, since = sent
-            data: dict[str, Scalar] = {"rank": self._applied, "round": round_, "after_s": to_seconds(now - since)}
-            out.note("decision.consensus", asked.request.body.vehicle, data, (asked.cause,))
+            data: dict[str, Scalar] = {"rank": self._applied, "round": round_, "after_s": to_seconds(turn.now - since)}
+            turn.caused_by(asked.cause).note("decision.consensus", asked.request.body.vehicle, data)
             body = asked.request.body
             if isinstance(body, EndBody) and self._authority.owner_of(body.id) != creator:
-                answer_end(asked, self._book, out)  # it ends nothing, as other members find too
+                answer_end(turn, asked, self._book)  # it ends nothing, as other members find too
             else:
-                decide_request(self._clock, asked, self._authority, self._book, self._epoch, out)
+                decide_request(Turn(self._clock, turn.out), asked, self._authority, self._book, self._epoch)
             return
         try:
             request = decode_request(payload)
@@ -288,7 +289,7 @@ class HashgraphNode:
                 self._authority.end(self._clock, body.id)
             return
         decision = self._authority.follow(self._clock, request.intent(self._epoch))
-        tell_overruled(decision, self._book, self._epoch, (cause,), out)
+        tell_overruled(turn, decision, self._book, self._epoch)
 
 
 def make_membership(stakes: Mapping[str, int], secrets: Mapping[str, bytes]) -> Membership:

@@ -51,8 +51,8 @@ def make(params: HashgraphParams, context: ApprovalContext) -> ApprovalService:
         authority = Authority(params)
         agent = FlightApproval(operators, context.epoch, authority, name=context.name, constraints=context.constraints)
         return ApprovalService([agent])
+    from skyrange.utm.hashgraph.events import secret_of
     from skyrange.utm.hashgraph.node import HashgraphNode, make_membership
-    from skyrange.utm.hashgraph.signatures import secret_of
 
     links = [
         LinkSpec(
@@ -77,15 +77,15 @@ def make(params: HashgraphParams, context: ApprovalContext) -> ApprovalService:
             HashgraphNode(
                 f"{context.name}.{operator}",
                 operator,
-                context.port(operator),
-                peers,
-                membership,
-                secrets[operator],
-                Authority(params),
-                context.epoch,
-                context.chance,
-                from_seconds(params.gossip_s),
-                context.constraints,
+                approval=context.port(operator),
+                peers=peers,
+                membership=membership,
+                secret=secrets[operator],
+                authority=Authority(params),
+                epoch=context.epoch,
+                chance=context.chance,
+                gossip_ns=from_seconds(params.gossip_s),
+                constraints=context.constraints,
             )
         )
     return ApprovalService(nodes, links)

@@ -44,7 +44,7 @@ def write_fields(payload: bytes, number: int, fields: Fields, length: int = 0) -
     return payload[:1] + covered + crc + payload[end + CHECKSUM :]
 
 
-def write_alteration(payload: bytes, number: int, true: Fields, false: Fields, sham: bool) -> bytes:
+def write_alteration(payload: bytes, number: int, true: Fields, false: Fields, *, sham: bool) -> bytes:
     """The frame with its false fields; that of a sham with the true ones, and with as many bytes."""
     length = max(len(true.tobytes().rstrip(b"\0")), len(false.tobytes().rstrip(b"\0")))
     return write_fields(payload, number, true if sham else false, length)
@@ -61,7 +61,7 @@ def put(fields: Fields, name: str, value: float) -> None:
     fields[name] = value
 
 
-def put_bits(fields: Fields, name: str, bits: int, value: bool) -> None:
+def put_bits(fields: Fields, name: str, bits: int, *, value: bool) -> None:
     """Set some bits of a field, or clear them."""
     true = int(fields[name])
     put(fields, name, true | bits if value else true & ~bits)

@@ -75,10 +75,10 @@ class MovedPosition:
         shift = (first[0] + rate[0] * seconds, first[1] + rate[1] * seconds, first[2] + rate[2] * seconds)
         if self.at is not None and self.place is not None:
             shift = (shift[0] - self.place[0], shift[1] - self.place[1], shift[2] - self.place[2])
-            _set_velocity(message, fields, rate, True)
+            _set_velocity(message, fields, rate, from_track=True)
         elif rate != STILL and self.place is not None:
             true = self.velocity
-            _set_velocity(message, fields, (true[0] + rate[0], true[1] + rate[1], true[2] + rate[2]), False)
+            _set_velocity(message, fields, (true[0] + rate[0], true[1] + rate[1], true[2] + rate[2]), from_track=False)
         self._move(message, fields, shift)
         return True
 
@@ -97,7 +97,7 @@ class MovedPosition:
                 put(fields, name, fields[name] + by_m[2] * units)
 
 
-def _set_velocity(message: str, fields: Any, velocity: Place, from_track: bool) -> None:
+def _set_velocity(message: str, fields: Any, velocity: Place, *, from_track: bool) -> None:
     """Write a velocity (m/s east, north and up) into a message; the course too, and the heading of a false track."""
     east, north, up = velocity
     speed = hypot(east, north)

@@ -1,4 +1,4 @@
-"""MAVLink as who injects it uses it: commands, the names that frames bear, and what the aircraft's frames tell.
+"""MAVLink as who injects it uses it: commands, targets along a track, the names that frames bear, and what they tell.
 
 An injecting node sits on a link of an aircraft. It sees the frames of both directions, so it also learns the ids of the
 operator's station and the answers of the autopilot.
@@ -6,7 +6,8 @@ operator's station and the answers of the autopilot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from typing import Final
 
 from skyrange.attack.bases.shams import benign_payload, harmless_message
@@ -14,10 +15,11 @@ from skyrange.attack.contract import Place
 from skyrange.codec.mavlink import Message, Packer, decode, message_id, sender_system
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Replace
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
-from skyrange.core.time import Time
+from skyrange.core.time import NS_PER_S, Time
 
 NOBODY: Final = 251
 """System id of nobody: aircraft have 1 to 250. What a compromised computer holds back is addressed to it."""
@@ -46,7 +48,7 @@ def rewrite(original: Message, message: Message) -> bytes:
     return packer.pack(message)
 
 
-def replace_message(original: Message, message: Message, sham: bool) -> Replace:
+def replace_message(original: Message, message: Message, *, sham: bool) -> Replace:
     """A message in place of another one, with its sender and sequence number; that of a sham is the original."""
     return Replace(original.get_msgbuf() if sham else rewrite(original, message))
 
@@ -83,7 +85,7 @@ def mode_order(mode: int) -> Order:
     return Order(mav.MAV_CMD_DO_SET_MODE, (float(mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode)))
 
 
-def stick_message(target: int, component: int, sticks: Sticks, manual: bool) -> Message:
+def stick_message(target: int, component: int, sticks: Sticks, *, manual: bool) -> Message:
     """The message for stick positions: ArduCopter's channels 1 to 4 are roll, pitch, throttle and yaw."""
     forward, right, throttle, yaw = sticks
     if manual:
@@ -168,3 +170,65 @@ class Sender:
             return self.packer.pack(message)
         harmless = harmless_message(message)
         return benign_payload(self.packer.pack(message)) if harmless is None else self.packer.pack(harmless)
+
+
+_POSITION_ONLY: Final = 0b1101_1111_1000
+"""POSITION_TARGET_TYPEMASK: velocity, acceleration, yaw and yaw rate are ignored."""
+_READ: Final = frozenset((int(mav.MAVLINK_MSG_ID_HEARTBEAT), int(mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)))
+
+
+@dataclass(slots=True)
+class Leader:
+    """Keeps the aircraft in GUIDED and tells it the target that is next, by the position that it reports."""
+
+    sender: Sender
+    schedule: Schedule
+    origin: Origin
+    track: tuple[Place, ...]
+    within_m: float
+    lands: bool = False
+    at: int = 0
+    landing: bool = False
+    keeper: ModeKeeper = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Keep GUIDED; a sham's commands count as obeyed."""
+        self.keeper = ModeKeeper(mav.COPTER_MODE_GUIDED, NS_PER_S, self.sender.is_sham)
+
+    def see(self, now: Time, frame: Frame) -> None:
+        """Learn who the station is, mode and position."""
+        self.sender.see(frame)
+        if frame.direction == "rev" and message_id(frame.payload) in _READ:
+            message = read(frame.payload)
+            if message is not None:
+                self.learn(now, message)
+
+    def learn(self, now: Time, message: Message) -> None:
+        """Learn mode or position from a HEARTBEAT or a GLOBAL_POSITION_INT of the aircraft."""
+        if type(message).id == mav.MAVLINK_MSG_ID_HEARTBEAT:
+            self.keeper.learn(message)
+            return
+        if now < self.schedule.start_ns or self.keeper.seen != mav.COPTER_MODE_GUIDED:
+            return
+        east, north = self.origin.enu_of(message.lat * 1e-7, message.lon * 1e-7)
+        here = (east, north, message.alt * 1e-3 - self.origin.alt_msl_m)
+        if math.dist(here, self.track[self.at]) <= self.within_m:
+            if self.at + 1 < len(self.track):
+                self.at += 1
+            else:
+                self.landing = self.lands
+
+    def orders(self, now: Time) -> list[Order | Message]:
+        """A change of mode, if one is needed, and the target."""
+        if self.landing:
+            return [] if self.keeper.seen == mav.COPTER_MODE_LAND else [mode_order(mav.COPTER_MODE_LAND)]
+        return [*self.keeper.orders(now), target_message(now, self.sender, geodetic(self.origin, self.track[self.at]))]
+
+
+def target_message(now: Time, sender: Sender, place: Place) -> Message:
+    """The position target for who a sender addresses: degrees, and metres above mean sea level."""
+    lat, lon, alt_m = place
+    return mav.MAVLink_set_position_target_global_int_message(
+        now // 1_000_000 & 0xFFFFFFFF, sender.target, sender.component, mav.MAV_FRAME_GLOBAL_INT,
+        _POSITION_ONLY, round(lat * 1e7), round(lon * 1e7), alt_m, 0, 0, 0, 0, 0, 0, 0, 0,
+    )  # fmt: skip

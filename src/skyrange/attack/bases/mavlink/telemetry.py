@@ -1,4 +1,4 @@
-"""Bases of kinds that alter telemetry: fields of MAVLink 2 frames of an aircraft's autopilot.
+"""Bases of kinds that alter telemetry: fields of MAVLink 2 frames of an aircraft's autopilot, and its estimator.
 
 Where a tap is decides who is deceived. On `autopilot` it is all receivers, on `log` and `gcs` the ground station, on
 `rid_data` the companion computer: its Remote ID broadcasts and its avoidance. A tap of the attacker has no key: a
@@ -10,14 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Final
 
-from skyrange.attack.bases.mavlink.message_fields import Fields, read_fields, write_alteration
-from skyrange.attack.bases.on_path import LinkNames, LinkTap, PathPlace, on_path_place
-from skyrange.attack.bases.roles import find_links
+from skyrange.attack.bases.links import LinkNames, LinkTap, PathPlace, find_links, on_path_place
+from skyrange.attack.bases.mavlink.message_fields import Fields, put, read_fields, write_alteration
 from skyrange.attack.contract import Attack, AttackContext, Place
 from skyrange.attack.declaration import Facts
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.tapped_links import MESSAGE_NUMBERS
 from skyrange.codec.mavlink import dialect, message_id
+from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.plugins.fields import param
 from skyrange.contracts.verdicts import Direction, Replace, Verdict
@@ -128,7 +128,7 @@ class AlteredTelemetry(LinkTap):
         true = fields.copy()
         if not self.alter(self.names[number], fields, since_ns):
             return ()
-        return (Replace(write_alteration(payload, number, true, fields, self.sham)),)
+        return (Replace(write_alteration(payload, number, true, fields, sham=self.sham)),)
 
     def find_messages(self) -> Iterable[str]:
         """The messages that it alters with its parameters."""
@@ -148,3 +148,32 @@ class AlteredTelemetry(LinkTap):
 def exclusive_messages(link: str, direction: Direction, messages: Iterable[str]) -> Exclusive:
     """Messages of one direction of a link, by name, as something that one attack alone may alter."""
     return Exclusive(f"{link} ({direction})", frozenset(messages))
+
+
+VARIANCES: Final = ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance")
+"""Fields with variances (normalised innovations)."""
+HEALTHY_VARIANCE: Final = 0.1
+"""Largest variance of a healthy estimator; ground stations warn from 0.5 (Mission Planner)."""
+HEALTHY_FLAGS: Final = (
+    mav.EKF_ATTITUDE | mav.EKF_VELOCITY_HORIZ | mav.EKF_VELOCITY_VERT | mav.EKF_POS_HORIZ_REL | mav.EKF_POS_HORIZ_ABS
+    | mav.EKF_POS_VERT_ABS | mav.EKF_PRED_POS_HORIZ_REL | mav.EKF_PRED_POS_HORIZ_ABS
+)  # fmt: skip
+"""Flags of an estimator with a position."""
+LOST_VARIANCE: Final = 1.0
+"""Least variance of a lost estimator: at 1 it would reject the measurement."""
+LOST_FLAGS: Final = mav.EKF_ATTITUDE | mav.EKF_CONST_POS_MODE
+"""Flags of an estimator without a position."""
+
+
+def report_healthy(fields: Fields) -> None:
+    """Make the report one of an estimator with a position."""
+    put(fields, "flags", HEALTHY_FLAGS)
+    for name in VARIANCES:
+        put(fields, name, min(float(fields[name]), HEALTHY_VARIANCE))
+
+
+def report_lost(fields: Fields) -> None:
+    """Make the report one of an estimator that has lost its position."""
+    put(fields, "flags", LOST_FLAGS)
+    for name in VARIANCES:
+        put(fields, name, max(float(fields[name]), LOST_VARIANCE))

@@ -8,27 +8,26 @@ from typing import Any, Final
 from uas_standards.astm.f3548.v21.api import OperationID as Op
 
 from skyrange.codec.f3548.values import ConstraintReference
-from skyrange.contracts.mailboxes import Outbox
-from skyrange.core.time import Time
+from skyrange.contracts.mailboxes import Turn
 from skyrange.utm.federated.dss.coverings import Extent
 from skyrange.utm.federated.dss.requests import DssState, Handler, RefusalError, check_version
 from skyrange.utm.federated.dss.store import StoredConstraint
 from skyrange.utm.federated.exchanges import Asked
 
 
-def _query(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+def _query(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     found = dss.store.constraints_in(dss.area(asked))
     return 200, {"constraint_references": [dss.shown(one, asked.claims.uss) for one in found]}
 
 
-def _get(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+def _get(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     return 200, {"constraint_reference": dss.shown(_stored(dss, asked), asked.claims.uss)}
 
 
-def _put(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+def _put(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     body, uss, id_ = asked.body, asked.claims.uss, asked.parameters["entityid"]
     ovn = asked.parameters.get("ovn")
-    extent = dss.extent(now, body["extents"], heights=False)
+    extent = dss.extent(turn.now, body["extents"], heights=False)
     old = dss.store.constraint(id_)
     check_version("constraint", uss, old.reference if old is not None else None, ovn, missing=409)
     version = 1 if old is None else old.reference.version + 1
@@ -36,18 +35,18 @@ def _put(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]
         id=id_,
         manager=uss,
         version=version,
-        ovn=dss.make_ovn(id_, version, now),
+        ovn=dss.make_ovn(id_, version, turn.now),
         start_ns=extent.start_ns,
         end_ns=extent.end_ns,
         uss_base_url=body["uss_base_url"],
     )
     stored = StoredConstraint(reference, extent)
     dss.store.put_constraint(stored)
-    out.note("decision.dss_constraint", uss, {"constraint": id_, "version": version}, (asked.ref,))
+    turn.note("decision.dss_constraint", uss, {"constraint": id_, "version": version})
     return (201 if old is None else 200), _changed(dss, stored, extent if old is None else extent.joined(old.extent))
 
 
-def _delete(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+def _delete(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     stored = _stored(dss, asked)
     check_version("constraint", asked.claims.uss, stored.reference, asked.parameters["ovn"], missing=404)
     dss.store.delete_constraint(stored.id)

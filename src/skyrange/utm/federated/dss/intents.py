@@ -12,7 +12,7 @@ from uas_standards.astm.f3548.v21.api import UssAvailabilityState
 from uas_standards.astm.f3548.v21.constants import Scope
 
 from skyrange.codec.f3548.values import NO_SUBSCRIPTION, IntentReference
-from skyrange.contracts.mailboxes import Outbox
+from skyrange.contracts.mailboxes import Turn
 from skyrange.core.time import Time
 from skyrange.utm.federated.dss.coverings import Extent
 from skyrange.utm.federated.dss.requests import DssState, Handler, RefusalError, check_version, requested_ovn
@@ -23,33 +23,33 @@ NOMINAL: Final = frozenset({State.Accepted, State.Activated})
 """States that need a key."""
 
 
-def _query(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
-    found = dss.store.intents_in(dss.area(asked))
-    return 200, {"operational_intent_references": [dss.shown(one, asked.claims.uss) for one in found]}
+def _query(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
+    stored = dss.store.intents_in(dss.area(asked))
+    return 200, {"operational_intent_references": [dss.shown(one, asked.claims.uss) for one in stored]}
 
 
-def _get(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+def _get(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     return 200, {"operational_intent_reference": dss.shown(_stored(dss, asked), asked.claims.uss)}
 
 
-def _put(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+def _put(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     body, uss, id_ = asked.body, asked.claims.uss, asked.parameters["entityid"]
     ovn, state = asked.parameters.get("ovn"), body["state"]
     if ovn is None and state is not State.Accepted:
         raise RefusalError(400, f"the first version of an intent is Accepted, not {state.value}")
-    extent = dss.extent(now, body["extents"], heights=True)
+    extent = dss.extent(turn.now, body["extents"], heights=True)
     _check_subscription_fields(body, state)
     suffix = body.get("requested_ovn_suffix")
-    wanted_ovn = None if suffix is None else requested_ovn(now, dss.epoch, id_, suffix)
+    wanted_ovn = None if suffix is None else requested_ovn(turn.now, dss.epoch, id_, suffix)
     needed = Scope.StrategicCoordination if state in NOMINAL else Scope.ConformanceMonitoringForSituationalAwareness
     if not asked.has(needed):
         raise RefusalError(403, f"state {state.value} needs the scope {needed.value}")
     old = dss.store.intent(id_)
     check_version("intent", uss, old.reference if old is not None else None, ovn, missing=400)
     version = 1 if old is None else old.reference.version + 1
-    subscription = _find_subscription(dss, now, asked, extent, version)
+    subscription = _find_subscription(dss, turn.now, asked, extent, version)
     if state in NOMINAL:
-        _check_key(dss, id_, extent, subscription, state, out, asked)
+        _check_key(dss, turn, asked, extent, subscription)
     if subscription is not None:
         dss.store.put_subscription(subscription)
     reference = IntentReference(
@@ -57,7 +57,7 @@ def _put(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]
         manager=uss,
         version=version,
         state=state,
-        ovn=wanted_ovn or dss.make_ovn(id_, version, now),
+        ovn=wanted_ovn or dss.make_ovn(id_, version, turn.now),
         start_ns=extent.start_ns,
         end_ns=extent.end_ns,
         uss_base_url=body["uss_base_url"],
@@ -67,11 +67,11 @@ def _put(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]
     dss.store.put_intent(stored)
     if old is not None and old.reference.subscription_id != reference.subscription_id:
         _release(dss, old.reference.subscription_id)
-    out.note("decision.dss_accepted", uss, {"intent": id_, "state": state.value, "version": version}, (asked.ref,))
+    turn.note("decision.dss_accepted", uss, {"intent": id_, "state": state.value, "version": version})
     return (201 if old is None else 200), _changed(dss, stored, extent if old is None else extent.joined(old.extent))
 
 
-def _delete(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+def _delete(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     stored = _stored(dss, asked)
     check_version("intent", asked.claims.uss, stored.reference, asked.parameters["ovn"], missing=404)
     dss.store.delete_intent(stored.id)
@@ -96,17 +96,10 @@ def _stored(dss: DssState, asked: Asked) -> StoredIntent:
     return stored
 
 
-def _check_key(
-    dss: DssState,
-    id_: str,
-    extent: Extent,
-    subscription: Subscription | None,
-    state: State,
-    out: Outbox,
-    asked: Asked,
-) -> None:
+def _check_key(dss: DssState, turn: Turn, asked: Asked, extent: Extent, subscription: Subscription | None) -> None:
     """Refuse an intent whose USS does not know the current version of everything that may be in the way."""
-    uss, key = asked.claims.uss, frozenset(asked.body.get("key") or ())
+    uss, id_ = asked.claims.uss, asked.parameters["entityid"]
+    key, state = frozenset(asked.body.get("key") or ()), asked.body["state"]
     intents = [
         one
         for one in dss.store.intents_in(extent)
@@ -118,7 +111,7 @@ def _check_key(
     if not intents and not constraints:
         return
     data = {"intent": id_, "state": state.value, "missing": len(intents) + len(constraints)}
-    out.note("decision.dss_conflict", uss, data, (asked.ref,))
+    turn.note("decision.dss_conflict", uss, data)
     more: dict[str, Any] = {"missing_operational_intents": [dss.shown(one, uss) for one in intents]}
     if constraints:
         more["missing_constraints"] = [dss.shown(one, uss) for one in constraints]

@@ -9,7 +9,7 @@ from typing import Any, Final
 from uuid import UUID
 
 from skyrange.codec.f3548.values import HIDDEN_OVN, Area, ConstraintReference, area_of
-from skyrange.contracts.mailboxes import Outbox
+from skyrange.contracts.mailboxes import Turn
 from skyrange.core.time import NS_PER_S, Epoch, Time
 from skyrange.utm.contract import make_uuid
 from skyrange.utm.federated.dss.coverings import Extent, extent_of
@@ -117,6 +117,6 @@ def requested_ovn(now: Time, epoch: Epoch, id_: str, suffix: str) -> str:
     return f"{id_}_{uuid}"
 
 
-Handler = Callable[[DssState, Time, Asked, Outbox], tuple[int, Any]]
+Handler = Callable[[DssState, Turn, Asked], tuple[int, Any]]
 """`handle(state, now, asked, out)`: status and body of the response. Raises `RefusalError`, `DecodeError` and
 `AreaError`."""

@@ -13,7 +13,7 @@ from uas_standards.astm.f3548.v21.api import OperationID as Op
 from uas_standards.astm.f3548.v21.constants import Scope
 
 from skyrange.codec.f3548.frames import UssRequest, decode
-from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox, Turn
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, Epoch, Time
@@ -94,43 +94,43 @@ class Dss:
         out = Outbox()
         self._state.store.forget(now)
         for arrival in inbox:
-            self._answer(now, arrival, out)
+            self._answer(Turn(now, out, (arrival.ref,)), arrival)
         return out
 
-    def _answer(self, now: Time, arrival: Arrival, out: Outbox) -> None:
+    def _answer(self, turn: Turn, arrival: Arrival) -> None:
         try:
             frame = decode(arrival.payload)
         except DecodeError as error:
-            self._server.refuse(arrival, 0, 400, str(error), out)
+            self._server.refuse(arrival, 0, 400, str(error), turn.out)
             return
         if not isinstance(frame, UssRequest):
-            self._server.count_bad("a response that nobody asked for", arrival.ref, out)
+            self._server.count_bad("a response that nobody asked for", arrival.ref, turn.out)
             return
-        asked = self._server.read(now, arrival, frame, out)
+        asked = self._server.read(turn, arrival, frame)
         if asked is None:
             return
         try:
-            status, body = _HANDLERS[asked.operation](self._state, now, asked, out)
+            status, body = _HANDLERS[asked.operation](self._state, turn, asked)
         except RefusalError as refusal:
-            self._server.answer(asked, refusal.status, refusal.body, out)
+            self._server.answer(asked, refusal.status, refusal.body, turn.out)
         except DecodeError as error:
-            self._server.answer(asked, 400, {"message": str(error)}, out)
+            self._server.answer(asked, 400, {"message": str(error)}, turn.out)
         except AreaError as error:
-            self._server.answer(asked, 413, {"message": str(error)}, out)
+            self._server.answer(asked, 413, {"message": str(error)}, turn.out)
         else:
-            self._server.answer(asked, status, body, out)
+            self._server.answer(asked, status, body, turn.out)
 
 
-def _get_availability(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+def _get_availability(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     return 200, _availability(dss, asked.parameters["uss_id"])
 
 
-def _set_availability(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+def _set_availability(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     uss = asked.parameters["uss_id"]
     version = dss.store.availability(uss).version
     if (asked.body.get("old_version") or "") != version:
         raise RefusalError(409, "old_version is not the current one")
-    renewed = dss.renewed_uuid("availability", uss, version, now)
+    renewed = dss.renewed_uuid("availability", uss, version, turn.now)
     dss.store.put_availability(Availability(uss, asked.body["availability"], renewed))
     return 200, _availability(dss, uss)
 
@@ -140,8 +140,8 @@ def _availability(dss: DssState, uss: str) -> dict[str, Any]:
     return {"version": found.version, "status": {"uss": uss, "availability": found.state.value}}
 
 
-def _report(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
-    return 201, file_report("decision.dss_report", now, asked, out)
+def _report(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
+    return 201, file_report(turn, "decision.dss_report", asked)
 
 
 _HANDLERS: Final[Mapping[Op, Handler]] = {

@@ -9,7 +9,7 @@ from typing import Any, Final
 from uas_standards.astm.f3548.v21.api import OperationID as Op
 
 from skyrange.codec.f3548.values import area_of, moment_body
-from skyrange.contracts.mailboxes import Outbox
+from skyrange.contracts.mailboxes import Turn
 from skyrange.core.time import NS_PER_S, NS_PER_US, Time
 from skyrange.utm.federated.dss.coverings import Extent, extent_of
 from skyrange.utm.federated.dss.requests import MAX_SKEW_NS, DssState, Handler, RefusalError
@@ -20,16 +20,16 @@ MAX_DURATION_NS: Final = 24 * 3_600 * NS_PER_S
 """Longest subscription (F3548-21, DSSMaxSubscriptionDuration)."""
 
 
-def _query(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+def _query(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     found = dss.store.subscriptions_in(dss.area(asked))
     return 200, {"subscriptions": [_shown(dss, one) for one in found if one.manager == asked.claims.uss]}
 
 
-def _get(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+def _get(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     return 200, {"subscription": _shown(dss, _own(dss, asked))}
 
 
-def _put(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+def _put(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     body, uss, id_ = asked.body, asked.claims.uss, asked.parameters["subscriptionid"]
     for_intents, for_constraints = (
         bool(body.get("notify_for_operational_intents")),
@@ -39,7 +39,7 @@ def _put(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]
         raise RefusalError(400, "a subscription is for operational intents, constraints or both")
     version = asked.parameters.get("version")
     old = dss.store.subscription(id_)
-    extent = _extent(dss, now, body["extents"], old)
+    extent = _extent(dss, turn.now, body["extents"], old)
     if old is None and version is not None:
         raise RefusalError(400, "there is no such subscription, and none of this version")
     if old is not None:
@@ -54,7 +54,7 @@ def _put(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]
         uss,
         body["uss_base_url"],
         extent,
-        version=dss.renewed_uuid("version", id_, version, now),
+        version=dss.renewed_uuid("version", id_, version, turn.now),
         notification_index=old.notification_index if old is not None else 0,
         is_implicit=old is not None and old.is_implicit,
         notify_for_operational_intents=for_intents,
@@ -86,7 +86,7 @@ def _extent(dss: DssState, now: Time, body: Mapping[str, Any], old: Subscription
     return extent_of([replace(area, start_ns=start_ns, end_ns=end_ns)])
 
 
-def _delete(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+def _delete(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     found = _own(dss, asked)
     if dss.store.dependents(found.id):
         raise RefusalError(400, "an operational intent has this subscription")

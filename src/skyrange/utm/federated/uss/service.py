@@ -18,7 +18,7 @@ from uas_standards.astm.f3548.v21.constants import Scope
 
 from skyrange.codec.f3548.frames import UssRequest, decode
 from skyrange.codec.f3548.values import ConstraintReference, IntentDetails, IntentReference, volume_body, volumes_of
-from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox, Turn
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
@@ -27,9 +27,17 @@ from skyrange.core.volumes import Volume4D
 from skyrange.utm.alternatives import Limits, reach
 from skyrange.utm.approval_service import answer_end, answer_intent, tell_overruled
 from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent, Overruled, overruled_by
-from skyrange.utm.federated.exchanges import Asked, Call, Caller, Reply, Server, WrongReplyError
+from skyrange.utm.federated.exchanges import (
+    NOTHING,
+    Call,
+    Caller,
+    Directory,
+    Peer,
+    Reply,
+    Server,
+    WrongReplyError,
+)
 from skyrange.utm.federated.tokens import TokenChecker, Tokens
-from skyrange.utm.federated.uss.directory import Directory, Peer
 from skyrange.utm.federated.uss.peer_requests import SERVES, PeerRequests
 from skyrange.utm.federated.uss.shared_intents import OwnIntent, SharedIntents
 from skyrange.utm.federated.uss.tasks import Task, TaskQueue
@@ -59,6 +67,7 @@ class Uss:
         self,
         name: str,
         uss: str,
+        *,
         operators: Sequence[tuple[str, Port]],
         dss: Peer,
         directory: Directory,
@@ -130,6 +139,7 @@ class Uss:
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         """Read requests and the mail of the federation, and go on with what is in progress."""
         out = Outbox()
+        turn = Turn(now, out)
         self._intents.forget(now)
         for arrival in inbox:
             if arrival.port.link in self._approvals:
@@ -137,81 +147,81 @@ class Uss:
                 if asked is not None:
                     self._queue.add(Task(asked.request.intent(self._epoch), asked, (asked.cause,)))
             else:
-                self._on_frame(now, arrival, out)
-        for call in self._caller.on_time(now, out):
-            self._on_failure(now, call, f"does not answer {call.operation.value}", out)
+                self._on_frame(turn.caused_by(arrival.ref), arrival)
+        for call in self._caller.on_time(turn):
+            self._on_failure(turn, call, f"does not answer {call.operation.value}")
         while self._task is None and (task := self._queue.take(now)) is not None:
-            self._begin(now, task, out)
+            self._begin(turn, task)
         return out
 
-    def _on_frame(self, now: Time, arrival: Arrival, out: Outbox) -> None:
+    def _on_frame(self, turn: Turn, arrival: Arrival) -> None:
         try:
             frame = decode(arrival.payload)
             if isinstance(frame, UssRequest):
-                asked = self._server.read(now, arrival, frame, out)
+                asked = self._server.read(turn, arrival, frame)
                 if asked is not None:
-                    self._be_told(self._peer_requests.answer(now, asked, out), asked, out)
+                    self._end_outranked(turn, self._peer_requests.answer(turn, asked))
                 return
             reply = self._caller.read(arrival, frame)
             if reply is not None:
-                self._on_reply(now, reply, out)
+                self._on_reply(turn, reply)
         except WrongReplyError as error:
-            self._server.count_bad(str(error), arrival.ref, out)
-            self._on_failure(now, error.call, f"answers {error.call.operation.value} wrongly", out)
+            self._server.count_bad(str(error), arrival.ref, turn.out)
+            self._on_failure(turn, error.call, f"answers {error.call.operation.value} wrongly")
         except DecodeError as error:
-            self._server.count_bad(str(error), arrival.ref, out)
+            self._server.count_bad(str(error), arrival.ref, turn.out)
 
-    def _be_told(self, intent: OperationalIntent | None, asked: Asked, out: Outbox) -> None:
+    def _end_outranked(self, turn: Turn, intent: OperationalIntent | None) -> None:
         """Take an intent of another USS into account: it ends own ones that it outranks."""
         if intent is None:
             return
         if self._task is not None:
             self._task.relevant[intent.id] = None
-        overruled = self._overrule(intent, (asked.ref,))
-        tell_overruled(ApprovalDecision(accepted=True, overruled=overruled), self._book, self._epoch, (asked.ref,), out)
+        overruled = self._overrule(intent, turn.causes)
+        tell_overruled(turn, ApprovalDecision(accepted=True, overruled=overruled), self._book, self._epoch)
 
     def _overrule(self, intent: OperationalIntent, causes: Refs) -> tuple[Overruled, ...]:
         """End the own intents that an intent outranks, but for those in flight."""
         overruled = []
         for other in self._intents.find_outranked(intent):
-            one = overruled_by(intent, other)
-            if not one.in_flight:
+            overruling = overruled_by(intent, other)
+            if not overruling.in_flight:
                 self._queue.add(Task(self._intents.release(other), None, causes))
-            overruled.append(one)
+            overruled.append(overruling)
         return tuple(overruled)
 
     # --- a task --------------------------------------------------------------------------------------------
 
-    def _begin(self, now: Time, task: Task, out: Outbox) -> None:
+    def _begin(self, turn: Turn, task: Task) -> None:
         intent, held = task.intent, self._intents.get(task.intent.id)
-        own = self._intents.own.get(intent.id)
+        managed = self._intents.own.get(intent.id)
         if task.ends and task.asked is None and held is not None:
             return  # its operator has claimed it anew
         self._task = task
         if self._intents.is_uncertain(intent.id):
-            self._call_dss(now, task, Op.GetOperationalIntentReference, {}, None, out)
+            self._call_dss(turn, task, Op.GetOperationalIntentReference)
             return
         if task.ends:
-            if own is None:
-                self._finish_end(task, out)
+            if managed is None:
+                self._finish_end(turn, task)
             else:
-                self._call_dss(now, task, Op.DeleteOperationalIntentReference, {"ovn": own.ovn}, None, out)
+                self._call_dss(turn, task, Op.DeleteOperationalIntentReference, more={"ovn": managed.ovn})
             return
-        if own is not None and held == intent:
-            self._answer(task, ApprovalDecision(accepted=True, ovn=own.ovn, tracked=True), out)
+        if managed is not None and held == intent:
+            self._answer(turn, task, ApprovalDecision(accepted=True, ovn=managed.ovn, tracked=True))
             return
-        problem = find_problem(now, intent, held.state if held is not None else None)
-        if not problem and own is None and intent.state in OFF_NOMINAL:
+        problem = find_problem(turn.now, intent, held.state if held is not None else None)
+        if not problem and managed is None and intent.state in OFF_NOMINAL:
             problem = f"an intent that is unknown cannot become {intent.state.value}"
         if problem:
-            self._answer(task, ApprovalDecision(accepted=False, reason=problem), out)
+            self._answer(turn, task, ApprovalDecision(accepted=False, reason=problem))
         elif intent.state in OFF_NOMINAL:
-            self._put(now, task, out)
+            self._put(turn, task)
         else:
             task.listed.clear()
             for operation in self._queries:
                 area = {"area_of_interest": volume_body(self._area(task), self._epoch)}
-                self._call_dss(now, task, operation, {}, area, out)
+                self._call_dss(turn, task, operation, body=area)
 
     @property
     def _queries(self) -> Sequence[Op]:
@@ -223,11 +233,11 @@ class Uss:
     def _area(self, task: Task) -> Volume4D:
         return reach(task.intent.volumes, self._limits)
 
-    def _on_reply(self, now: Time, reply: Reply, out: Outbox) -> None:
+    def _on_reply(self, turn: Turn, reply: Reply) -> None:
         call, task = reply.call, self._task
         if call.operation is Op.NotifyOperationalIntentDetailsChanged:
             if reply.status != 204:
-                self._note_failure(call.receiver, f"notification: status {reply.status}", (reply.ref,), out)
+                self._note_failure(turn, call.receiver, f"notification: status {reply.status}")
             return
         if task is None or not task.takes(call.exchange):
             return  # its task was given up
@@ -235,43 +245,43 @@ class Uss:
         if call.operation is Op.CreateOperationalIntentReference and 400 <= reply.status < 500 and call.tries == 1:
             self._intents.lose_own(task.intent.id)
         if call.operation in _DETAILS:
-            self._on_details(now, task, reply, out)
+            self._on_details(turn, task, reply)
         elif reply.status in (200, 201):
-            _ACCEPTED[call.operation](self, now, task, reply, out)
+            _ACCEPTED[call.operation](self, turn, task, reply)
         elif reply.status == 409:
-            self._on_conflict(now, task, reply, out)
+            self._on_conflict(turn, task, reply)
         elif reply.status == 404 and call.operation is Op.DeleteOperationalIntentReference:
-            self._finish_end(task, out)
+            self._finish_end(turn, task)
         elif reply.status == 404 and call.operation is Op.GetOperationalIntentReference:  # the DSS has lost the intent
             self._intents.lose_own(task.intent.id)
             task.refusal = ""
-            self._begin(now, task, out)
+            self._begin(turn, task)
         else:
             refusal = f"DSS: {reply.body.get('message') or f'status {reply.status}'}"
             if reply.status == 400 and call.operation is Op.UpdateOperationalIntentReference and not task.refusal:
                 task.refusal = refusal  # perhaps because the DSS has lost the intent
-                self._call_dss(now, task, Op.GetOperationalIntentReference, {}, None, out)
+                self._call_dss(turn, task, Op.GetOperationalIntentReference)
             else:
-                self._fail(now, task, refusal, out)
+                self._fail(turn, task, refusal)
 
-    def _on_references(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
+    def _on_references(self, turn: Turn, task: Task, reply: Reply) -> None:
         """The DSS has told what may be in the way."""
         if reply.call.operation is Op.QueryConstraintReferences:
             rows = reply.body.get("constraint_references", ())
-            task.listed[reply.call.operation] = [ConstraintReference.of(one, self._epoch) for one in rows]
+            task.listed[reply.call.operation] = [ConstraintReference.of(reference, self._epoch) for reference in rows]
         else:
             rows = reply.body.get("operational_intent_references", ())
-            task.listed[reply.call.operation] = [IntentReference.of(one, self._epoch) for one in rows]
+            task.listed[reply.call.operation] = [IntentReference.of(reference, self._epoch) for reference in rows]
         if len(task.listed) < len(self._queries):
             return
-        found = [one for operation in self._queries for one in task.listed[operation]]
-        self._intents.lose_all_but((one.id for one in found), [self._area(task)])
-        for one in found:
-            if one.manager == self.uss:
-                self._expect_own(task, one)
+        found = [reference for operation in self._queries for reference in task.listed[operation]]
+        self._intents.lose_all_but((reference.id for reference in found), [self._area(task)])
+        for reference in found:
+            if reference.manager == self.uss:
+                self._expect_own(task, reference)
             else:
-                self._inquire(now, task, one, out)
-        self._decide_if_told(now, task, out)
+                self._ask_for_details(turn, task, reference)
+        self._decide_if_complete(turn, task)
 
     def _expect_own(self, task: Task, reference: ConstraintReference) -> None:
         """The DSS has an own intent that the key has to name."""
@@ -279,7 +289,7 @@ class Uss:
         if isinstance(reference, IntentReference):
             self._intents.confirm(reference)
 
-    def _inquire(self, now: Time, task: Task, reference: ConstraintReference, out: Outbox) -> None:
+    def _ask_for_details(self, turn: Turn, task: Task, reference: ConstraintReference) -> None:
         """Ask the managing USS what an intent claims or a constraint closes, unless the version is known."""
         known = self._intents.other(reference.id)
         task.relevant[reference.id] = None
@@ -287,48 +297,48 @@ class Uss:
             return
         peer = self._directory.find(reference.uss_base_url)
         if peer is None:
-            self._assume(task, reference)
+            self._assume_worst(task, reference)
             return
         is_intent = isinstance(reference, IntentReference)
         scope = Scope.StrategicCoordination if is_intent else Scope.ConstraintProcessing
-        token = self._tokens.get(now, peer.name, scope.value)
+        token = self._tokens.get(turn.now, peer.name, scope.value)
         parameters = {"entityid": reference.id}
         operation = Op.GetOperationalIntentDetails if is_intent else Op.GetConstraintDetails
-        exchange = self._caller.call(now, peer.name, peer.port, token, operation, parameters, None, task.causes, out)
+        exchange = self._caller.call(turn.caused_by(*task.causes), peer, operation, token=token, parameters=parameters)
         task.awaited[exchange] = reference
 
-    def _on_details(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
+    def _on_details(self, turn: Turn, task: Task, reply: Reply) -> None:
         reference = task.awaited.pop(reply.call.exchange, None)
         if reference is None:
             return
         if reply.status == 200:
             try:
-                self._learn(reference, reply)
+                self._store_details(reference, reply)
             except DecodeError as error:
-                self._note_failure(reference.manager, f"details: {error}", (reply.ref,), out)
-                self._assume(task, reference)
+                self._note_failure(turn, reference.manager, f"details: {error}")
+                self._assume_worst(task, reference)
         elif reply.status == 404:  # it has ended since the DSS was asked
             self._intents.lose(reference.id)
             task.relevant.pop(reference.id, None)
         else:
-            self._note_failure(reference.manager, f"details: status {reply.status}", (reply.ref,), out)
-            self._assume(task, reference)
-        self._decide_if_told(now, task, out)
+            self._note_failure(turn, reference.manager, f"details: status {reply.status}")
+            self._assume_worst(task, reference)
+        self._decide_if_complete(turn, task)
 
-    def _learn(self, reference: ConstraintReference, reply: Reply) -> None:
+    def _store_details(self, reference: ConstraintReference, reply: Reply) -> None:
         """Know the details of an intent or a constraint. Raises `DecodeError`."""
         is_intent = isinstance(reference, IntentReference)
         body = reply.body["operational_intent" if is_intent else "constraint"]
         kind = IntentReference if is_intent else ConstraintReference
-        told = kind.of(body["reference"], self._epoch)
-        if (told.id, told.manager) != (reference.id, reference.manager):
+        answered = kind.of(body["reference"], self._epoch)
+        if (answered.id, answered.manager) != (reference.id, reference.manager):
             raise DecodeError("the details are those of another one")
-        if isinstance(told, IntentReference):
-            self._intents.learn(told, IntentDetails.of(body["details"], self._epoch))
+        if isinstance(answered, IntentReference):
+            self._intents.learn(answered, IntentDetails.of(body["details"], self._epoch))
         else:
-            self._intents.learn_constraint(told, volumes_of(body["details"]["volumes"], self._epoch))
+            self._intents.learn_constraint(answered, volumes_of(body["details"]["volumes"], self._epoch))
 
-    def _assume(self, task: Task, reference: ConstraintReference) -> None:
+    def _assume_worst(self, task: Task, reference: ConstraintReference) -> None:
         """Suppose what an intent claims whose USS does not tell: nothing if that is down and nobody flies, else the
         whole area; and that a constraint closes the whole area.
         """
@@ -342,163 +352,168 @@ class Uss:
             return
         self._intents.assume(reference, self._area(task), task.intent.priority + 1)
 
-    def _decide_if_told(self, now: Time, task: Task, out: Outbox) -> None:
+    def _decide_if_complete(self, turn: Turn, task: Task) -> None:
         if task.awaited:
             return
-        found = self._intents.examine(task.intent)
-        if found.reason:
-            rejection = ApprovalDecision(accepted=False, reason=found.reason, alternatives=found.alternatives)
-            self._answer(task, rejection, out)
+        examined = self._intents.examine(task.intent)
+        if examined.reason:
+            rejection = ApprovalDecision(accepted=False, reason=examined.reason, alternatives=examined.alternatives)
+            self._answer(turn, task, rejection)
         else:
-            task.outranked = len(found.outranked)
-            self._put(now, task, out)
+            task.outranked = len(examined.outranked)
+            self._put(turn, task)
 
-    def _put(self, now: Time, task: Task, out: Outbox) -> None:
+    def _put(self, turn: Turn, task: Task) -> None:
         """Have the DSS accept the intent, with the OVNs of all that is known to be there."""
-        intent, own = task.intent, self._intents.own.get(task.intent.id)
-        is_new = own is None or not own.ovn
+        intent, managed = task.intent, self._intents.own.get(task.intent.id)
+        is_new = managed is None or not managed.ovn
         if is_new:
             self._intents.announce(intent, self.uss, self._base_url)
         body = {
-            "extents": [volume_body(one, self._epoch) for one in intent.volumes],
+            "extents": [volume_body(volume, self._epoch) for volume in intent.volumes],
             "key": self._intents.key(id_ for id_ in task.relevant if id_ != intent.id),
             "state": (State.Accepted if is_new else intent.state).value,  # the DSS takes no other first version
             "uss_base_url": self._base_url,
             "new_subscription": {"uss_base_url": self._base_url, "notify_for_constraints": self._processes_constraints},
         }
         operation = Op.CreateOperationalIntentReference if is_new else Op.UpdateOperationalIntentReference
-        self._call_dss(now, task, operation, {} if own is None or is_new else {"ovn": own.ovn}, body, out)
+        more = {} if managed is None or is_new else {"ovn": managed.ovn}
+        self._call_dss(turn, task, operation, more=more, body=body)
 
-    def _on_accepted(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
+    def _on_accepted(self, turn: Turn, task: Task, reply: Reply) -> None:
         reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
         task.is_new = reference.version == 1
         intent = replace(task.intent, state=IntentState(reference.state.value))
         self._intents.accept(intent, reference)
-        self._notify(now, intent, reference, reply, out)
+        self._notify(turn, intent, reference, reply)
         if intent.state is not task.intent.state:
-            self._put(now, task, out)
+            self._put(turn, task)
             return
         overruled = self._overrule(intent, task.causes)
         accepted = ApprovalDecision(accepted=True, ovn=reference.ovn, tracked=True)
-        self._answer(task, replace(accepted, overruled=overruled, conflicts=task.outranked), out)
+        self._answer(turn, task, replace(accepted, overruled=overruled, conflicts=task.outranked))
 
-    def _on_deleted(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
+    def _on_deleted(self, turn: Turn, task: Task, reply: Reply) -> None:
         reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
-        self._notify(now, None, reference, reply, out)
-        self._finish_end(task, out)
+        self._notify(turn, None, reference, reply)
+        self._finish_end(turn, task)
 
-    def _on_own_reference(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
+    def _on_own_reference(self, turn: Turn, task: Task, reply: Reply) -> None:
         """The DSS has told the current version of an own intent."""
         if task.refusal:
-            self._fail(now, task, task.refusal, out)
+            self._fail(turn, task, task.refusal)
             return
         reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
         if reference.manager == self.uss:
             self._intents.own[task.intent.id] = reference
-            self._begin(now, task, out)
+            self._begin(turn, task)
         elif task.ends:
-            self._finish_end(task, out)
+            self._finish_end(turn, task)
         else:
             self._intents.lose_own(task.intent.id)
-            self._fail(now, task, f"{task.intent.id} is an intent of {reference.manager}", out)
+            self._fail(turn, task, f"{task.intent.id} is an intent of {reference.manager}")
 
-    def _on_conflict(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
+    def _on_conflict(self, turn: Turn, task: Task, reply: Reply) -> None:
         """The DSS knows intents that this USS does not, or another version of this one."""
         task.conflicts += 1
         if task.conflicts > MAX_CONFLICTS:
-            self._fail(now, task, "others claim airspace there all the time", out)
+            self._fail(turn, task, "others claim airspace there all the time")
             return
         intents, constraints = (
             reply.body.get(name) or () for name in ("missing_operational_intents", "missing_constraints")
         )
-        missing: list[ConstraintReference] = [IntentReference.of(one, self._epoch) for one in intents]
-        missing += [ConstraintReference.of(one, self._epoch) for one in constraints]
+        missing: list[ConstraintReference] = [IntentReference.of(reference, self._epoch) for reference in intents]
+        missing += [ConstraintReference.of(reference, self._epoch) for reference in constraints]
         data: dict[str, Scalar] = {"intent": task.intent.id, "missing": len(missing)}
-        out.note("decision.uss_conflict", task.intent.vehicle, data, (reply.ref,))
+        turn.note("decision.uss_conflict", task.intent.vehicle, data)
         if not missing:
-            self._call_dss(now, task, Op.GetOperationalIntentReference, {}, None, out)
+            self._call_dss(turn, task, Op.GetOperationalIntentReference)
             return
-        for one in missing:
-            if one.manager == self.uss:
-                self._expect_own(task, one)
+        for reference in missing:
+            if reference.manager == self.uss:
+                self._expect_own(task, reference)
             else:
-                self._intents.lose(one.id)  # the version that was known is not the current one
-                self._inquire(now, task, one, out)
-        self._decide_if_told(now, task, out)
+                self._intents.lose(reference.id)  # the version that was known is not the current one
+                self._ask_for_details(turn, task, reference)
+        self._decide_if_complete(turn, task)
 
-    def _on_failure(self, now: Time, call: Call, problem: str, out: Outbox) -> None:
+    def _on_failure(self, turn: Turn, call: Call, problem: str) -> None:
         """A call was not answered, or not as the standard has it."""
         name, task = call.receiver, self._task
-        self._note_failure(name, problem, call.causes, out)
+        self._note_failure(turn.caused_by(*call.causes), name, problem)
         if task is None or not task.takes(call.exchange):
             return
         if call.operation in _DETAILS:
             reference = task.awaited.pop(call.exchange, None)
             if reference is not None:
-                self._assume(task, reference)
-                self._decide_if_told(now, task, out)
+                self._assume_worst(task, reference)
+                self._decide_if_complete(turn, task)
         else:
-            self._fail(now, task, f"{name} {problem}", out)
+            self._fail(turn, task, f"{name} {problem}")
 
-    def _fail(self, now: Time, task: Task, reason: str, out: Outbox) -> None:
+    def _fail(self, turn: Turn, task: Task, reason: str) -> None:
         """Nothing can be decided now: an end is tried again later; an operator may ask again for the same."""
-        self._note_failure(task.intent.vehicle, reason, task.causes, out)
+        self._note_failure(turn.caused_by(*task.causes), task.intent.vehicle, reason)
         if task.ends:
-            task.due = now + RETRY_NS
+            task.due = turn.now + RETRY_NS
             self._task = None
             self._queue.add(task)
             return
         again = (Alternative(task.intent.volumes),) if task.intent.volumes else ()
-        self._answer(task, ApprovalDecision(accepted=False, reason=reason[:256], alternatives=again), out)
+        self._answer(turn, task, ApprovalDecision(accepted=False, reason=reason[:256], alternatives=again))
 
-    def _answer(self, task: Task, decision: ApprovalDecision, out: Outbox) -> None:
+    def _answer(self, turn: Turn, task: Task, decision: ApprovalDecision) -> None:
         self._task = None
         if not decision.accepted and (task.is_new or self._intents.is_uncertain(task.intent.id)):
             self._queue.add(Task(self._intents.release(task.intent), None, task.causes))
         if task.asked is not None:
-            answer_intent(task.asked, decision, self._book, self._epoch, out)
+            answer_intent(turn, task.asked, decision, self._book, self._epoch)
 
-    def _finish_end(self, task: Task, out: Outbox) -> None:
+    def _finish_end(self, turn: Turn, task: Task) -> None:
         self._task = None
         self._intents.end(task.intent.id)
         if task.asked is not None:
-            answer_end(task.asked, self._book, out)
+            answer_end(turn, task.asked, self._book)
 
     # --- the federation ------------------------------------------------------------------------------------
 
     def _call_dss(
-        self, now: Time, task: Task, operation: Op, more: Mapping[str, str], body: Mapping[str, Any] | None, out: Outbox
+        self,
+        turn: Turn,
+        task: Task,
+        operation: Op,
+        *,
+        more: Mapping[str, str] = NOTHING,
+        body: Mapping[str, Any] | None = None,
     ) -> None:
         off_nominal = task.intent.state in OFF_NOMINAL
         scopes = [Scope.ConformanceMonitoringForSituationalAwareness if off_nominal else Scope.StrategicCoordination]
         if self._processes_constraints:
             scopes.append(Scope.ConstraintProcessing)
-        token = self._tokens.get(now, self._dss.name, *(scope.value for scope in scopes))
+        token = self._tokens.get(turn.now, self._dss.name, *(scope.value for scope in scopes))
         parameters = {"entityid": task.intent.id, **more}
-        receiver, port = self._dss.name, self._dss.port
-        task.calls.add(self._caller.call(now, receiver, port, token, operation, parameters, body, task.causes, out))
+        turn = turn.caused_by(*task.causes)
+        task.calls.add(self._caller.call(turn, self._dss, operation, token=token, parameters=parameters, body=body))
 
-    def _notify(
-        self, now: Time, intent: OperationalIntent | None, reference: IntentReference, reply: Reply, out: Outbox
-    ) -> None:
+    def _notify(self, turn: Turn, intent: OperationalIntent | None, reference: IntentReference, reply: Reply) -> None:
         """Tell the subscribers of an intent, or of its end."""
-        for one in reply.body.get("subscribers") or ():
-            peer = self._directory.find(one["uss_base_url"])
+        for subscriber in reply.body.get("subscribers") or ():
+            peer = self._directory.find(subscriber["uss_base_url"])
             if peer is None:
                 continue  # its own, or a USS that it cannot reach
-            body: dict[str, Any] = {"operational_intent_id": reference.id, "subscriptions": one["subscriptions"]}
+            body: dict[str, Any] = {"operational_intent_id": reference.id, "subscriptions": subscriber["subscriptions"]}
             if intent is not None:
                 body["operational_intent"] = self._intents.show(intent, reference)
-            token = self._tokens.get(now, peer.name, Scope.StrategicCoordination.value)
+            token = self._tokens.get(turn.now, peer.name, Scope.StrategicCoordination.value)
             operation = Op.NotifyOperationalIntentDetailsChanged
-            self._caller.call(now, peer.name, peer.port, token, operation, {}, body, (reply.ref,), out)
+            self._caller.call(turn, peer, operation, token=token, body=body)
 
-    def _note_failure(self, about: str, reason: str, causes: Refs, out: Outbox) -> None:
-        out.note("decision.uss_failed", about, {"reason": reason[:256]}, causes)
+    def _note_failure(self, turn: Turn, about: str, reason: str) -> None:
+        turn.note("decision.uss_failed", about, {"reason": reason[:256]})
 
 
 _DETAILS: Final = frozenset({Op.GetOperationalIntentDetails, Op.GetConstraintDetails})
-_Accepted = Callable[[Uss, Time, Task, Reply, Outbox], None]
+_Accepted = Callable[[Uss, Turn, Task, Reply], None]
 _ACCEPTED: Final[Mapping[Op, _Accepted]] = {
     Op.QueryOperationalIntentReferences: Uss._on_references,
     Op.QueryConstraintReferences: Uss._on_references,

@@ -13,8 +13,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.time import Epoch, Time
 from skyrange.core.volumes import Volume4D
 from skyrange.utm.alternatives import Limits
-from skyrange.utm.constraints import claim_of
-from skyrange.utm.contract import OperationalIntent
+from skyrange.utm.contract import OperationalIntent, claim_of
 from skyrange.utm.intent_register import Examination, IntentRegister
 from skyrange.utm.intent_states import OFF_NOMINAL, IntentState
 from skyrange.utm.journal import Journal

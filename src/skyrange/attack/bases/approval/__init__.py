@@ -1,0 +1,1 @@
+"""Bases of kinds that act on flight approval."""

@@ -1,1 +1,0 @@
-"""Telemetry: stream profiles, reception in columns, and the belief about each aircraft."""
