@@ -139,14 +139,9 @@ if TYPE_CHECKING:
     from skyrange.detect.receptions import read_receptions
     from skyrange.detect.series import Series, Steps, series
     from skyrange.detect.streams import table
-    from skyrange.detect.telemetry import read_messages
-    from skyrange.fault.bodies import OnBodies
-    from skyrange.fault.contract import FaultContext, FaultParts
-    from skyrange.fault.declaration import fault
-    from skyrange.radio.builtin.params import RadioEnvironment
     from skyrange.fault.bases import OnBodies
     from skyrange.fault.contract import FaultContext, FaultParts, fault
-    from skyrange.radio.builtin.environment import RadioEnvironment
+    from skyrange.radio.builtin.params import RadioEnvironment
     from skyrange.radio.contract import MediumContext, MediumPlugin
     from skyrange.radio.external.medium import ExternalMedium
     from skyrange.utm.approval_service import FlightApproval, policy_plugin

@@ -15,10 +15,8 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mission import parse_waypoints
 from skyrange.codec.mission.qgc_wpl import format_waypoints
 from skyrange.gcs.plan.checks import check
-from skyrange.gcs.protocols.mission_items import encode_mission
-from skyrange.metrics.paths import path_distance_m
 from skyrange.gcs.protocols.mission_transfer import encode_mission
-from skyrange.metrics.path_distance import path_distance_m
+from skyrange.metrics.paths import path_distance_m
 from skyrange.parity.missions.comparison import (
     MissionAgreement,
     is_legal,

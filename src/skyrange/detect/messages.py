@@ -12,11 +12,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.codec.mavlink import decode
-from skyrange.codec.mavlink.frames import CHECKSUM, HEADER_V2, LAYOUTS
-from skyrange.codec.mavlink.message_columns import KIND_COUNT, classify_frames, message_id_of_kind, message_ids
 from skyrange.codec.mavlink import decode, encode_payload
-from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS
+from skyrange.codec.mavlink.frames import CHECKSUM, HEADER_V2, LAYOUTS
 from skyrange.codec.mavlink.message_columns import (
     KIND_COUNT,
     MessageTable,

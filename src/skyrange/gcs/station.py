@@ -18,11 +18,6 @@ from skyrange.city.city import City
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.message_columns import FleetPacker, assign_sequence_numbers, pack_batches, payload_dtype
 from skyrange.codec.mavlink.signing import SignedConnection, SignedConnections, SigningKey
-from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
-from skyrange.codec.mavlink.message_columns import pack_batches, payload_dtype
-from skyrange.codec.mavlink.sequence_numbers import FleetPacker, assign_sequence_numbers
-from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
-from skyrange.codec.mavlink.signing import SigningKey
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox, Turn
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.chance import Chance

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import skyrange.plugin as sky
 from skyrange.codec.mavlink import message_id
-from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V1, HEADER_V2, LAYOUTS, MAGIC_V2, checksum
+from skyrange.codec.mavlink.frames import CHECKSUM, HEADER_V1, HEADER_V2, LAYOUTS, MAGIC_V2, checksum
 
 
 def flip_bits(payload: bytes, start: int, stop: int, rate: float, draw: Callable[[int], tuple[float, ...]]) -> bytes:

@@ -14,12 +14,9 @@ from skyrange.codec.f3411 import MessageType
 from skyrange.codec.f3411.encode import PACK_HEADER, SIZE
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.codec.remote_id.noise_request import NoiseRequest, pack
+from skyrange.core.time import NS_PER_S, NS_PER_US, Time
 from skyrange.radio.phy import OVERHEAD_BYTES, TRANSPORT_WAVEFORM, airtime_ns
 from skyrange.remoteid.drip.sender import PAGE_NS
-from skyrange.core.time import NS_PER_S, NS_PER_US, Time
-from skyrange.radio.phy.framing import OVERHEAD_BYTES, TRANSPORT_WAVEFORM
-from skyrange.radio.phy.waveforms import airtime_ns
-from skyrange.remoteid.drip.schedule import PAGE_NS
 
 LONGEST_NS: Final = 12 * NS_PER_S
 """How long Manifests are remembered: RFC 9575, section 6.3, has one in 5 s at least."""
