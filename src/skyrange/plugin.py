@@ -86,10 +86,7 @@ if TYPE_CHECKING:
         WallEngine,
         World,
     )
-    from skyrange.contracts.detectors import DetectorContext
-    from skyrange.contracts.frames.blocks import FrameBlock
-    from skyrange.contracts.frames.frame import Fate, Frame
-    from skyrange.contracts.frames.payloads import Ints
+    from skyrange.contracts.frames import Fate, Frame, FrameBlock, Ints
     from skyrange.contracts.links import (
         Act,
         Channel,
@@ -122,9 +119,9 @@ if TYPE_CHECKING:
         TxBatch,
         Waveform,
     )
-    from skyrange.contracts.monitors import Monitor, MonitorPlacement, ObservedFrame, ObservedFrames
+    from skyrange.contracts.monitors import DetectorContext, Monitor, MonitorPlacement, ObservedFrame, ObservedFrames
     from skyrange.contracts.params import Enu, Number, Params, Whole, items, refuse
-    from skyrange.contracts.plugins.fields import param, state
+    from skyrange.contracts.plugins.form import param, state
     from skyrange.contracts.plugins.registry import NoParams, Plugin, register
     from skyrange.contracts.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict, Verdicts
     from skyrange.core.chance import Chance

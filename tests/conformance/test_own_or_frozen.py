@@ -14,20 +14,17 @@ from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
 from skyrange.attack.radio import down_link, transmitter, up_link
 from skyrange.city.downtown import downtown_grid
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
-from skyrange.contracts.frames.blocks import FrameBlock, LinkTable
-from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Fate, Frame, FrameBlock, LinkTable, Payloads
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
-from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.monitors import DetectorContext, DetectorPlugin, Monitor, ObservedFrames
 from skyrange.contracts.plugins.registry import NoParams, Plugin
 from skyrange.core.errors import ComponentError, DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.defence.contract import Defence, DefencePlugin
 from skyrange.plugin import decode_mavlink
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from skyrange.testing import check_attack
 from tests.registered_kinds import registered

@@ -29,7 +29,7 @@ from skyrange.dataset.progress import begin_build
 from skyrange.dataset.run_views import ViewSettings, run_views
 from skyrange.dataset.views.observed import Place
 from skyrange.record import RunRecord, load
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from skyrange.study.sweep.measurement import measure_acts
 from skyrange.twins.attribution.arms import Arm, scenario_of

@@ -11,7 +11,7 @@ from skyrange.metrics.landings import find_landings_s
 from skyrange.metrics.separation import NEAR_M
 from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.twins.attribution.outcomes import ArmOutcomes
 from skyrange.twins.effects import COLUMNS, effect_rows
 from tests.ardupilot import needs_arducopter

@@ -23,7 +23,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.export.captures.packet_captures import mavlink, remote_id
 from skyrange.export.captures.received_broadcasts import receivers_of
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from tests.tiers import needs_tshark
 

@@ -19,7 +19,7 @@ from skyrange.kernel import Kernel
 from skyrange.metrics.aircraft_measures import read_ticks
 from skyrange.metrics.near_misses import near_misses
 from skyrange.record import MemoryObserver, RunRecord
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.pairing import pair
 from skyrange.testing import NonConformance, check_attack
 from skyrange.twins.attribution.arms import HONEST, Arm, scenario_of

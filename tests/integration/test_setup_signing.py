@@ -18,7 +18,7 @@ from skyrange.codec.mavlink.signing import (
     secret_from_passphrase,
     signing_timestamp,
 )
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.verdicts import Replace
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.contract import VehicleSpec

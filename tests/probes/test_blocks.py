@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from skyrange.contracts.components import Agent
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Fate, Frame, FrameBlock, Payloads
 from skyrange.contracts.links import Act, Channel, LinkSpec, Route, TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.verdicts import Delay, Direction, Inject, Pass, Verdict

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
+from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.core.ids import FrameId
 from skyrange.record.digests import Digests, hash_rows
 from skyrange.record.write.memory_observer import MemoryObserver

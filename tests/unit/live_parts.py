@@ -9,7 +9,7 @@ from typing import Any
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Agent, World
-from skyrange.contracts.frames.frame import Frame, end_journey
+from skyrange.contracts.frames import Frame, end_journey
 from skyrange.contracts.links import Channel, LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Note, Outbox
 from skyrange.contracts.verdicts import Label

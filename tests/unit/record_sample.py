@@ -9,7 +9,7 @@ import numpy as np
 
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.contracts.components import Floats, Observer, Sensors, Source
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
+from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import FrameId

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skyrange.contracts.frames.blocks import DirectedLinkName, FrameBlock, LinkTable
-from skyrange.contracts.frames.frame import Fate
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import DirectedLinkName, Fate, FrameBlock, LinkTable, Payloads
 from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.ids import FrameId, Port
 

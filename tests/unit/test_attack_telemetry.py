@@ -27,7 +27,7 @@ from skyrange.codec.mavlink.signing import (
     signing_timestamp,
 )
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Inject, Replace
 from skyrange.core.errors import InputError

@@ -10,7 +10,7 @@ import pytest
 
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Drop, Inject
 from skyrange.core.chance import Chance

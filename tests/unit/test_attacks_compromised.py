@@ -18,7 +18,7 @@ from skyrange.attack.ground.plan_alteration import PlanAlteration
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import Signer, SigningKey, secret_from_passphrase, sign_frame
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Inject, Replace
 from skyrange.core.errors import InputError

@@ -23,7 +23,7 @@ from skyrange.codec.mavlink import Packer, decode, file_transfer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.file_transfer import Error, Opcode
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Inject, Replace
 from skyrange.core.chance import Chance

@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrange.assembly.build import build
-from skyrange.contracts.channel_orders import ChannelOrder
 from skyrange.contracts.channel_plans import EndReport, FrameOutcome
-from skyrange.contracts.mailboxes import Outbox
+from skyrange.contracts.mailboxes import ChannelOrder, Outbox
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time

@@ -20,9 +20,7 @@ from hypothesis import strategies as st
 from skyrange.assembly.build import build
 from skyrange.bench import cores as bench_cores
 from skyrange.bench.fleet import fleet_scenario
-from skyrange.contracts.frames.blocks import DirectedLinkName, FrameBlock, LinkTable
-from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import DirectedLinkName, Fate, Frame, FrameBlock, LinkTable, Payloads
 from skyrange.contracts.links import Channel, LinkSpec, ProcessingLimit
 from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.errors import ComponentError
@@ -33,7 +31,6 @@ from skyrange.radio.oracle import STEP_NS
 from skyrange.runtime.cores import division
 from skyrange.runtime.cores.division import Barriers, Crossing, Division, divide, find_barriers
 from skyrange.runtime.cores.exchange import MAX_AHEAD, CoreFailedError, Exchange, Member, Topic
-from skyrange.runtime.cores.fleet_motion import FleetMotion
 from skyrange.runtime.cores.frame_messages import (
     list_transmissions,
     pack_inbox,
@@ -42,9 +39,9 @@ from skyrange.runtime.cores.frame_messages import (
     unpack_transits,
 )
 from skyrange.runtime.cores.oracle_replica import AHEAD_NS, arrive_ahead
-from skyrange.runtime.cores.separation import ACCELERATION_MPS2, TUMBLING_MPS, Separation
+from skyrange.runtime.cores.separation import ACCELERATION_MPS2, TUMBLING_MPS, FleetMotion, Separation
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS
 
 QUANTUM_NS = 2_500_000

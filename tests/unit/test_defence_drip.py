@@ -12,7 +12,7 @@ from skyrange.codec.drip import session_id
 from skyrange.codec.f3411 import EPOCH_2019_S, BasicId, IdType, Location, MessagePack, Status, decode, encode
 from skyrange.codec.remote_id.link_payload import NO_RSSI, RidHeader, pack, unpack
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.verdicts import Drop, Inject
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time

@@ -11,7 +11,7 @@ from skyrange.codec.mavlink import Message, Packer, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Drop, Inject
 from skyrange.core.chance import Chance

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from skyrange.attack.contract import GroundReceiver
 from skyrange.codec.f3411 import Location, Status
 from skyrange.codec.remote_id.link_payload import RidHeader, pack
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
 from skyrange.defence.bases.receptions import BroadcastJudge

@@ -17,7 +17,7 @@ from skyrange.city.city import City
 from skyrange.codec.mavlink import decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.components import BodyAct, BodyHook, Disturbances, SensorAct, SensorHook, Sensors
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.plugins.registry import ATTACKS, FAULTS, kinds
 from skyrange.contracts.verdicts import Drop, Inject
 from skyrange.core.errors import InputError
@@ -26,7 +26,7 @@ from skyrange.fault.contract import FaultPlugin
 from skyrange.fault.gnss.reflection_errors import pseudorange_errors
 from skyrange.fault.sky_view import Satellite, Seen, even_sky, see, solve
 from skyrange.scenario.shipped import FAULT_EXAMPLES, load
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from tests.unit.test_attack_gnss import FLEET, context, readings
 
 BATTERY_FADE = FaultPlugin.find("battery.fade")

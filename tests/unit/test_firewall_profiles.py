@@ -18,7 +18,7 @@ from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Drop
 from skyrange.core.chance import Chance

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from skyrange.cli.app import app
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.parity.missions import comparison as mission_parity

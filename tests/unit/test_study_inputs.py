@@ -19,7 +19,7 @@ from skyrange.core.errors import InputError
 from skyrange.detect.learned.model_file import write_model
 from skyrange.radio_map.places import MapLayout
 from skyrange.scenario.overrides import read_assignment, set_key
-from skyrange.scenario.toml_reader import load_file, load_text
+from skyrange.scenario.toml_files import load_file, load_text
 from skyrange.study.sweep.design.blocks import list_blocks, scenario_in
 from skyrange.study.sweep.design.model import Study, change_study, parse_study
 from skyrange.study.sweep.design.study_inputs import list_inputs

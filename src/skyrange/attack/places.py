@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from skyrange.contracts.plugins.fields import MISSING, param
+from skyrange.contracts.plugins.form import MISSING, param
 
 
 def place_param(what: str, *, default: Any = MISSING) -> Any:

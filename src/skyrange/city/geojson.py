@@ -21,8 +21,8 @@ from skyrange.city.feature_stream import compact_feature, parse_document, ring_v
 from skyrange.city.footprints import Feature, choose_buildings, make_city
 from skyrange.city.reading import Reading
 from skyrange.core.errors import InputError, Problem
+from skyrange.core.files import MIB, read_input
 from skyrange.core.geodesy import Origin
-from skyrange.core.input_files import MIB, read_input
 
 MAX_PROBLEMS = 20
 """Problems that one error lists; further ones are only counted."""

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame, FrameBlock
 from skyrange.contracts.mailboxes import Inbox, Note, Outbox
 from skyrange.contracts.verdicts import Label, Verdict
 from skyrange.core.ids import Port

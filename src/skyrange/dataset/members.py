@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from skyrange.core.errors import InputError, Problem
+from skyrange.core.files import expand_user, read_input
 from skyrange.core.ids import ID_PATTERN
-from skyrange.core.input_files import expand_user, read_input
 
 Scalar = str | int | float | bool
 

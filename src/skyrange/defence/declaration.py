@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 from skyrange.attack.declaration import Acting
-from skyrange.contracts.plugins.declaration import declare
+from skyrange.contracts.plugins.form import declare
 from skyrange.defence.contract import DefencePlugin
 
 DefenceT = TypeVar("DefenceT", bound="type[Acting]")
@@ -27,7 +27,7 @@ def defence(
 ) -> Callable[[DefenceT], DefenceT]:
     """Declare a class as the kind of defence `name`; the facts are those of `DefencePlugin`.
 
-    Raises `InputError` for a class that is no such kind, as `contracts.plugins.declaration.declare` does.
+    Raises `InputError` for a class that is no such kind, as `contracts.plugins.form.declare` does.
     """
 
     def decorate(kind: DefenceT) -> DefenceT:

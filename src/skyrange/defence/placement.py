@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import InputError

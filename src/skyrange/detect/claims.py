@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.f3411.values import HORIZONTAL_ACCURACY_M, SPEED_ACCURACY_MPS
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.contracts.monitors import ObservedFrames
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time

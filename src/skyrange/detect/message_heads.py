@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from skyrange.codec.mavlink import decode
 from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS
 from skyrange.codec.mavlink.message_columns import KIND_COUNT, classify_frames, message_id_of_kind, message_ids
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.contracts.monitors import ObservedFrames
 from skyrange.core.errors import DecodeError
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.detect.series import Floats, grown, rounds
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.remote_id.link_payload import NO_RSSI, RidFrame, unpack_rows
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Ints, Payloads
 from skyrange.contracts.monitors import ObservedFrames
 from skyrange.core.errors import DecodeError
 from skyrange.radio.ground_receptions import decode

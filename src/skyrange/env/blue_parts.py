@@ -11,7 +11,7 @@ from skyrange.attack.tapped_links import ends_of
 from skyrange.codec.mavlink import Packer, sender_system
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Act, TapPlacement
 from skyrange.contracts.verdicts import Drop, Inject, Verdict
 from skyrange.core.ids import link_name

@@ -13,7 +13,7 @@ from skyrange.attack.gnss.drift import Drift
 from skyrange.attack.tapped_links import STATION_SIDE, ends_of, side_of
 from skyrange.codec.mavlink import Packer
 from skyrange.contracts.components import SensorAct, Sensors
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Act, TapPlacement
 from skyrange.contracts.verdicts import Drop, Inject, Verdict
 from skyrange.core.ids import link_name

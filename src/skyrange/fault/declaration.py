@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 from skyrange.attack.declaration import Acting
-from skyrange.contracts.plugins.declaration import declare
+from skyrange.contracts.plugins.form import declare
 from skyrange.fault.contract import FaultPlugin
 
 FaultT = TypeVar("FaultT", bound="type[Acting]")
@@ -24,7 +24,7 @@ def fault(
 ) -> Callable[[FaultT], FaultT]:
     """Declare a class as the kind of fault `name`; the facts are those of `FaultPlugin`.
 
-    Raises `InputError` for a class that is no such kind, as `contracts.plugins.declaration.declare` does.
+    Raises `InputError` for a class that is no such kind, as `contracts.plugins.form.declare` does.
     """
 
     def decorate(kind: FaultT) -> FaultT:

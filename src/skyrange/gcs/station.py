@@ -20,8 +20,8 @@ from skyrange.codec.mavlink.message_columns import pack_batches, payload_dtype
 from skyrange.codec.mavlink.sequence_numbers import FleetPacker, assign_sequence_numbers
 from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
 from skyrange.codec.mavlink.signing import SigningKey
+from skyrange.contracts.alerts import Scalar
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of

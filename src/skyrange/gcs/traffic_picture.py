@@ -15,10 +15,10 @@ from skyrange.codec.f3411 import printable_id
 from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import Transport
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.alerts import Scalar
+from skyrange.contracts.frames import Ints, Payloads
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.references import FrameRefTable
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId

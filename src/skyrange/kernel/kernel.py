@@ -18,7 +18,6 @@ from typing import cast
 import numpy as np
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.channel_orders import ChannelOrder
 from skyrange.contracts.channel_plans import TunableChannel
 from skyrange.contracts.components import (
     Agent,
@@ -33,7 +32,7 @@ from skyrange.contracts.components import (
     World,
 )
 from skyrange.contracts.links import Channel
-from skyrange.contracts.mailboxes import EMPTY_INBOX, Note, Outbox
+from skyrange.contracts.mailboxes import EMPTY_INBOX, ChannelOrder, Note, Outbox
 from skyrange.contracts.tick_batches import BatchingEngine, BatchStop, TickBatch
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, attribute_error

@@ -12,9 +12,7 @@ from heapq import heappush
 
 import numpy as np
 
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Frame, FrameBlock, Ints, Payloads
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.monitors import (
     Monitor,

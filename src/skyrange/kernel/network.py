@@ -5,7 +5,7 @@ frames, its queue stands between the taps of attacks and those of its defences. 
 after its own. Everything that takes time becomes an event in `heap`.
 
 `Network.send` is the only way in for what agents and engines send. Frames that are sent singly travel one by one, in
-this module; blocks go through `skyrange.kernel.block_forwarder` where their links allow it. The record is the same
+this module; blocks go through `skyrange.kernel.blocks` where their links allow it. The record is the same
 either way.
 """
 
@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Fate, Frame, Ints, Payloads, end_journey
 from skyrange.contracts.links import MIN_LATENCY_NS, OpenChannel
 from skyrange.contracts.mailboxes import Arrival, Departure, Note, Outbox, Parents
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
@@ -27,7 +26,7 @@ from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port
 from skyrange.core.time import Time, ceil_to
 from skyrange.kernel.acts.act_states import ActState, note_withheld, takes_effect
-from skyrange.kernel.block_forwarder import BlockForwarder, cut_off
+from skyrange.kernel.blocks import BlockForwarder, cut_off, group_rows
 from skyrange.kernel.directed_link import DirectedLink, RouteHop, RouteQueue, TapSlot, Transit
 from skyrange.kernel.event_heap import (
     ARRIVE,
@@ -46,7 +45,6 @@ from skyrange.kernel.event_heap import (
     schedule_mailbox,
     schedule_route,
 )
-from skyrange.kernel.fast_path import group_rows
 from skyrange.kernel.monitors import Monitors
 from skyrange.kernel.observers import ObserverList
 from skyrange.kernel.processing_queue import Job, ProcessingQueue

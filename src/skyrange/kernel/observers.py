@@ -8,14 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from skyrange.contracts.alerts import Alert, find_problem
-from skyrange.contracts.channel_orders import ChannelOrder
+from skyrange.contracts.alerts import Alert, Scalar, find_problem
 from skyrange.contracts.components import Observer, ReceivedSensors, SensorObserver, World
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame, FrameBlock
 from skyrange.contracts.links import Act
-from skyrange.contracts.mailboxes import Note
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.mailboxes import ChannelOrder, Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import FrameId

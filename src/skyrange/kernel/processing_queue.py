@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import ProcessingLimit
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.ids import FrameId

@@ -11,9 +11,9 @@ import numpy as np
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.metrics.time_series import Record
-from skyrange.record.levels import keeps
+from skyrange.record.schema import keeps
 
 _BINS_PER_DECADE = 230
 """Each latency bin is 1 % wider than the one before, so a quantile is accurate to 1 %."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from skyrange.core.ids import link_name
 from skyrange.core.time import NS_PER_S
 from skyrange.metrics.time_series import Record, vehicles
-from skyrange.record.levels import keeps
+from skyrange.record.schema import keeps
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

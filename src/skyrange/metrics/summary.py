@@ -8,7 +8,7 @@ from typing import Any
 
 import pyarrow.compute as pc
 
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.core.ids import endpoint
 from skyrange.core.time import NS_PER_S
 from skyrange.metrics.landings import find_landings_s

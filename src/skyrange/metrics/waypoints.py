@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import decode, dialect
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.metrics.time_series import Record

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.remote_id.link_payload import RidColumns
-from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.contracts.frames import Bytes, Ints, Payloads
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S, Time
 

@@ -14,8 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.frame import Fate
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Fate, Ints, Payloads
 from skyrange.contracts.monitors import MonitorPlacement, ObservedFrames, find_ends, make_monitor, serve_monitor
 from skyrange.core.ids import Port, originator_id
 from skyrange.core.time import Time, from_seconds

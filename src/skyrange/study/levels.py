@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from skyrange.core.errors import InputError
-from skyrange.record.levels import LEVELS, keeps
+from skyrange.record.schema import LEVELS, keeps
 from skyrange.scenario.model.scenario import Scenario
 
 

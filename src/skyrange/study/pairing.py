@@ -22,8 +22,7 @@ import pyarrow.parquet as pq
 
 from skyrange.assembly.build import build
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import atomic_write, expand_user
 from skyrange.metrics.aircraft_measures import DEPARTED_M
 from skyrange.metrics.separation import NEAR_M
 from skyrange.record.folder import make_new_folder

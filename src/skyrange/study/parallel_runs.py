@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
 from skyrange.core.time import Time
 from skyrange.io.processes.program import end_with_parent
-from skyrange.runtime.compilation.cache_filling import fill_cache, is_cold
+from skyrange.runtime.compilation import fill_cache, is_cold
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.runs import fly

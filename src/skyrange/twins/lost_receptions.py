@@ -14,8 +14,8 @@ from skyrange.codec.remote_id import noise_request
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_US
+from skyrange.record.read.observations import RADIO_LINK
 from skyrange.record.read.run import RunRecord
-from skyrange.record.read.transmissions import RADIO_LINK
 from skyrange.twins.consequences import LostReception
 
 Ints = NDArray[np.int64]

@@ -11,8 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyrange.core.errors import InputError
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MIB, read_input
+from skyrange.core.files import MIB, atomic_write, read_input
 from tools.agreement.radio.agreement import PARTIAL, WITHIN, Comparison
 from tools.agreement.radio.figures import draw_residuals, draw_shares
 from tools.agreement.radio.own_losses import residuals

@@ -13,7 +13,7 @@ from skyrange.attack.declaration import Facts
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.tapped_links import SIDES, USS
 from skyrange.attack.victims import check_vehicles
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.verdicts import Inject, Replace, Verdicts
 from skyrange.core.errors import DecodeError

@@ -15,7 +15,7 @@ from skyrange.attack.declaration import Facts
 from skyrange.attack.tapped_links import SIDES
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import APPROVAL, link_name, operator_of

@@ -8,7 +8,7 @@ from skyrange.attack.contract import AttackContext
 from skyrange.attack.places import place_param
 from skyrange.contracts.links import NetworkPlace, RadioSite
 from skyrange.contracts.params import Enu, Number
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.errors import InputError
 
 

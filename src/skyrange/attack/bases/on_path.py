@@ -16,10 +16,9 @@ from skyrange.attack.declaration import Acting, Facts
 from skyrange.attack.tapped_links import EVERY_LINK, MESSAGE_NUMBERS, Messages, Names, place_taps
 from skyrange.codec.mavlink import message_id
 from skyrange.contracts.components import Floats
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame, FrameBlock
 from skyrange.contracts.links import NetworkPlace, RadioSite, TapPlacement
-from skyrange.contracts.plugins.fields import param, state
+from skyrange.contracts.plugins.form import param, state
 from skyrange.contracts.verdicts import Direction, Inject, Verdict
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64

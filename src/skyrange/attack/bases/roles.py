@@ -11,7 +11,7 @@ from skyrange.attack.bases.rounds import RoundsOnLink
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.declaration import Facts
 from skyrange.attack.tapped_links import CONTROL_LINKS
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.errors import InputError, nearest
 
 

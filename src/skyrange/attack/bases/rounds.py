@@ -7,7 +7,7 @@ from typing import ClassVar
 from skyrange.attack.bases.on_path import LinkTap
 from skyrange.attack.contract import Place
 from skyrange.attack.tapped_links import Repetition, ends_of
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.verdicts import Direction, Inject, Verdicts
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time, from_seconds

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyrange.contracts.components import Floats, Sensors
-from skyrange.contracts.plugins.fields import reads_fields
+from skyrange.contracts.plugins.form import reads_fields
 from skyrange.core.errors import InputError, nearest
 from skyrange.core.time import Time
 

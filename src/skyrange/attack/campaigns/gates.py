@@ -13,7 +13,7 @@ import numpy as np
 from skyrange.attack.campaigns.course import Course
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Agent, SensorAct, SensorHook, Sensors, Tap
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.ids import Port

@@ -10,7 +10,7 @@ from skyrange.attack.campaigns.course import MAX_STAGES
 from skyrange.attack.declaration import Composite, Facts
 from skyrange.attack.tapped_links import Messages, Names
 from skyrange.contracts.params import Enu, Number, Params, Whole, items
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.errors import Problem, Problems
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"

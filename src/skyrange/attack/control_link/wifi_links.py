@@ -10,7 +10,7 @@ from skyrange.attack.bases.transmission import Periodic, radiated_power
 from skyrange.attack.contract import AirLink, AttackContext
 from skyrange.attack.declaration import Facts
 from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.errors import InputError, nearest
 
 

@@ -19,7 +19,7 @@ from skyrange.attack.gnss.emitter import FIX_NONE, Emitter, emitter_at
 from skyrange.attack.gnss.receiver_noise import JammedReceiver, error_growth
 from skyrange.contracts.components import Floats, Sensors
 from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.core.time import from_seconds

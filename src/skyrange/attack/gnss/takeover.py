@@ -45,7 +45,7 @@ from skyrange.attack.gnss.receiver_noise import (
 )
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds
 from skyrange.world.sensing import sensor_errors
 

@@ -10,7 +10,7 @@ from skyrange.attack.bases.mavlink.message_fields import read_fields, write_alte
 from skyrange.attack.ground.plan_alteration import ALTERED_FIELDS
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 
 _COUNT: Final = int(mav.MAVLINK_MSG_ID_MISSION_COUNT)
 _ITEM: Final = int(mav.MAVLINK_MSG_ID_MISSION_ITEM_INT)

@@ -9,7 +9,7 @@ from typing import Any, Final, TypeAlias
 from skyrange.codec.mavlink import Message, decode, dialect, file_transfer, message_id, sender_system
 from skyrange.codec.mavlink.file_transfer import Opcode
 from skyrange.codec.mavlink.signing import is_signed
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.alerts import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import NEVER, Time
 

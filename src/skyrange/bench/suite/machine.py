@@ -9,7 +9,7 @@ from pathlib import Path
 
 from skyrange.bench.suite.results import Machine
 from skyrange.core.errors import InputError
-from skyrange.core.input_files import MIB, read_input
+from skyrange.core.files import MIB, read_input
 
 _CPUINFO = Path("/proc/cpuinfo")
 

@@ -20,7 +20,7 @@ def build(
     as_json: bool,
 ) -> None:
     """`skyrange dataset build`."""
-    from skyrange.core.input_files import expand_user
+    from skyrange.core.files import expand_user
     from skyrange.dataset.build import build_dataset
     from skyrange.dataset.members import read_members
     from skyrange.dataset.splits import SHARES, HeldOut, assign_splits, cluster_members

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from skyrange.cli.output.console import print_json, print_notice, print_text
 from skyrange.core.errors import InputError
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import expand_user
 
 
 def doctor(compiling: bool, as_json: bool) -> None:
@@ -60,7 +60,7 @@ def install_kernels(jobs: int | None, as_json: bool) -> None:
     """`skyrange install kernels`."""
     from skyrange.cli.output.progress import compile_kernels
     from skyrange.core.compiled import cache_folder
-    from skyrange.runtime.compilation.cache_filling import count_kernels
+    from skyrange.runtime.compilation import count_kernels
 
     made = compile_kernels(jobs=jobs, quiet=as_json)
     cached, listed = count_kernels()

@@ -114,7 +114,7 @@ def merge(folder: Path, out: Path | None, as_json: bool) -> None:
     """`skyrange merge`."""
     from skyrange.metrics.summary import summary
     from skyrange.record import load as load_run
-    from skyrange.record.live_merge.recovery import recover_run
+    from skyrange.record.live_merge.merge import recover_run
     from skyrange.report import write_report
 
     folder = folder.resolve()  # so that "." has a name

@@ -46,7 +46,7 @@ class PictureRequest:
 def map_losses(request: MapRequest, picture: PictureRequest, changes: Sequence[str], as_json: bool) -> None:
     """`skyrange radio map`."""
     from skyrange.cli.output.progress import map_progress
-    from skyrange.core.input_files import expand_user
+    from skyrange.core.files import expand_user
     from skyrange.radio_map.mapping import prepare_map, trace_map
     from skyrange.radio_map.places import MapLayout
     from skyrange.radio_map.sionna import SionnaTracer, TraceSettings, check_installed, describe_tracer
@@ -84,7 +84,7 @@ def map_losses(request: MapRequest, picture: PictureRequest, changes: Sequence[s
 def _city_and_receivers(request: MapRequest, changes: Sequence[str]) -> tuple[City, list[Place]]:
     """The buildings, and the places of a scenario's ground receivers."""
     from skyrange.city.building_files import load_buildings
-    from skyrange.core.input_files import expand_user
+    from skyrange.core.files import expand_user
 
     if request.scenario is None:
         if request.buildings is None:
@@ -106,7 +106,7 @@ def _city_and_receivers(request: MapRequest, changes: Sequence[str]) -> tuple[Ci
 
 def show(path: Path, picture: PictureRequest, as_json: bool) -> None:
     """`skyrange radio show`."""
-    from skyrange.core.input_files import expand_user
+    from skyrange.core.files import expand_user
     from skyrange.radio.propagation.loss_table_file import read_loss_table
 
     path = expand_user(path)

@@ -9,8 +9,7 @@ from skyrange.cli.output.console import print_notice
 def relay(run: str, vehicles: int, listen: str, wait_s: float) -> None:
     """`skyrange relay`."""
     from skyrange.cli.output.viewer_notices import viewer_counts_text
-    from skyrange.runtime.viewer_relay import ViewerRelay
-    from skyrange.runtime.viewers import FIRST_PORT
+    from skyrange.runtime.viewers import FIRST_PORT, ViewerRelay
 
     source = parse_address("relay", "--from", run, FIRST_PORT)
     with ViewerRelay(source, parse_address("relay", "--listen", listen, FIRST_PORT), vehicles) as relaying:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from skyrange.cli.addresses import parse_ip_address
 from skyrange.cli.output.console import print_json, print_notice, print_text, print_unverified
 from skyrange.core.errors import InputError, ShortfallError
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import expand_user
 
 if TYPE_CHECKING:
     from skyrange.attack.contract import AttackPlugin

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from skyrange.cli.output.console import print_notice, print_text
-from skyrange.runtime.utm.requirements import check_installed
+from skyrange.runtime.utm import check_installed
 
 
 def init(folder: Path, uss: Sequence[str], port: int, tests: bool) -> None:

@@ -23,7 +23,7 @@ from skyrange.codec.mavlink.frame_layout import (
     SIGNATURE,
     SIGNED,
 )
-from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.contracts.frames import Bytes, Ints, Payloads
 from skyrange.core.compiled import compiled
 
 MessageTable = NDArray[Any]

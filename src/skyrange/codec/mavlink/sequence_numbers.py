@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from skyrange.codec.mavlink.frames import Packer
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.compiled import compiled
 
 

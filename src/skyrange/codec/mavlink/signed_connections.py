@@ -13,9 +13,9 @@ import numpy as np
 from skyrange.codec.mavlink.frames import decode, message_name
 from skyrange.codec.mavlink.message_columns import classify_frames
 from skyrange.codec.mavlink.signing import SignatureRefusal, Signer, SigningKey
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.alerts import Scalar
+from skyrange.contracts.frames import Payloads
 from skyrange.contracts.mailboxes import Block, Columns, Departure, Inbox, Outbox
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port
 from skyrange.core.time import Time

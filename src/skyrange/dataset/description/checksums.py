@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import open_input
+from skyrange.core.files import atomic_write, open_input
 from skyrange.dataset.progress import BUILDING
 
 CHECKSUMS: Final = "SHA256SUMS"

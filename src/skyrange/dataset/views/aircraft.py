@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.dataset.telemetry_fields import AGED, FIELDS

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.ids import link_name
 from skyrange.core.time import from_seconds
 from skyrange.dataset.columns import RUN_COLUMNS, view_schema

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.ids import Port
 from skyrange.core.time import from_seconds
 from skyrange.dataset.views.window_labels import WindowLabeller, dropped_at

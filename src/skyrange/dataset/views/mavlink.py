@@ -10,7 +10,7 @@ import pyarrow as pa
 from skyrange.codec.mavlink import decode
 from skyrange.codec.mavlink.frame_layout import HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2, MIN_FRAME, SIGNED
 from skyrange.codec.mavlink.message_columns import classify_frames, message_ids
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Ints, Payloads
 from skyrange.core.errors import DecodeError
 from skyrange.record.read.station_frames import payload_column
 

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.contracts.monitors import is_side
 from skyrange.core.ids import Port
 from skyrange.dataset.labels import FrameLabels

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.dataset.labels import ATTACK, FAULT, INTRUSION, SHAM, Act, RunActs

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, cast
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.time import Time, from_seconds
 from skyrange.defence.bases.protection import Protection
 from skyrange.defence.contract import Defence, DefenceContext

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from skyrange.attack.declaration import Acting
 from skyrange.attack.victims import Vehicles, check_vehicles
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.defence.contract import DefenceContext
 
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar, TypeAlias
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.alerts import Alert, Scalar
+from skyrange.contracts.frames import Ints
 from skyrange.contracts.monitors import ObservedFrames
-from skyrange.contracts.plugins.fields import state
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.plugins.form import state
 from skyrange.core.time import Time
 from skyrange.detect.bases.scores import ScoreDetector
 from skyrange.detect.message_heads import MessageHeads, name_message, read_heads

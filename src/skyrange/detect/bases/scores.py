@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from skyrange.contracts.detectors import DetectorContext
-from skyrange.contracts.monitors import Monitor
+from skyrange.contracts.monitors import DetectorContext, Monitor
 from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.detect.declaration import Detector
 from skyrange.detect.episodes import Episodes
 

@@ -12,11 +12,9 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext
-from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import Monitor, ObservedFrames
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.alerts import Alert, Scalar
+from skyrange.contracts.frames import Ints
+from skyrange.contracts.monitors import DetectorContext, Monitor, ObservedFrames
 from skyrange.core.time import Time
 from skyrange.detect.bases.scores import ScoreDetector
 from skyrange.detect.series import Floats, grown, rounds

@@ -8,8 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext
-from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.monitors import DetectorContext, Monitor, ObservedFrames
 from skyrange.core.time import Time
 from skyrange.detect.declaration import Detector
 from skyrange.detect.series import Floats

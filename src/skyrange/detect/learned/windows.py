@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 
 import skyrange.plugin as sky
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import expand_user
 from skyrange.detect.bases.windows import WindowDetector
 from skyrange.detect.learned.model_file import Model, read_model
 from skyrange.detect.series import Floats

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.detect.bases.telemetry import MOST_SCORE
 from skyrange.detect.series import Floats, grown, rounds
 

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.detect.series import Floats, grown, rounds
 
 _LEAST: Final = 20

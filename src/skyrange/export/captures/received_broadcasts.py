@@ -13,8 +13,8 @@ from skyrange.codec.remote_id.link_payload import NO_RSSI, RidFrame, unpack
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
+from skyrange.record.read.observations import RADIO_LINK, read_decoded_receptions
 from skyrange.record.read.run import RunRecord
-from skyrange.record.read.transmissions import RADIO_LINK, read_decoded_receptions
 
 T = TypeVar("T")
 

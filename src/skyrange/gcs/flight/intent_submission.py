@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.alerts import Scalar
 from skyrange.core.time import NS_PER_MS, Epoch, Time, to_seconds
 from skyrange.utm.contract import OperationalIntent
 from skyrange.utm.intent_states import IntentState

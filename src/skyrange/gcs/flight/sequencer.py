@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 from skyrange.codec.mavlink import Message, Packer, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import mode_name
+from skyrange.contracts.alerts import Scalar
 from skyrange.contracts.mailboxes import Arrival, Outbox
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds, to_seconds

@@ -20,9 +20,8 @@ from skyrange.codec.mavlink.deframer import Piece
 from skyrange.core.errors import DecodeError
 from skyrange.io.addresses import OnNote, check_guarded, format_address, ignore_note, with_address, worth_noting
 from skyrange.io.http import frames as http_frames
-from skyrange.io.http.bodies import read_bounded
 from skyrange.io.http.frames import JSON_TYPE, MAX_BYTES
-from skyrange.io.http.limited_server import LimitedServer
+from skyrange.io.http.limited_server import LimitedServer, read_bounded
 from skyrange.io.mavlink.transports import LOOPBACK, Address, OnPiece
 
 ANSWER_S = 10.0

@@ -22,8 +22,7 @@ from skyrange.codec.mavlink.deframer import Piece
 from skyrange.core.errors import InputError
 from skyrange.io.addresses import OnNote, check_guarded, format_address, ignore_note, with_address, worth_noting
 from skyrange.io.mavlink.transports import LOOPBACK, Address, OnPiece
-from skyrange.io.zeromq.connection_limit import ConnectionLimit
-from skyrange.io.zeromq.context import AT_ONCE, ZmqContext, watch_socket
+from skyrange.io.zeromq.context import AT_ONCE, ConnectionLimit, ZmqContext, watch_socket
 from skyrange.io.zeromq.curve_keys import Keys
 
 MAX_BYTES = 65_536

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from skyrange.contracts.channel_orders import ChannelOrder, End
 from skyrange.contracts.channel_plans import ChannelPolicy
-from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.mailboxes import ChannelOrder, End, Inbox, Outbox
 from skyrange.core.chance import Chance
 from skyrange.core.ids import Port, hash64
 from skyrange.core.time import NS_PER_MS, Time, ceil_to

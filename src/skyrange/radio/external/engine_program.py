@@ -7,7 +7,7 @@ from pathlib import Path
 
 from skyrange.core.engine_sources import engine_folder, source_digest
 from skyrange.core.errors import InputError
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import expand_user
 
 
 def find_engine(name: str, title: str, variable: str, install: str) -> Path:

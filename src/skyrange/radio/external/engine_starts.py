@@ -9,7 +9,7 @@ from skyrange.codec.medium_protocol import Ability, Hello, MessageType, Ready, d
 from skyrange.contracts.components import InstanceStatus
 from skyrange.contracts.medium import ProgramStatus, Waveform
 from skyrange.core.errors import ComponentError, DecodeError
-from skyrange.io.processes.engine_socket import EngineSocket
+from skyrange.io.processes.program_socket import EngineSocket
 
 MAX_STARTS: Final = 4
 """Starts of one engine, as of a process of a live range."""

@@ -23,7 +23,7 @@ from skyrange.codec.medium_protocol import (
 from skyrange.contracts.medium import ReceptionOutcome, Waveform
 from skyrange.core.errors import ComponentError, DecodeError
 from skyrange.core.time import NS_PER_MS
-from skyrange.io.processes.engine_socket import EngineSocket
+from skyrange.io.processes.program_socket import EngineSocket
 
 TRIAL_S: Final = 60.0
 """Wall time within which an engine must answer, in seconds."""

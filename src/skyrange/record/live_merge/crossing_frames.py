@@ -8,10 +8,9 @@ from typing import Any
 
 import pyarrow as pa
 
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.core.time import NEVER, NS_PER_S, Time
-from skyrange.record.live_merge.frame_ids import UNRECORDED, LinkDirection
-from skyrange.record.live_merge.frame_matching import TOLERANCE_NS, FrameMatcher, SentFrame
+from skyrange.record.live_merge.frame_matching import TOLERANCE_NS, UNRECORDED, FrameMatcher, LinkDirection, SentFrame
 from skyrange.record.live_merge.node_record import FRAME_COLUMNS, INCOMING, NodeRecord
 from skyrange.record.read.time_order import merge_sorted
 

@@ -12,13 +12,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.core.errors import InputError
 from skyrange.core.files import DRAFT
 from skyrange.core.time import NEVER, Time
 from skyrange.record.folder import PARTS
-from skyrange.record.live_merge.frame_ids import FrameIdMap, LinkDirection
-from skyrange.record.live_merge.frame_matching import TOLERANCE_NS
+from skyrange.record.live_merge.frame_matching import TOLERANCE_NS, FrameIdMap, LinkDirection
 from skyrange.record.manifest import MANIFEST
 from skyrange.record.read.run import load
 from skyrange.record.read.tables import Tables

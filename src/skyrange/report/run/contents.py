@@ -33,7 +33,7 @@ from skyrange.metrics.time_series import (
     truth_tracks,
 )
 from skyrange.metrics.waypoints import received_waypoints
-from skyrange.record.levels import keeps
+from skyrange.record.schema import keeps
 
 
 @dataclass(frozen=True, slots=True)

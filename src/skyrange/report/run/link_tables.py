@@ -7,7 +7,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.core.ids import owner_of
 from skyrange.figures.svg import format_number
 from skyrange.metrics.link_statistics import LinkStatistics, sum_by_kind

@@ -15,7 +15,7 @@ from skyrange.figures.svg import format_number
 from skyrange.metrics.flight_summary import FlightSummary
 from skyrange.metrics.summary import describe_radio_engine
 from skyrange.metrics.time_series import Track
-from skyrange.record.levels import FULL, level_of
+from skyrange.record.schema import FULL, level_of
 from skyrange.report import quantities
 from skyrange.report.rendering import render
 from skyrange.report.run.contents import RunContents

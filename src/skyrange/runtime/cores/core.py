@@ -15,7 +15,7 @@ import numpy as np
 
 from skyrange.assembly.aircraft import describe_engines
 from skyrange.assembly.build import BuiltScenario, build
-from skyrange.contracts.frames.blocks import DirectedLinkName, LinkTable
+from skyrange.contracts.frames import DirectedLinkName, LinkTable
 from skyrange.contracts.links import LinkSpec
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import Port, endpoint, vehicle_id
@@ -24,13 +24,18 @@ from skyrange.kernel import Kernel, Transit, Wiring
 from skyrange.radio.oracle import ENDPOINT as ORACLE
 from skyrange.radio.oracle import Oracle
 from skyrange.record import Recorder
-from skyrange.runtime.cores.acts import keep_own_acts
-from skyrange.runtime.cores.division import Crossing, Division, Endpoints, find_barriers, find_service_times
+from skyrange.runtime.cores.division import (
+    Crossing,
+    Division,
+    Endpoints,
+    find_barriers,
+    find_service_times,
+    keep_own_acts,
+)
 from skyrange.runtime.cores.exchange import CoreFailedError, Member, Topic
-from skyrange.runtime.cores.fleet_motion import FleetMotion
 from skyrange.runtime.cores.frame_messages import pack_transits, unpack_transits
 from skyrange.runtime.cores.oracle_replica import OracleReplica, arrive_ahead
-from skyrange.runtime.cores.separation import Approach, Separation
+from skyrange.runtime.cores.separation import Approach, FleetMotion, Separation
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.world.airframes import AIRFRAMES

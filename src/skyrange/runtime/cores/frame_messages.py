@@ -10,9 +10,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 
-from skyrange.contracts.frames.blocks import FrameBlock, LinkTable
-from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Fate, Frame, FrameBlock, LinkTable, Payloads
 from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.ids import FrameId, Port
 from skyrange.kernel import Transit

@@ -18,8 +18,8 @@ from skyrange.core.time import Time, to_seconds
 from skyrange.runtime.cores.core import ApproachError, Core
 from skyrange.runtime.cores.division import Division
 from skyrange.runtime.cores.exchange import CoreFailedError, Exchange, Member
-from skyrange.runtime.garbage_collection import collect_seldom
 from skyrange.runtime.interrupt import Interruptible
+from skyrange.runtime.memory import collect_seldom
 from skyrange.runtime.pace import Pace
 from skyrange.runtime.run import OnProgress, open_record, summarise_timings
 from skyrange.scenario.model.scenario import Scenario

@@ -14,13 +14,12 @@ import aiohttp
 
 from skyrange.contracts.mailboxes import Departure, Note
 from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.files import read_input
 from skyrange.core.ids import Port, endpoint
-from skyrange.core.input_files import read_input
 from skyrange.core.time import Time
 from skyrange.io.addresses import check_guarded, with_address
-from skyrange.runtime.garbage_collection import collect_seldom
+from skyrange.runtime.memory import collect_seldom
 from skyrange.runtime.utm.agent_host import UNIX, AgentHost
-from skyrange.runtime.utm.authorization import Authorization
 from skyrange.runtime.utm.config import (
     AuthorityConfig,
     DssConfig,
@@ -30,12 +29,12 @@ from skyrange.runtime.utm.config import (
     UssConfig,
     host_of,
 )
-from skyrange.runtime.utm.database.engine import open_engine
 from skyrange.runtime.utm.database.journal import AuthorityJournal, Changes, DssJournal, UssJournal
+from skyrange.runtime.utm.database.tables import open_engine
 from skyrange.runtime.utm.federation import Inbound, OpenDirectory, Outbound
 from skyrange.runtime.utm.flight_planning import FlightPlanning
 from skyrange.runtime.utm.operators import Operators
-from skyrange.runtime.utm.tokens import TokenClient, TokenRequests, read_private_key, read_public_key
+from skyrange.runtime.utm.tokens import Authorization, TokenClient, TokenRequests, read_private_key, read_public_key
 from skyrange.runtime.utm.web import Routes, WebService
 from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.authority import Authority

@@ -14,9 +14,8 @@ from skyrange.core.errors import Problem, nearest
 from skyrange.core.ids import vehicle_id
 from skyrange.scenario.model.attacks import check_act_vehicles
 from skyrange.scenario.model.fleet import MAX_SYSTEM_ID
-from skyrange.scenario.model.links import link_names
+from skyrange.scenario.model.links import endpoint_names, find_matches, link_names
 from skyrange.scenario.model.operators import Operator
-from skyrange.scenario.model.processing import endpoint_names, find_matches
 
 _NONE: tuple[Any, ...] = (None, (), [])
 

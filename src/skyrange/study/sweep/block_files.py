@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from skyrange.core.errors import InputError
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MAX_RECORD_BYTES, read_input
+from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, read_input
 from skyrange.study.sweep.measurement import Rows
 
 BLOCKS: Final = "blocks"

@@ -11,9 +11,8 @@ from typing import Any, Final
 
 from skyrange.assembly.build import build
 from skyrange.core.errors import ComponentError, InputError, Problem, ShortfallError
-from skyrange.core.files import atomic_write
+from skyrange.core.files import atomic_write, expand_user
 from skyrange.core.ids import ID_PATTERN
-from skyrange.core.input_files import expand_user
 from skyrange.record import load as load_run
 from skyrange.record.folder import make_new_folder
 from skyrange.runtime.run import free_folder

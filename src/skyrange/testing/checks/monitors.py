@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from skyrange.contracts.alerts import Alert, find_problem
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
-from skyrange.contracts.frames.payloads import Payloads
-from skyrange.contracts.monitors import Monitor, ObservedFrame, ObservedFrames
+from skyrange.contracts.frames import Payloads
+from skyrange.contracts.monitors import DetectorContext, DetectorPlugin, Monitor, ObservedFrame, ObservedFrames
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port

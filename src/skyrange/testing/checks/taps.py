@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames import Fate, Frame
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
 from skyrange.core.ids import FrameId

@@ -7,7 +7,7 @@ from dataclasses import FrozenInstanceError
 from typing import Literal
 
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
+from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Time

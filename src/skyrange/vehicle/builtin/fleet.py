@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
 from skyrange.codec.mavlink.sequence_numbers import FleetPacker
+from skyrange.contracts.alerts import Scalar
 from skyrange.contracts.mailboxes import Outbox
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time

@@ -22,10 +22,10 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
 from skyrange.codec.remote_id.link_payload import RidHeader, pack, unpack_rows
 from skyrange.codec.remote_id.open_drone_id import to_mavlink
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.alerts import Scalar
+from skyrange.contracts.frames import Ints, Payloads
 from skyrange.contracts.mailboxes import Columns, Inbox, Outbox
 from skyrange.contracts.references import FrameRefTable
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port, endpoint, link_name

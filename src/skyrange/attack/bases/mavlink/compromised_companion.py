@@ -19,9 +19,9 @@ from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.codec.mavlink import Message, Packer, message_id
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.contracts.verdicts import Inject, Replace, Verdicts
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import link_name, operator_of

@@ -14,10 +14,9 @@ from skyrange.attack.declaration import Facts
 from skyrange.attack.tapped_links import CONTROL_LINKS, MESSAGE_NUMBERS
 from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.codec.mavlink import Message, Packer, message_id
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.params import Whole
-from skyrange.contracts.plugins.fields import param
-from skyrange.contracts.plugins.form import place_of
+from skyrange.contracts.plugins.form import param, place_of
 from skyrange.contracts.verdicts import Verdicts
 from skyrange.core.errors import InputError, nearest
 from skyrange.core.geodesy import Origin

@@ -10,7 +10,7 @@ from skyrange.attack.bases.mavlink.orders import ModeKeeper, Order, Sender, geod
 from skyrange.attack.contract import Place
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 from skyrange.attack.bases.mavlink.orders import rewrite
 from skyrange.attack.bases.on_path import OnPath
 from skyrange.codec.mavlink import Message, decode_anew
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.plugins.fields import state
+from skyrange.contracts.frames import Frame
+from skyrange.contracts.plugins.form import state
 from skyrange.contracts.verdicts import Replace, Verdicts
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Time

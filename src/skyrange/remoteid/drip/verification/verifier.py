@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from skyrange.codec.drip import EntityTag, since_2019_s
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.alerts import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, NS_PER_US, Time, to_seconds

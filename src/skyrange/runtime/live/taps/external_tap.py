@@ -14,7 +14,7 @@ from typing import Any, Final, Literal, Protocol
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from skyrange.codec.mavlink.deframer import Deframer
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
+from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.contracts.links import LinkEnds
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label

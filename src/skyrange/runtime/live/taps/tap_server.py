@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.core.errors import nearest
 from skyrange.core.time import NEVER, Time
 from skyrange.runtime.live.taps.external_tap import ExternalTap, Record, TapTerms

@@ -9,15 +9,14 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from skyrange.core.errors import InputError, Problem, nearest
-from skyrange.core.input_files import MAX_TEXT_BYTES, expand_user, read_input
+from skyrange.core.files import MAX_TEXT_BYTES, expand_user, read_input
 from skyrange.dataset.families import FAMILIES
 from skyrange.detect.learned.model_file import GRADIENT_BOOSTING, ISOLATION_FOREST, Algorithm
-from skyrange.record.levels import FULL, STUDY, keeps
-from skyrange.record.schema import TABLES
+from skyrange.record.schema import FULL, STUDY, TABLES, keeps
 from skyrange.scenario.model.base import Id, Model, Number, Whole, items, refuse
-from skyrange.scenario.model.detectors import DetectorTable
+from skyrange.scenario.model.defences import DetectorTable
 from skyrange.scenario.shipped import source_of
-from skyrange.scenario.toml_reader import parse_toml
+from skyrange.scenario.toml_files import parse_toml
 from skyrange.scenario.validation.error_messages import input_error
 from skyrange.study.matrix.model import Part
 from skyrange.study.sweep.columns import reserved_names

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from pydantic import BaseModel
 
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import expand_user
 from skyrange.scenario.named_files import locate_files as locate_named_files
 from skyrange.scenario.overrides import apply_overrides, locate_assignment
 from skyrange.study.sweep.design.factors import SCENARIO, is_city_file, names_files

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from skyrange.city.building_files import files_of
-from skyrange.core.input_files import expand_user, open_input
+from skyrange.core.files import expand_user, open_input
 from skyrange.scenario.named_files import list_named_files, read_text
 from skyrange.scenario.overrides import read_assignment
 from skyrange.scenario.shipped import source_of
-from skyrange.scenario.toml_reader import parse_toml
+from skyrange.scenario.toml_files import parse_toml
 from skyrange.study.sweep.design.factors import BUILDINGS, SCENARIO, is_city_file
 from skyrange.study.sweep.design.model import Study, scenarios_of
 

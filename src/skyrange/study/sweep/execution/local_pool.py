@@ -19,7 +19,7 @@ from typing import Any, Final
 from skyrange.core.errors import ComponentError, SkyrangeError
 from skyrange.io.processes.program import end_with_parent
 from skyrange.runtime.cores.division import available_cpus
-from skyrange.runtime.garbage_collection import collect_less
+from skyrange.runtime.memory import collect_less
 from skyrange.study.sweep.block_files import BlockResult
 from skyrange.study.sweep.design.blocks import Block
 from skyrange.study.sweep.execution.executors import FlyBlock, Outcome, WorkerFailure

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import Any, Final
 
 from skyrange.core.errors import ComponentError, InputError, SkyrangeError
-from skyrange.runtime.garbage_collection import collect_less
+from skyrange.runtime.memory import collect_less
 from skyrange.study.sweep.block_files import BlockResult
 from skyrange.study.sweep.design.blocks import Block
 from skyrange.study.sweep.execution.executors import FlyBlock, Outcome, WorkerFailure

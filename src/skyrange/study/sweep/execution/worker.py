@@ -11,7 +11,7 @@ from typing import Final
 
 from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
 from skyrange.record import RunRecord, load
-from skyrange.record.part_files import table_files
+from skyrange.record.spool import table_files
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.learning.windows import WINDOWS, make_collector, place_collector, write_windows
 from skyrange.study.runs import fly

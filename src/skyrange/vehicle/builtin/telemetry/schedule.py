@@ -12,7 +12,7 @@ import numpy as np
 
 from skyrange.codec.mavlink.message_columns import MessageTable, pack_batches
 from skyrange.codec.mavlink.sequence_numbers import assign_sequence_numbers
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NEVER, NS_PER_MS, Time
 from skyrange.vehicle.builtin.fleet import COMPONENT_ID, Fleet
