@@ -232,7 +232,7 @@ def test_json_of_anybody_is_a_value_or_an_input_error(text: str) -> None:
 def test_all_reading_passes_one_place() -> None:
     """Nothing but `core.files` opens what a user names; the exceptions read what skyrange or the system wrote."""
     own = {
-        "core/files.py", "core/compiled.py", "core/lazy_exports.py", "runtime/memory.py",
+        "core/files.py", "core/compiled.py", "runtime/memory.py",
         "record/spool.py", "record/write/files/operator_files.py", "io/processes/program.py",
         "runtime/live/node/process.py", "runtime/live/config.py", "runtime/live/supervisor/namespaces.py",
         "runtime/live/transport/control.py", "runtime/live/taps/tap_process.py", "install/ardupilot.py",

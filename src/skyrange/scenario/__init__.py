@@ -85,7 +85,24 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    __getattr__ = export_lazily(__name__)
+    __getattr__ = export_lazily(
+        __name__,
+        {
+            "skyrange.radio.control_link.params": "BaseStation CellularParams WifiParams",
+            "skyrange.scenario.model.attacks": "AttackTable FaultTable When",
+            "skyrange.scenario.model.defences": "DefenceCost DefenceTable DetectorTable",
+            "skyrange.scenario.model.fleet": "Autopilots Fleet Start Vehicle",
+            "skyrange.scenario.model.links": "Link Processing",
+            "skyrange.scenario.model.operators": "Operator",
+            "skyrange.scenario.model.plan": (
+                "Fence FenceCircle FencePolygon Path Plan Route Square mission_file path route square"
+            ),
+            "skyrange.scenario.model.radio": "Avoidance Radio Receiver RemoteId Verify",
+            "skyrange.scenario.model.scenario": "City Grid Live Origin Record Scenario Sensors Wind json_schema",
+            "skyrange.scenario.shipped": "SHIPPED load=load_scenario",
+            "skyrange.scenario.toml_files": "load_text=load_toml to_toml",
+        },
+    )
 
 
 def __dir__() -> list[str]:
