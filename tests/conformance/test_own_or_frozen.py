@@ -249,7 +249,7 @@ def test_columns_of_frames_are_read_only() -> None:
     inbox = Inbox([Arrival(port, 5, b"frame", "y", FrameId(port.link, "fwd", "y", 0))])
     write_into(inbox.columns({port: 0}).payloads)
     ones = np.ones(1, dtype=np.int64)
-    block = FrameBlock(LinkTable([], ones), ones, ones, 0, 5, Fate.DELIVERED, Payloads.of([b"frame"]))
+    block = FrameBlock(LinkTable([], ones), ones, ones, 0, 5, Fate.DELIVERED, payloads=Payloads.of([b"frame"]))
     write_into(block.carried())
     for column in (block.link_numbers, block.serial):
         with pytest.raises(ValueError, match="read-only"):

@@ -31,7 +31,7 @@ frames = st.builds(
 
 
 def _frame(*values: Any) -> Frame:
-    frame = Frame(*values[:10])
+    frame = Frame(*values[:6], **dict(zip(("sent_ns", "payload", "parent", "causes"), values[6:10], strict=True)))
     end_journey(frame, values[11], values[10])
     return frame
 

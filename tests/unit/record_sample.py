@@ -77,7 +77,18 @@ def make_frame(
     causes: tuple[FrameId, ...] = (),
 ) -> Frame:
     """A frame that met its fate."""
-    frame = Frame(link, direction, sender, serial, src or sender, dst, sent_ns, payload, parent, causes)
+    frame = Frame(
+        link,
+        direction,
+        sender,
+        serial,
+        src or sender,
+        dst,
+        sent_ns=sent_ns,
+        payload=payload,
+        parent=parent,
+        causes=causes,
+    )
     end_journey(frame, fate, sent_ns + MS if arrived_ns is None else arrived_ns)
     return frame
 

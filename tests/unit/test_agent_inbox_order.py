@@ -15,7 +15,7 @@ LANES = LinkTable(NAMES, np.arange(4))
 
 def block(at: int, lanes: list[int], serials: list[int]) -> FrameBlock:
     payloads = Payloads.of([bytes([lane, serial]) for lane, serial in zip(lanes, serials, strict=True)])
-    return FrameBlock(LANES, np.array(lanes), np.array(serials), 0, at, Fate.DELIVERED, payloads)
+    return FrameBlock(LANES, np.array(lanes), np.array(serials), 0, at, Fate.DELIVERED, payloads=payloads)
 
 
 def single(at: int, lane: int, serial: int, sender: str = "") -> Arrival:

@@ -71,7 +71,7 @@ def tap_of(kind: AttackPlugin, start_s: float = 0.0, sham: bool = False, **param
 
 def frame(serial: int, payload: bytes = POSITION, direction: str = "rev", at: Time = 0) -> Frame:
     src, dst = ENDS if direction == "fwd" else ENDS[::-1]
-    return Frame(LINK, direction, src, serial, src, dst, at, payload)
+    return Frame(LINK, direction, src, serial, src, dst, sent_ns=at, payload=payload)
 
 
 def woken(tap: Tap, until: Time) -> list[tuple[Time, Verdict]]:

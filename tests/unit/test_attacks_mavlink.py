@@ -67,7 +67,7 @@ def tap(kind: AttackPlugin, sham: bool = False, start_ns: Time = 0, **params: An
 
 def frame(direction: str, payload: bytes) -> Frame:
     ends = ("blue.gcs", "blue/b1.companion") if direction == "fwd" else ("blue/b1.companion", "blue.gcs")
-    return Frame(LINK, direction, ends[0], 1, *ends, 0, payload)
+    return Frame(LINK, direction, ends[0], 1, *ends, sent_ns=0, payload=payload)
 
 
 def injected(one: Tap, now: Time) -> list[Any]:

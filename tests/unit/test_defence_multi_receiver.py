@@ -35,7 +35,9 @@ def taps(*vehicles: str, **params: Any) -> dict[str, Tap]:
 def hear(tap: Tap, vehicle: str, at_s: float, message: Message, system: int | None = None) -> list[Any]:
     packer = Packer(SYSTEMS[vehicle] if system is None else system, 1)
     now = round(at_s * NS_PER_S)
-    return list(tap.on_frame(now, Frame(f"gcs:{vehicle}", "rev", "a", 0, "a", "b", now, packer.pack(message))))
+    return list(
+        tap.on_frame(now, Frame(f"gcs:{vehicle}", "rev", "a", 0, "a", "b", sent_ns=now, payload=packer.pack(message)))
+    )
 
 
 def heartbeat(armed: bool = True) -> Message:

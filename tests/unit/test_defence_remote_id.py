@@ -189,7 +189,7 @@ def _judges() -> list[BroadcastJudge]:
 
 
 def _frame(link: str, direction: str, payload: bytes) -> Frame:
-    return Frame(link, direction, "x", 0, "x", "y", NS_PER_S, payload)
+    return Frame(link, direction, "x", 0, "x", "y", sent_ns=NS_PER_S, payload=payload)
 
 
 BODIES = st.binary(min_size=25, max_size=25) | st.binary(max_size=240)

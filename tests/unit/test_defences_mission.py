@@ -61,7 +61,7 @@ def taps(kind: DefencePlugin, signed: Sequence[str] = (), **params: Any) -> list
 
 
 def frame(payload: bytes, direction: str = "fwd", link: str = "gcs:blue/b1") -> Frame:
-    return Frame(link, direction, "a", 0, "a", "b", 0, payload)
+    return Frame(link, direction, "a", 0, "a", "b", sent_ns=0, payload=payload)
 
 
 def sent(message: Message) -> Frame:

@@ -53,7 +53,9 @@ def fault(kind: FaultPlugin, **params: Any) -> SensorHook:
 
 
 def frame(now: Time, serial: int, payload: bytes = b"x") -> Frame:
-    return Frame("gcs:blue/b1", "fwd", "blue.gcs", serial, "blue.gcs", "blue/b1.companion", now, payload)
+    return Frame(
+        "gcs:blue/b1", "fwd", "blue.gcs", serial, "blue.gcs", "blue/b1.companion", sent_ns=now, payload=payload
+    )
 
 
 def altered(which: SensorHook, now: Time) -> tuple[Sensors, set[str]]:

@@ -26,6 +26,7 @@ def build_aircraft(
     scenario: Scenario,
     city: City | None,
     chance: Chance,
+    *,
     motion: bool,
     honest: Sequence[HonestAircraft] = (),
     flown: Container[str] | None = None,

@@ -136,11 +136,21 @@ def build(
     here: Container[str] = _Everywhere() if local is None else local
     whole = ENDPOINT in here
     air = build_radio(
-        scenario, city, Chance(scenario.seed), made.radios, here, live, over_air.spectrum if over_air else None
+        scenario,
+        city,
+        Chance(scenario.seed),
+        made.radios,
+        here=here,
+        live=live,
+        spectrum=over_air.spectrum if over_air else None,
     )
     epoch, chance = scenario.epoch, Chance(scenario.seed)
     plans = {vehicle: plan for vehicle, plan in made_plans.items() if isinstance(plan, FlightPlan)}
-    world, engines = build_aircraft(scenario, city, chance, motion, made.aircraft, flown) if whole else (None, [])
+    world, engines = (
+        build_aircraft(scenario, city, chance, motion=motion, honest=made.aircraft, flown=flown)
+        if whole
+        else (None, [])
+    )
     agents: list[Agent] = [a for service in approvals for a in service.agents] if APPROVAL in here else []
     for operator in scenario.operators:
         if endpoint(operator.id, "gcs") not in here:

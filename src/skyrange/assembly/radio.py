@@ -123,6 +123,7 @@ def build_radio(
     city: City | None,
     chance: Chance,
     attackers: Sequence[Transmitter],
+    *,
     here: Container[str],
     live: LiveMedium | None = None,
     spectrum: Spectrum | None = None,

@@ -353,7 +353,7 @@ class Engine(Protocol):
 
     Derive from `EngineBase` to get the members from `source` to `close`, which most engines do not need. An engine
     that runs programs starts them at its first `begin` and ends them in `close`. One whose clock is `wall` is a
-    `WallEngine`.
+    `WallEngine`; one that can run several ticks of a world in one call is a `tick_batches.BatchingEngine`.
     """
 
     name: str

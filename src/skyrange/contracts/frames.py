@@ -194,6 +194,7 @@ class Frame:
         serial: int,
         src: str,
         dst: str,
+        *,
         sent_ns: Time,
         payload: bytes,
         parent: FrameId | None = None,
@@ -249,8 +250,11 @@ def end_journey(frame: Frame, fate: Fate, arrived_ns: Time = NEVER) -> None:
 
 
 def _restore(*values: Any) -> Frame:
-    frame = Frame(*values[:-2])
-    end_journey(frame, values[-1], values[-2])
+    link, direction, sender, serial, src, dst, sent_ns, payload, parent, causes, arrived_ns, fate = values
+    frame = Frame(
+        link, direction, sender, serial, src, dst, sent_ns=sent_ns, payload=payload, parent=parent, causes=causes
+    )
+    end_journey(frame, fate, arrived_ns)
     return frame
 
 
@@ -313,6 +317,7 @@ class FrameBlock:
         sent_ns: Time,
         arrived_ns: Time,
         fate: Fate,
+        *,
         payloads: Payloads,
         rows: Ints | None = None,
         parent_link_numbers: Ints | None = None,
@@ -344,11 +349,13 @@ class FrameBlock:
             self.sent_ns,
             self.arrived_ns,
             self.fate,
-            self.payloads,
-            np.arange(len(self.payloads))[rows] if self.rows is None else self.rows[rows],
-            self.parent_link_numbers[rows] if parents and self.parent_link_numbers is not None else None,
-            self.parent_serial[rows] if parents and self.parent_serial is not None else None,
-            None if self.causes is None else take_causes(self.causes, rows),
+            payloads=self.payloads,
+            rows=np.arange(len(self.payloads))[rows] if self.rows is None else self.rows[rows],
+            parent_link_numbers=self.parent_link_numbers[rows]
+            if parents and self.parent_link_numbers is not None
+            else None,
+            parent_serial=self.parent_serial[rows] if parents and self.parent_serial is not None else None,
+            causes=None if self.causes is None else take_causes(self.causes, rows),
         )
 
     def carried(self) -> Payloads:
@@ -374,7 +381,18 @@ class FrameBlock:
                 above = names[int(self.parent_link_numbers[row])]
                 parent = FrameId(above.link, above.direction, above.src, int(self.parent_serial[row]))
             serial, causes = int(self.serial[row]), () if self.causes is None else self.causes[row]
-            frame = Frame(link, direction, src, serial, src, dst, self.sent_ns, self.payload(row), parent, causes)
+            frame = Frame(
+                link,
+                direction,
+                src,
+                serial,
+                src,
+                dst,
+                sent_ns=self.sent_ns,
+                payload=self.payload(row),
+                parent=parent,
+                causes=causes,
+            )
             end_journey(frame, self.fate, self.arrived_ns)
             yield frame
 

@@ -59,6 +59,7 @@ class ObservedFrames(Sequence[ObservedFrame]):
         places: Ints,
         received: NDArray[np.bool_],
         at_ns: Ints,
+        *,
         payloads: Payloads,
         names: Sequence[str],
         src: Ints,
@@ -102,10 +103,10 @@ class ObservedFrames(Sequence[ObservedFrame]):
             self.places[chosen],
             self.received[chosen],
             self.at_ns[chosen],
-            self.payloads.take(chosen),
-            self.names,
-            self.src[chosen],
-            self.dst[chosen],
+            payloads=self.payloads.take(chosen),
+            names=self.names,
+            src=self.src[chosen],
+            dst=self.dst[chosen],
         )
 
     @cached_property

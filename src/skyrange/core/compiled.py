@@ -305,7 +305,7 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
     return _compile(function, inline=True)
 
 
-def _compile(function: Callable[P, R], inline: bool) -> Callable[P, R]:
+def _compile(function: Callable[P, R], *, inline: bool) -> Callable[P, R]:
     dispatcher: Any = numba.njit(fastmath=False, error_model="numpy", nogil=True, forceinline=inline)(function)
     dispatcher._cache = _Cache(dispatcher)  # as cache=True does with numba's own
     return cast("Callable[P, R]", dispatcher)

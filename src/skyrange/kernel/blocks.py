@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from heapq import heappush
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,7 @@ class _Hop:
     __slots__ = ("boxed", "latency_ns", "link_of", "next", "select_rows", "service_ns", "staged")
 
     def __init__(
-        self, latency_ns: Time, service_ns: Time, select: Select | None, boxed: bool, staged: bool, size: int
+        self, latency_ns: Time, service_ns: Time, *, select: Select | None, boxed: bool, staged: bool, size: int
     ) -> None:
         self.latency_ns = latency_ns
         self.service_ns = service_ns
@@ -73,7 +73,7 @@ class BlockDelivery:
 
     __slots__ = ("arrival", "hops", "pending", "to_mailboxes")
 
-    def __init__(self, arrival: Time, hops: list[FrameBlock], to_mailboxes: bool, pending: list[PendingHop]) -> None:
+    def __init__(self, arrival: Time, hops: list[FrameBlock], *, to_mailboxes: bool, pending: list[PendingHop]) -> None:
         self.arrival = arrival
         self.hops = hops
         self.to_mailboxes = to_mailboxes
@@ -156,52 +156,68 @@ class FastPath:
         path: int,
         links: Ints,
         payloads: Payloads,
+        *,
         parent_links: Ints | None,
         parent_serials: Ints | None,
         causes: Causes | None,
         sent_counts: Ints,
     ) -> list[BlockDelivery]:
         """Send `payloads` on `links` (numbers, all of one path); returns where and when each of them comes out."""
-        deliveries: list[BlockDelivery] = []
-        _follow(
-            self._paths[path], self.link_table, now, links, payloads, None, parent_links, parent_serials, causes, [],
-            sent_counts, deliveries,
-        )  # fmt: skip
-        return deliveries
+        way = _Way(self.link_table, sent_counts, [])
+        cargo = _Cargo(links, payloads, None, parent_links, parent_serials, causes)
+        _follow(way, self._paths[path], now, cargo, [])
+        return way.deliveries
 
     def resume(self, pending: PendingHop, sent_counts: Ints) -> list[BlockDelivery]:
         """Send on what has waited until its time."""
-        deliveries: list[BlockDelivery] = []
+        way = _Way(self.link_table, sent_counts, [])
         block, rows = pending.block, pending.rows
         carried = rows if block.rows is None else block.rows[rows]
-        _follow(
-            pending.hop, self.link_table, pending.sent, pending.starts, block.payloads, carried,
-            block.link_numbers[rows], block.serial[rows], None, [], sent_counts, deliveries,
-        )  # fmt: skip
-        return deliveries
+        cargo = _Cargo(pending.starts, block.payloads, carried, block.link_numbers[rows], block.serial[rows])
+        _follow(way, pending.hop, pending.sent, cargo, [])
+        return way.deliveries
 
 
-def _follow(
-    hop: _Hop,
-    table: LinkTable,
-    now: Time,
-    starts: Ints,
-    payloads: Payloads,
-    rows: Ints | None,
-    parent_links: Ints | None,
-    parent_serials: Ints | None,
-    causes: Causes | None,
-    hops: list[FrameBlock],
-    sent_counts: Ints,
-    deliveries: list[BlockDelivery],
-) -> None:
-    """Send frames over a hop and, where they need not wait, over all hops behind it; `causes` are of the first."""
+class _Way(NamedTuple):
+    """What all hops of one sending share: the links, how many frames each has sent, and where the blocks come out."""
+
+    table: LinkTable
+    sent_counts: Ints
+    deliveries: list[BlockDelivery]
+
+
+class _Cargo(NamedTuple):
+    """Frames that begin a hop at one instant, one row each, as in `FrameBlock`."""
+
+    starts: Ints
+    """(n,) the directed link that begins each frame's path."""
+    payloads: Payloads
+    rows: Ints | None
+    parent_links: Ints | None
+    parent_serials: Ints | None
+    causes: Causes | None = None
+    """Of the first hop of a path only."""
+
+
+def _follow(way: _Way, hop: _Hop, now: Time, cargo: _Cargo, hops: list[FrameBlock]) -> None:
+    """Send frames over a hop and, where they need not wait, over all hops behind it; `hops` are those before it."""
+    starts, payloads, rows = cargo.starts, cargo.payloads, cargo.rows
     link = hop.link_of[starts]
-    serial = _take_serials(link, sent_counts)
+    serial = _take_serials(link, way.sent_counts)
     arrival = now + hop.latency_ns
     block = FrameBlock(
-        table, link, serial, now, arrival, Fate.DELIVERED, payloads, rows, parent_links, parent_serials, causes
-    )  # fmt: skip
+        way.table,
+        link,
+        serial,
+        now,
+        arrival,
+        Fate.DELIVERED,
+        payloads=payloads,
+        rows=rows,
+        parent_link_numbers=cargo.parent_links,
+        parent_serial=cargo.parent_serials,
+        causes=cargo.causes,
+    )
     hops.append(block)
     if hop.staged:
         pending = []
@@ -212,25 +228,23 @@ def _follow(
             if len(chosen):
                 sent = ceil_to(arrival, onward.service_ns)
                 pending.append(PendingHop(sent, onward, starts[chosen], block, chosen))
-        deliveries.append(BlockDelivery(arrival, hops, False, pending))
+        way.deliveries.append(BlockDelivery(arrival, hops, to_mailboxes=False, pending=pending))
         return
     branched = False
     for onward in hop.next:
         sent = ceil_to(arrival, onward.service_ns)
         if onward.select_rows is None:
-            _follow(onward, table, sent, starts, payloads, rows, link, serial, None, hops, sent_counts, deliveries)
+            _follow(way, onward, sent, _Cargo(starts, payloads, rows, link, serial), hops)
         else:
             (chosen,) = onward.select_rows(block.carried()).nonzero()
             if len(chosen) == 0:
                 continue
-            _follow(
-                onward, table, sent, starts[chosen], payloads, chosen if rows is None else rows[chosen],
-                link[chosen], serial[chosen], None, hops, sent_counts, deliveries,
-            )  # fmt: skip
+            carried = chosen if rows is None else rows[chosen]
+            _follow(way, onward, sent, _Cargo(starts[chosen], payloads, carried, link[chosen], serial[chosen]), hops)
         branched = True
         hops = []  # the first branch reports the hops before it
     if not branched:
-        deliveries.append(BlockDelivery(arrival, hops, hop.boxed, []))
+        way.deliveries.append(BlockDelivery(arrival, hops, to_mailboxes=hop.boxed, pending=[]))
 
 
 def _select_rows_by(select: Select) -> Callable[[Payloads], NDArray[np.bool_]]:
@@ -275,7 +289,7 @@ def _path_shape(link: DirectedLink) -> Any:
 
 def _build_hop(link: DirectedLink, service_ns: Time, select: Select | None, size: int) -> _Hop:
     boxed, staged = link.mailbox is not None, link.staged is not None
-    hop = _Hop(link.channel.latency_ns, service_ns, select, boxed, staged, size)
+    hop = _Hop(link.channel.latency_ns, service_ns, select=select, boxed=boxed, staged=staged, size=size)
     hop.next = [
         _build_hop(target, route.service_ns, route.select, size) for route, target in link.fused or link.staged or ()
     ]
@@ -309,7 +323,7 @@ class BlockForwarder:
         self._monitors: Monitors | None = None
         self._events = 0
 
-    def open_paths(self, ports: dict[Port, int], fuse: bool, monitors: Monitors) -> None:
+    def open_paths(self, ports: dict[Port, int], monitors: Monitors, *, fuse: bool) -> None:
         """Work out the paths of blocks; `ports` has the place of every owned port among its owner's."""
         self._fast_path = FastPath(self._links if fuse else [], ports)
         self._monitors = monitors if monitors.slots else None
@@ -329,13 +343,24 @@ class BlockForwarder:
         path: int,
         links: Ints,
         payloads: Payloads,
-        parent_links: Ints | None,
-        parent_serials: Ints | None,
+        *,
+        parent_links: Ints | None = None,
+        parent_serials: Ints | None = None,
         causes: Causes | None = None,
     ) -> None:
         """Send `payloads[i]` from the source of directed link `links[i]`, all of one path."""
         counts = self._links[0].sent_counts
-        self._schedule(self._fast_path.send(now, path, links, payloads, parent_links, parent_serials, causes, counts))
+        deliveries = self._fast_path.send(
+            now,
+            path,
+            links,
+            payloads,
+            parent_links=parent_links,
+            parent_serials=parent_serials,
+            causes=causes,
+            sent_counts=counts,
+        )
+        self._schedule(deliveries)
 
     def deliver(self, now: Time, delivery: BlockDelivery) -> None:
         """Put what has arrived into its mailboxes, or have it sent on."""

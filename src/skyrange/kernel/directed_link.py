@@ -173,7 +173,7 @@ class TapSlot:
 class FrameMonitor(Protocol):
     """A subscriber that a directed link shows its frames to at one of its ends."""
 
-    def take_frame(self, at: Time, link: int, frame: Frame, received: bool) -> None:
+    def take_frame(self, at: Time, link: int, frame: Frame, *, received: bool) -> None:
         """Keep a frame that is sent from that end at `at`, or arrives there then; `at` may be in the future."""
         ...
 
@@ -261,6 +261,7 @@ class DirectedLink:
         payload: bytes,
         src: str,
         dst: str,
+        *,
         parent: FrameId | None = None,
         causes: tuple[FrameId, ...] = (),
     ) -> Frame:
@@ -271,7 +272,18 @@ class DirectedLink:
         else:
             serial = self._serials.get(sender, 0)
             self._serials[sender] = serial + 1
-        return Frame(self.link_name, self.direction, sender, serial, src, dst, now, payload, parent, causes)
+        return Frame(
+            self.link_name,
+            self.direction,
+            sender,
+            serial,
+            src,
+            dst,
+            sent_ns=now,
+            payload=payload,
+            parent=parent,
+            causes=causes,
+        )
 
     def carry(self, sender: str, now: Time, size: int) -> tuple[Fate, Time, Time | None]:
         """Send `size` bytes of `sender` through the channel; as `ChannelState.carry`."""

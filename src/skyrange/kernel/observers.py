@@ -77,7 +77,9 @@ class ObserverList:
     ) -> None:
         """Label what a tap did to a frame, or that it injected one; a tap of no attack is not labelled."""
         if slot.attack is not None:
-            self._report_act(slot.attack, _label(slot.attack.plan, now, slot.name, action, frame, child, until))
+            self._report_act(
+                slot.attack, _label(slot.attack.plan, now, slot.name, action, frame, child=child, until=until)
+            )
 
     def label_fault_act(self, now: Time, attack: ActState, fault: str, action: str, act: FrameId) -> None:
         """Label what a sensor or body fault did to a vehicle; `act` names the sensor or part of the body as a link."""
@@ -125,6 +127,7 @@ def _label(
     actor: str,
     action: str,
     frame: FrameId,
+    *,
     child: FrameId | None = None,
     until: Time | None = None,
 ) -> Label:

@@ -38,6 +38,7 @@ from skyrange.contracts.references import FrameRefTable
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.ids import Port, link_name
 from skyrange.core.time import NS_PER_MS, Time
+from skyrange.core.whole_numbers import worth_noting
 from skyrange.radio.builtin.medium import fixed_positions
 from skyrange.radio.ground_receptions import MAX_RECEPTIONS, Reception, ReceptionReport, encode
 from skyrange.radio.in_flight import InFlight
@@ -188,7 +189,7 @@ class Oracle:
             why = "not a broadcast" if not rows.valid[row] else "not for the air" if not good[row] else "does not fit"
             self.refused[why] += 1
             count = self.refused[why]
-            if count & (count - 1) == 0:  # 1, 2, 4, 8 …: a flood must not fill the record
+            if worth_noting(count):
                 about = self.ports[columns.places.item(row)].link
                 ref = inbox.arrival(columns.order.item(row)).ref
                 outbox.note("event.bad_broadcast", ENDPOINT, {"link": about, "why": why, "count": count}, (ref,))

@@ -249,8 +249,8 @@ def spool_files(folder: Path, table: str) -> list[SpoolFile]:
     segments = _numbered(folder / SPOOL, f"{table}-*.arrows")
     parts = _numbered(folder / SPOOL, f"{table}-*.parquet")
     last = max(parts, default=-1)
-    return [SpoolFile(number, path, True) for number, path in sorted(parts.items())] + [
-        SpoolFile(number, path, False) for number, path in sorted(segments.items()) if number > last
+    return [SpoolFile(number, path, closed=True) for number, path in sorted(parts.items())] + [
+        SpoolFile(number, path, closed=False) for number, path in sorted(segments.items()) if number > last
     ]
 
 

@@ -177,7 +177,7 @@ class _Source:
             return
         self._retry_s = now_s + RETRY_S
         made = socket.socket(socket.AF_INET6 if ":" in self.address[0] else socket.AF_INET, socket.SOCK_STREAM)
-        made.setblocking(False)
+        made.settimeout(0.0)
         result = made.connect_ex(self.address)
         if result in (0, errno.EINPROGRESS):
             self._socket = made

@@ -57,32 +57,19 @@ def fly(
         if folder is not None:
             return _report(folder) if report else load(folder)
         more = {"cores": {"asked": cores, "used": 1, "reason": reason}}
-    if viewers is None:
-        run = Run.start(
-            scenario,
-            out,
-            speed=asked,
-            taps=taps,
-            acts=acts,
-            monitors=monitors,
-            observers=observers,
-            motion=motion,
-            more=more,
-        )
-    else:
-        seeing = [*observers, viewers]
-        run = Run.start(
-            scenario,
-            out,
-            speed=asked,
-            taps=taps,
-            acts=acts,
-            monitors=monitors,
-            observers=seeing,
-            fuse=False,
-            motion=motion,
-            more=more,
-        )
+    run = Run.start(
+        scenario,
+        out,
+        speed=asked,
+        taps=taps,
+        acts=acts,
+        monitors=monitors,
+        observers=observers if viewers is None else [*observers, viewers],
+        fuse=viewers is None,
+        motion=motion,
+        more=more,
+    )
+    if viewers is not None:
         on_progress = _serving(viewers, on_progress)
     if speed is None and viewers is not None and not run.on_wall_clock:
         asked = 1.0

@@ -14,6 +14,7 @@ from typing import Final
 from skyrange.contracts.mailboxes import Arrival, Outbox
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port, operator_of
+from skyrange.core.whole_numbers import worth_noting
 from skyrange.utm.messages import PATH, EndBody, ErrorBody, Request, Response, decode_request, encode
 
 REMEMBERED: Final = 4_096
@@ -121,7 +122,7 @@ class RequestBook:
 
     def _refuse(self, operator: str, arrival: Arrival, response: Response, out: Outbox) -> None:
         count = self.bad_frames[operator] = self.bad_frames[operator] + 1
-        if count & (count - 1) == 0:  # powers of two: a flood must not fill the record
+        if worth_noting(count):
             reason = response.body.message if isinstance(response.body, ErrorBody) else ""
             out.note("decision.approval_bad_request", operator, {"count": count, "reason": reason}, (arrival.ref,))
         out.send(arrival.port, encode(response), (arrival.ref,))

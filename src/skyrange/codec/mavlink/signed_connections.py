@@ -19,6 +19,7 @@ from skyrange.contracts.mailboxes import Block, Columns, Departure, Inbox, Outbo
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
+from skyrange.core.whole_numbers import worth_noting
 
 _REASONS: Final = tuple(SignatureRefusal)
 
@@ -155,6 +156,6 @@ class SignedConnections:
         column = _REASONS.index(why)
         self._counts[number, column] += 1
         count = self._counts.item(number, column)
-        if count & (count - 1) == 0:  # a flood must not fill the record
+        if worth_noting(count):
             data: dict[str, Scalar] = {"count": count, "reason": str(why), "message": message_name(frame)}
             out.note(self._note, self._connections[number].vehicle, data, (inbox.arrival(order).ref,))

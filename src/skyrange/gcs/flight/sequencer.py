@@ -19,6 +19,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds, to_seconds
 from skyrange.core.volumes import Volume4D
+from skyrange.core.whole_numbers import worth_noting
 from skyrange.gcs.flight import procedures
 from skyrange.gcs.flight.airspace_claim import AirspaceClaim
 from skyrange.gcs.flight.autopilot_texts import AutopilotTexts
@@ -634,7 +635,7 @@ class FlightSequencer:
             out.send(self.port, self.packer.pack(message), causes)
 
     def _note_count(self, kind: str, count: int, reason: str, ref: FrameId, out: Outbox) -> None:
-        if count & (count - 1) == 0:  # 1, 2, 4, 8 …: a flood must not fill the record
+        if worth_noting(count):
             out.note(kind, self.flight.vehicle, {"count": count, "reason": reason}, (ref,))
 
 

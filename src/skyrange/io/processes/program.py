@@ -139,9 +139,8 @@ class Program:
                 )  # fmt: skip
         except OSError as error:
             raise ComponentError(name, f"cannot start {command[0]}: {error.strerror or error}") from error
-        self._end = weakref.finalize(
-            self, _kill, self._process, is_wrapper
-        )  # at the latest when it is collected, or at exit
+        # at the latest when it is collected, or at exit
+        self._end = weakref.finalize(self, _kill, self._process, is_wrapper=is_wrapper)
 
     @property
     def pid(self) -> int:
@@ -182,7 +181,7 @@ class Program:
         kept = [line for line in text.splitlines() if line.strip()]
         return "\n".join(kept[-lines:])
 
-    def set_stopped(self, stopped: bool) -> None:
+    def set_stopped(self, *, stopped: bool) -> None:
         """Stop the process (SIGSTOP) if `stopped`, else continue it (SIGCONT). Does nothing once it has ended."""
         if self.running:
             self._process.send_signal(signal.SIGSTOP if stopped else signal.SIGCONT)
@@ -233,10 +232,10 @@ class Watchdog:
                 if not self._stopped and time.monotonic() - self._kicked_s > self._after_s:
                     self._stopped = True
                     for program in self._programs:
-                        program.set_stopped(True)
+                        program.set_stopped(stopped=True)
 
 
-def _kill(process: subprocess.Popen[bytes], is_wrapper: bool) -> None:
+def _kill(process: subprocess.Popen[bytes], *, is_wrapper: bool) -> None:
     if process.poll() is None:
         if is_wrapper:
             os.killpg(process.pid, signal.SIGKILL)  # it leads a session of its own

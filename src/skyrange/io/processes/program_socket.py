@@ -48,7 +48,7 @@ class ProgramSocket:
         """Use a connected socket of `program`."""
         self._socket = sock
         self._program = program
-        sock.setblocking(False)
+        sock.settimeout(0.0)
         self._ready = select.poll()
         self._ready.register(sock, select.POLLIN)
 
@@ -112,6 +112,7 @@ def start_with_socket(
     name: str,
     command: Sequence[str],
     folder: Path,
+    *,
     is_wrapper: bool = False,
 ) -> tuple[socket.socket, Program]:
     """Start `command` in `folder`; returns our end of the socket, and the program (arguments as its).

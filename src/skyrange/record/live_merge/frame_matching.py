@@ -50,7 +50,7 @@ class FrameMatcher(Generic[Row]):
     sent by then is known. Memory holds unmatched frames that left within `DATAGRAM_WINDOW_NS` (`RELIABLE_WINDOW_NS`).
     """
 
-    def __init__(self, reliable: bool) -> None:
+    def __init__(self, *, reliable: bool) -> None:
         """`reliable` means that frames arrive in the order in which they left."""
         self.ambiguous = 0
         """Number of matches for which there was more than one candidate."""

@@ -154,10 +154,10 @@ def _frames(parts: Sequence[NodeRecord], folder: Path, id_maps: Sequence[FrameId
                 serial,
                 src,
                 dst,
-                sent,
-                payload,
-                None if parent is None else names.resolve_text(parent),
-                tuple(map(names.resolve_text, causes)) if causes else (),
+                sent_ns=sent,
+                payload=payload,
+                parent=None if parent is None else names.resolve_text(parent),
+                causes=tuple(map(names.resolve_text, causes)) if causes else (),
             )
             end_journey(frame, Fate(fate), NEVER if arrived is None else arrived)
             yield frame

@@ -156,10 +156,10 @@ class Tables:
         shards, key = self._shards(name), time_key(whole)
         if len(shards) < 2 or key is None:
             for shard in shards:
-                yield from self._decoded(shard, name, schema, encoded)
+                yield from self._decoded(shard, name, schema, encoded=encoded)
             return
         keyed = schema if key in schema.names else schema.append(whole.field(key))
-        streams = [_tabled(self._decoded(shard, name, keyed, encoded)) for shard in shards]
+        streams = [_tabled(self._decoded(shard, name, keyed, encoded=encoded)) for shard in shards]
         for table in interleave(streams, key):
             yield from table.select(schema.names).combine_chunks().to_batches()
 
@@ -172,7 +172,7 @@ class Tables:
         """What each process has recorded of a table."""
         return self._roots() if self.spooled else table_shards((self.folder / f"{name}.parquet").absolute())
 
-    def _decoded(self, shard: _Shard, name: str, schema: pa.Schema, encoded: bool) -> Iterator[pa.RecordBatch]:
+    def _decoded(self, shard: _Shard, name: str, schema: pa.Schema, *, encoded: bool) -> Iterator[pa.RecordBatch]:
         names = names_of(schema) if encoded else []
         schema = encoded_schema(schema) if encoded else schema
         if isinstance(shard, Path):
@@ -262,7 +262,7 @@ class Tables:
         whole = arrow_schema(name)
         first = pa.schema([whole.field(0)], metadata=whole.metadata)
         shards = self._shards(name)
-        return sum(batch.num_rows for shard in shards for batch in self._decoded(shard, name, first, False))
+        return sum(batch.num_rows for shard in shards for batch in self._decoded(shard, name, first, encoded=False))
 
     def frames_with_payloads(
         self, columns: Sequence[str] | None = None, *, encoded: bool = False
@@ -276,24 +276,26 @@ class Tables:
         shards, held = self._shards("frames"), self._shards("payloads")
         if len(shards) < 2:
             for shard, stored in zip(shards, held, strict=False):
-                yield from self._frames_of(shard, stored, columns, encoded)
+                yield from self._frames_of(shard, stored, columns, encoded=encoded)
             return
         keyed = None if columns is None else list(dict.fromkeys([*columns, _SENT]))
-        streams = [self._frames_of(shard, stored, keyed, encoded) for shard, stored in zip(shards, held, strict=True)]
+        streams = [
+            self._frames_of(shard, stored, keyed, encoded=encoded) for shard, stored in zip(shards, held, strict=True)
+        ]
         for table in interleave(streams, _SENT):
             yield table if columns is None else table.select([*columns, "payload"])
 
     def _frames_of(
-        self, shard: _Shard, held: _Shard, columns: Sequence[str] | None, encoded: bool
+        self, shard: _Shard, held: _Shard, columns: Sequence[str] | None, *, encoded: bool
     ) -> Iterator[pa.Table]:
         """The frames of one shard, whose payloads are in `held`."""
         schema = self.schema("frames")
         if columns is not None:
             wanted = list(dict.fromkeys([*columns, "payload_id"]))
             schema = pa.schema([schema.field(column) for column in wanted], metadata=schema.metadata)
-        stored = self._decoded(held, "payloads", arrow_schema("payloads"), False)
+        stored = self._decoded(held, "payloads", arrow_schema("payloads"), encoded=False)
         window = PayloadWindow()
-        for batch in self._decoded(shard, "frames", schema, encoded):
+        for batch in self._decoded(shard, "frames", schema, encoded=encoded):
             ids = batch.column("payload_id").to_numpy()
             newest = int(ids.max(initial=-1))
             while window.newest < newest and (more := next(stored, None)) is not None:

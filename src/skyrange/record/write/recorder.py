@@ -52,6 +52,7 @@ class Recorder:
         manifest: dict[str, Any],
         state: RecordingState,
         spool: Spool,
+        *,
         spool_bytes: int,
         flush_s: float,
         writer: PartWriter | None,
@@ -130,10 +131,12 @@ class Recorder:
         except (TypeError, ValueError) as error:
             remove_folder(folder, made)
             raise InputError.one("header", "manifest", str(error), "values that JSON can hold") from error
-        state = RecordingState.start(header, level, truth_hz, sensors_hz, features_hz, spool_bytes)
+        state = RecordingState.start(
+            header, level, truth_hz=truth_hz, sensors_hz=sensors_hz, features_hz=features_hz, window_bytes=spool_bytes
+        )
         spool = Spool(folder)
         writer = PartWriter(folder, manifest, spool, part_rows) if part_rows else None
-        return cls(folder, manifest, state, spool, spool_bytes, flush_s, writer, made)
+        return cls(folder, manifest, state, spool, spool_bytes=spool_bytes, flush_s=flush_s, writer=writer, made=made)
 
     @classmethod
     def join(
@@ -158,11 +161,19 @@ class Recorder:
             (root / SPOOL).mkdir(parents=True)
         except OSError as error:
             raise write_error(root, error) from error
-        state = RecordingState.start(header, level, truth_hz, sensors_hz, features_hz, spool_bytes, shard)
+        state = RecordingState.start(
+            header,
+            level,
+            truth_hz=truth_hz,
+            sensors_hz=sensors_hz,
+            features_hz=features_hz,
+            window_bytes=spool_bytes,
+            shard=shard,
+        )
         spool = Spool(root)
         manifest = {**header, "record": {"level": level}}
         writer = PartWriter(root, manifest, spool)
-        return cls(path, manifest, state, spool, spool_bytes, flush_s, writer, shard=shard)
+        return cls(path, manifest, state, spool, spool_bytes=spool_bytes, flush_s=flush_s, writer=writer, shard=shard)
 
     def leave(self) -> dict[str, Any]:
         """End a shard: write all its files; returns what `take_over` of shard 0 needs, as plain data."""
@@ -341,7 +352,9 @@ class Recorder:
         state, manifest = deepcopy(self._state), deepcopy(self._manifest)
         spool = Spool(folder, self._spool.segment)
         writer = self._writer.fork(folder, manifest, spool) if self._writer is not None else None
-        return Recorder(folder, manifest, state, spool, self._spool_bytes, self._flush_s, writer)
+        return Recorder(
+            folder, manifest, state, spool, spool_bytes=self._spool_bytes, flush_s=self._flush_s, writer=writer
+        )
 
     def __deepcopy__(self, memo: object) -> Recorder:
         raise TypeError("a Recorder owns a folder: use fork(path)")

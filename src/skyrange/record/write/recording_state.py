@@ -66,7 +66,7 @@ class RecordingState:
 
     @classmethod
     def start(
-        cls, header: Mapping[str, Any], level: str, truth_hz: float, sensors_hz: float, features_hz: float,
+        cls, header: Mapping[str, Any], level: str, *, truth_hz: float, sensors_hz: float, features_hz: float,
         window_bytes: int, shard: int = 0,
     ) -> RecordingState:  # fmt: skip
         """The state of a shard at the start; `window_bytes` is that of `FrameEncoder`, all else of `Recorder.open`."""

@@ -51,7 +51,7 @@ _WIDTH: Final = _GROUP + len(GROUPS)
 
 
 @compiled
-def _count(
+def _count(  # noqa: PLR0917 - compiled
     links: Ints, sent: Ints, arrived: Ints, fates: NDArray[np.int32], sizes: NDArray[np.int32],
     groups: NDArray[np.uint8], period_ns: int, used: int, newest: Ints, rows: Ints,
 ) -> int:  # fmt: skip
@@ -104,6 +104,7 @@ class FeatureCounts:
         self,
         flows: Sequence[tuple[str, ...]],
         flow: Ints,
+        *,
         sent_ns: Ints,
         arrived_ns: Ints,
         fate: NDArray[np.int32],
@@ -238,7 +239,15 @@ class StudyRows:
         flows, columns = encoder.flows, gathered.columns
         if len(flows) > len(self._on_radio):
             self._on_radio = np.array([key[0].startswith(RADIO_LINK) for key in flows], dtype=np.bool_)
-        self._counts.add(flows, columns.flow, columns.sent, columns.arrived, columns.fate, columns.size, columns.group)
+        self._counts.add(
+            flows,
+            columns.flow,
+            sent_ns=columns.sent,
+            arrived_ns=columns.arrived,
+            fate=columns.fate,
+            size=columns.size,
+            group=columns.group,
+        )
         chosen = np.flatnonzero(self._on_radio[columns.flow])
         transmissions = encoder.table(gathered, chosen) if len(chosen) else None
         self._observations.add_frames(transmissions, encoder.take_payloads(), gathered.last_ns)

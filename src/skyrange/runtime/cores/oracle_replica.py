@@ -78,7 +78,14 @@ class OracleReplica:
     """An oracle as a truth subscriber of one core's kernel (contract: `contracts.components.TruthSubscriber`)."""
 
     def __init__(
-        self, oracle: Oracle, member: Member, motion: FleetMotion, links: LinkTable, radios: Sequence[str], ahead: bool
+        self,
+        oracle: Oracle,
+        member: Member,
+        motion: FleetMotion,
+        links: LinkTable,
+        radios: Sequence[str],
+        *,
+        ahead: bool,
     ) -> None:
         """`links` are those of every kernel; `radios` those here, ground receivers of the operators here included.
         `motion` is for this replica alone. `ahead` is whether on all cores all `arrive_ahead`.

@@ -85,7 +85,7 @@ async def _serve(configs: Sequence[ServiceConfig], on_ready: Callable[[str, str]
 async def run_service(config: ServiceConfig) -> AsyncIterator[tuple[str, AgentHost | None]]:
     """The service while the context lasts: its URL, and what steps its agent."""
     address = config.address
-    check_guarded(config.name, address, config.tls is not None, "Give it certificates (table tls).")
+    check_guarded(config.name, address, guarded=config.tls is not None, remedy="Give it certificates (table tls).")
     ssl_in, ssl_out = _contexts(config)
     log = open(config.log, "a", encoding="utf-8") if config.log is not None else None  # noqa: SIM115 - closed below
     session = aiohttp.ClientSession(
@@ -158,7 +158,7 @@ def _host_agent(
     outbound = Outbound(session, client, {_DSS: config.uss.dss_url.rstrip("/")}, deliver)
     names = [*config.uss.operators, *([TEST_OPERATOR] if config.uss.flight_planning else [])]
     operators = Operators(names, deliver, lambda: host.now())
-    uss = _make_uss(config, config.uss, checker, operators, here, inbound.port, changes)
+    uss = _make_uss(config, config.uss, checker, operators, here=here, inbound=inbound.port, changes=changes)
 
     def send(departure: Departure) -> None:
         if departure.port == inbound.port:
@@ -206,6 +206,7 @@ def _make_uss(
     settings: UssConfig,
     checker: TokenChecker,
     operators: Operators,
+    *,
     here: str,
     inbound: Port,
     changes: Changes | None,

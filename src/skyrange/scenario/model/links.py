@@ -125,7 +125,7 @@ def resolve_over_air(rules: Iterable[Link], name: str) -> WifiParams | CellularP
     return found
 
 
-def link_names(operators: Iterable[Operator], radio: bool = False) -> list[str]:
+def link_names(operators: Iterable[Operator], *, radio: bool = False) -> list[str]:
     """The names of all links of these operators and their vehicles; with `radio`, those to the medium too."""
     names = []
     for operator in operators:

@@ -123,7 +123,7 @@ def _addressed_twice(where: str, vehicles: Sequence[Any]) -> Iterator[Problem]:
 
 
 def _find_rule_problems(scenario: Any) -> Iterator[Problem]:
-    names = link_names(scenario.operators, scenario.radio is not None)
+    names = link_names(scenario.operators, radio=scenario.radio is not None)
     for index, rule in enumerate(scenario.links):
         if not any(fnmatchcase(name, rule.match) for name in names):
             hint = nearest(rule.match, names) or f"An example of a link's name is {names[-1]!r}." if names else ""

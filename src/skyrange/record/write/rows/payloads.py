@@ -24,7 +24,7 @@ PAYLOAD_SPOOL = pa.schema([("payload_id", pa.int64()), ("payload", pa.binary())]
 
 
 @compiled
-def _assign_ids(
+def _assign_ids(  # noqa: PLR0917 - compiled
     data: Bytes, starts: Ints, sizes: Ints, begin: int, window_bytes: int,
     slots: NDArray[np.int32], hashes: Words, store: Bytes, ends: Ints, state: Ints, ids: Ints, words: Words,
 ) -> int:  # fmt: skip

@@ -307,7 +307,7 @@ class Node:
         self._arrived[link] = serial + 1
         name, _, direction = link.rpartition(":")
         src, dst = self._kernel.link_ends(link)
-        return Transit(arrival, link, Frame(name, direction, src, serial, src, dst, arrival, data))
+        return Transit(arrival, link, Frame(name, direction, src, serial, src, dst, sent_ns=arrival, payload=data))
 
     def _send(self, frame: Frame) -> None:
         self._recorder.on_frame(frame)  # in flight, as far as is known here
