@@ -314,6 +314,11 @@ class RouteHop(NamedTuple):
         """Its name, unique in a kernel."""
         return f"{self.route.endpoint}|{self.route.source}|{self.route.target}"
 
+    def forward(self, at: Time, frame: Frame) -> Frame:
+        """The frame that its endpoint sends at `at` to forward another."""
+        endpoint, link = self.route.endpoint, self.link
+        return link.make_frame(endpoint, at, frame.payload, endpoint, link.dst, parent=frame.id)
+
 
 @dataclass(slots=True)
 class Mailbox:

@@ -463,11 +463,12 @@ class Network:
         for monitor in link.arrival_monitors:
             monitor.take_frame(arrival, link.number, frame, received=True)
         trail.append(frame)
-        for route, target in hops:
+        for hop in hops:
+            route, target = hop
             if route.select is not None and not route.select(frame.payload):
                 continue
             sent = ceil_to(arrival, route.service_ns)
-            child = target.make_frame(route.endpoint, sent, frame.payload, route.endpoint, target.dst, parent=frame.id)
+            child = hop.forward(sent, frame)
             for monitor in target.send_monitors:
                 monitor.take_frame(sent, target.number, child, received=False)
             if target.fused is not None:
@@ -588,10 +589,8 @@ class Network:
     def _forward_queued(self, now: Time, queue: RouteQueue) -> None:
         queue.due = None
         frames, queue.frames = queue.frames, []
-        route, link = queue.hop
         for frame in frames:
-            child = link.make_frame(route.endpoint, now, frame.payload, route.endpoint, link.dst, parent=frame.id)
-            self._transmit(now, link, child, 0)
+            self._transmit(now, queue.hop.link, queue.hop.forward(now, frame), 0)
 
     def _push(self, time: Time, link: str, frame: Frame, code: int, data: Any) -> None:
         heappush(self.heap, ((time << 3) | DELIVERY, link, frame.sender, frame.serial, code, data))
