@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 import pytest
 
 from skyrange.contracts.plugins import registry as plugins
-from skyrange.contracts.plugins.declaration import MakeKind
+from skyrange.contracts.plugins.form import MakeKind
 from skyrange.contracts.plugins.registry import Plugin
 
 ROOT = Path(__file__).parents[1]

@@ -8,8 +8,8 @@ from typing import Any
 
 from skyrange.codec.remote_id.link_payload import RidFrame, unpack
 from skyrange.record import RunRecord
-from skyrange.record.read.transmissions import RADIO_LINK
-from skyrange.scenario.toml_reader import load_data
+from skyrange.record.read.observations import RADIO_LINK
+from skyrange.scenario.toml_files import load_data
 from skyrange.study.runs import fly
 
 SIGNS = {"auth": "drip", "verify": {"authorities": "all"}}

@@ -11,7 +11,7 @@ from pydantic import Field
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
 from skyrange.attack.radio import check_vehicle
 from skyrange.codec.mavlink import Packer, dialect
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule, TapPlacement
 from skyrange.contracts.params import Number, Params
 from skyrange.contracts.verdicts import Inject, Verdict

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyrange.codec.mavlink.message_columns import MessageGroup, classify_frames, unpack_group
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Payloads
 from skyrange.core.arrays import Ints
 
 

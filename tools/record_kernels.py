@@ -19,7 +19,7 @@ from pydantic import JsonValue
 
 import skyrange
 from skyrange.core.compiled import find_cached
-from skyrange.runtime.compilation.signatures import KERNELS, describe_arguments, name_function, write_list
+from skyrange.runtime.compilation import KERNELS, describe_arguments, name_function, write_list
 from skyrange.runtime.warm_up import REHEARSAL
 from skyrange.scenario.shipped import DEFENCE_EXAMPLES, EXAMPLES, FAULT_EXAMPLES, SHIPPED, load
 from skyrange.study.pairing import pair

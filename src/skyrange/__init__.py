@@ -39,7 +39,19 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    __getattr__ = export_lazily(__name__)
+    __getattr__ = export_lazily(
+        __name__,
+        {
+            "skyrange.contracts.plugins.registry": "register",
+            "skyrange.core.errors": "InputError SkyrangeError",
+            "skyrange.record": "load",
+            "skyrange.runtime.run": "Run",
+            "skyrange.runtime.viewers": "Viewers",
+            "skyrange.scenario.model.scenario": "Scenario",
+            "skyrange.study.pairing": "pair",
+            "skyrange.study.runs": "run",
+        },
+    )
 
 
 def __dir__() -> list[str]:

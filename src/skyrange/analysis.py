@@ -123,7 +123,47 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    __getattr__ = export_lazily(__name__)
+    __getattr__ = export_lazily(
+        __name__,
+        {
+            "skyrange.codec.f3411": "decode=decode_remote_id",
+            "skyrange.codec.f3411.conformance": "deviations=find_remote_id_deviations",
+            "skyrange.codec.mavlink": "decode_anew=decode_mavlink message_name=name_mavlink",
+            "skyrange.dataset.audit.classifier": "LeakFinding require_no_leak",
+            "skyrange.dataset.audit.comparisons": "audit_dataset",
+            "skyrange.dataset.build": "build_dataset",
+            "skyrange.dataset.members": "Member=DatasetMember read_members=read_dataset_members",
+            "skyrange.dataset.run_views": "ViewSettings",
+            "skyrange.dataset.splits": "HeldOut assign_splits check_held_out",
+            "skyrange.dataset.views.observed": "Place=SensorPlace",
+            "skyrange.export.captures.packet_captures": "Capture mavlink=export_mavlink remote_id=export_remote_id",
+            "skyrange.export.captures.received_broadcasts": "received_broadcasts receivers_of",
+            "skyrange.export.csv_tables": "write_tables=export_tables",
+            "skyrange.export.exported": "Export",
+            "skyrange.export.kml_file": "write_kml=export_kml",
+            "skyrange.export.mcap_file": "write_mcap=export_mcap",
+            "skyrange.figures": "altitude plan_view track_deviation trajectories_3d",
+            "skyrange.metrics.agreement": "Agreement agreement=compare_outcomes",
+            "skyrange.metrics.exact_difference": "Difference diff=compare_runs",
+            "skyrange.metrics.receptions": "reception_summaries summarise_receptions",
+            "skyrange.metrics.summary": "summary",
+            "skyrange.metrics.trust": "TrustPair TrustSummary remote_id_trust",
+            "skyrange.parity.flights": "Parity compare_rates compare=compare_autopilots",
+            "skyrange.record": "RunRecord load replay_monitor",
+            "skyrange.report": "write_report",
+            "skyrange.scoring.leaderboard": "LeaderboardRow rank_detectors",
+            "skyrange.scoring.result_file": "ScoreFile ScoreSettings read_scores write_scores",
+            "skyrange.statistics.means": "Interval estimate_mean",
+            "skyrange.study.sweep.dataset_members": "list_dataset_members",
+            "skyrange.study.sweep.design.factors": "Factor",
+            "skyrange.study.sweep.design.model": "LearnedTable Study StudyArm read_study",
+            "skyrange.study.sweep.execution.study_run": "StudyResult run_study",
+            "skyrange.study.sweep.report.page": "write_study_report",
+            "skyrange.study.sweep.results": "read_results=read_study_results",
+            "skyrange.study.sweep.scores.score_tables": "score_study",
+            "skyrange.twins.pair_folder": "Pair load_pair",
+        },
+    )
 
 
 def __dir__() -> list[str]:

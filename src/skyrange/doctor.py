@@ -101,7 +101,7 @@ def _installed_version(name: str) -> str | None:
 
 def _ardupilot() -> Finding:
     """The ArduCopter binary that a run would use: path, version, capabilities, and whether it runs."""
-    from skyrange.io.processes.single_run import run_once
+    from skyrange.io.processes.program import run_once
     from skyrange.vehicle.ardupilot.program.arducopter_binary import (
         ANSWER_S,
         SUPPORTED_VERSION,
@@ -200,7 +200,7 @@ def _writable() -> Finding:
 def _kernels() -> Finding:
     """How many of the kernels that flights use are compiled."""
     from skyrange.core.compiled import cache_folder
-    from skyrange.runtime.compilation.cache_filling import count_kernels
+    from skyrange.runtime.compilation import count_kernels
 
     folder = cache_folder()
     if not folder:

@@ -81,10 +81,7 @@ if TYPE_CHECKING:
         WallEngine,
         World,
     )
-    from skyrange.contracts.detectors import DetectorContext
-    from skyrange.contracts.frames.blocks import FrameBlock
-    from skyrange.contracts.frames.frame import Fate, Frame
-    from skyrange.contracts.frames.payloads import Ints
+    from skyrange.contracts.frames import Fate, Frame, FrameBlock, Ints
     from skyrange.contracts.links import (
         Act,
         Channel,
@@ -117,9 +114,9 @@ if TYPE_CHECKING:
         TxBatch,
         Waveform,
     )
-    from skyrange.contracts.monitors import Monitor, MonitorPlacement, ObservedFrame, ObservedFrames
+    from skyrange.contracts.monitors import DetectorContext, Monitor, MonitorPlacement, ObservedFrame, ObservedFrames
     from skyrange.contracts.params import Enu, Number, Params, Whole, items, refuse
-    from skyrange.contracts.plugins.fields import param, state
+    from skyrange.contracts.plugins.form import param, state
     from skyrange.contracts.plugins.registry import NoParams, Plugin, register
     from skyrange.contracts.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict, Verdicts
     from skyrange.core.chance import Chance
@@ -442,7 +439,111 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    __getattr__ = export_lazily(__name__)
+    __getattr__ = export_lazily(
+        __name__,
+        {
+            "skyrange.attack.bases.approval": "OnApproval",
+            "skyrange.attack.bases.fixes": "FalseFixes Offset OnFixes OnReceivers offset_fixes",
+            "skyrange.attack.bases.forged_remote_id": "claim_identity",
+            "skyrange.attack.bases.frame_acts": "delay drop duplicate",
+            "skyrange.attack.bases.in_air": "InAir",
+            "skyrange.attack.bases.mavlink.injection": "Injection InjectionOnLinks",
+            "skyrange.attack.bases.mavlink.message_acts": "alter_field hold_field",
+            "skyrange.attack.bases.mavlink.message_fields": "Fields=MavlinkFields move_place put",
+            "skyrange.attack.bases.mavlink.messages": "OnMessages",
+            "skyrange.attack.bases.mavlink.orders": "AUTOPILOT STATION Order geodetic mode_order",
+            "skyrange.attack.bases.mavlink.params": "CopterMode copter_mode",
+            "skyrange.attack.bases.mavlink.script": "Clear Script Step Upload Item=MissionItem",
+            "skyrange.attack.bases.mavlink.telemetry": "AlteredTelemetry",
+            "skyrange.attack.bases.on_path": "LinkNames LinkTap OnLinks OnPath PathPlace on_path_place",
+            "skyrange.attack.bases.sensor_acts": "alter_reading hold_reading",
+            "skyrange.attack.bases.sensors": "AddsSignal OnSensors Signal",
+            "skyrange.attack.bases.transmission": "Jamming Noise Periodic Reception Transmission",
+            "skyrange.attack.campaigns.adversary": "Adversary CampaignStage Observation",
+            "skyrange.attack.campaigns.knowledge": "Knowledge",
+            "skyrange.attack.campaigns.python_class": "CampaignBase",
+            "skyrange.attack.contract": "Aircraft AirLink Attack AttackContext Controls Place ThreatModel Transmitter",
+            "skyrange.attack.declaration": "Composite attack",
+            "skyrange.attack.exclusive": "Exclusive",
+            "skyrange.attack.places": "place_param",
+            "skyrange.attack.radio": "Broadcaster down_link transmitter up_link",
+            "skyrange.attack.tapped_links": "CONTROL_LINKS EVERY_LINK Repetition",
+            "skyrange.attack.techniques": "technique_by",
+            "skyrange.attack.victims": "Victims",
+            "skyrange.city.city": "City",
+            "skyrange.codec.f3411": "BasicId Location MessagePack decode=decode_remote_id encode=encode_remote_id",
+            "skyrange.codec.f3411.conformance": "deviations=find_remote_id_deviations",
+            "skyrange.codec.mavlink": (
+                "Message=MavlinkMessage Packer=MavlinkPacker decode_anew=decode_mavlink dialect=mavlink message_id "
+                "message_name=name_mavlink"
+            ),
+            "skyrange.contracts.alerts": "Alert",
+            "skyrange.contracts.claims": "ClaimedTrack",
+            "skyrange.contracts.components": (
+                "Agent BodyAct BodyHook BodyInputs Contacts Disturbances Engine EngineBase Finished Floats "
+                "InstanceStatus Observer Poses SensorAct SensorHook Sensors SimulatorEngine Source Tap WallEngine "
+                "World"
+            ),
+            "skyrange.contracts.frames": "Fate Frame FrameBlock Ints",
+            "skyrange.contracts.links": (
+                "Act Channel LinkSpec NetworkPlace OpenChannel OwnRadio RadioSite Route Schedule TapPlacement "
+                "VariableChannel"
+            ),
+            "skyrange.contracts.mailboxes": "Arrival Departure Inbox Note Outbox",
+            "skyrange.contracts.medium": (
+                "ANY_CHANNEL EmitterTable Heard Medium MediumBase OnAir ProgramStatus RadioSpec RadioTable "
+                "ReceptionOutcome ScanSchedule ScanStep Sent TransmissionFate TxBatch Waveform"
+            ),
+            "skyrange.contracts.monitors": "DetectorContext Monitor MonitorPlacement ObservedFrame ObservedFrames",
+            "skyrange.contracts.params": "Enu Number Params Whole items refuse",
+            "skyrange.contracts.plugins.form": "param state",
+            "skyrange.contracts.plugins.registry": "NoParams Plugin register",
+            "skyrange.contracts.verdicts": "Delay Drop Inject Label Pass Replace Verdict Verdicts",
+            "skyrange.core.chance": "Chance",
+            "skyrange.core.errors": "ComponentError DecodeError InputError Problem Problems SkyrangeError nearest",
+            "skyrange.core.geodesy": "Origin",
+            "skyrange.core.ids": "FrameId Port endpoint hash64 link_name operator_of owner_of vehicle_id",
+            "skyrange.core.time": "NEVER NS_PER_MS NS_PER_S NS_PER_US Epoch Time from_seconds to_seconds",
+            "skyrange.core.volumes": "Volume4D",
+            "skyrange.defence.bases.channels": "ChannelDefence",
+            "skyrange.defence.bases.fix_checks": "FixCheck",
+            "skyrange.defence.bases.link_ends": "EndTap SpeakingTap",
+            "skyrange.defence.contract": "Defence DefenceContext",
+            "skyrange.defence.declaration": "defence",
+            "skyrange.defence.path_rules": "Compares ExpectsOrder Holds Passes PathEnd PathRule Sends Signs",
+            "skyrange.detect.bases.messages": "MessageDetector",
+            "skyrange.detect.bases.receptions": "ReceptionDetector",
+            "skyrange.detect.bases.scores": "ScoreDetector",
+            "skyrange.detect.bases.telemetry": "TelemetryDetector",
+            "skyrange.detect.declaration": "Detector detector",
+            "skyrange.detect.receptions": "read_receptions",
+            "skyrange.detect.series": "Series Steps series",
+            "skyrange.detect.streams": "table",
+            "skyrange.detect.telemetry": "read_messages",
+            "skyrange.fault.bodies": "OnBodies",
+            "skyrange.fault.contract": "FaultContext FaultParts",
+            "skyrange.fault.declaration": "fault",
+            "skyrange.radio.builtin.environment": "RadioEnvironment",
+            "skyrange.radio.contract": "MediumContext MediumPlugin",
+            "skyrange.radio.external.medium": "ExternalMedium",
+            "skyrange.utm.approval_service": "FlightApproval policy_plugin",
+            "skyrange.utm.contract": (
+                "Alternative ApprovalContext ApprovalDecision ApprovalPlugin ApprovalPolicy ApprovalService "
+                "OperationalIntent intent_id"
+            ),
+            "skyrange.utm.messages": (
+                "Request=ApprovalRequest Response=ApprovalResponse decode_request=decode_approval_request "
+                "decode_response=decode_approval_response encode=encode_approval"
+            ),
+            "skyrange.utm.request_order": "RequestOrder RequestQueue WaitingRequest",
+            "skyrange.vehicle.avoidance.contract": (
+                "Avoidance AvoidanceAction AvoidanceContext AvoidanceDecision AvoidanceLimits AvoidancePlugin "
+                "Episode Own Tracks"
+            ),
+            "skyrange.vehicle.contract": "AutopilotContext AutopilotPlugin VehicleSpec",
+            "skyrange.world.airframes": "AIRFRAMES Airframe",
+        },
+    )
 
 
 def __dir__() -> list[str]:

@@ -16,7 +16,7 @@ import pytest
 
 from skyrange.report import write_report
 from skyrange.report.pair.page import write_comparison
-from skyrange.scenario.toml_reader import load_file
+from skyrange.scenario.toml_files import load_file
 from skyrange.study.runs import fly
 from skyrange.twins.pair_folder import EFFECTS, PROPAGATION, Pair, load_pair
 from tests.browser.chromium import Opened, missing, visit

@@ -11,7 +11,7 @@ import pytest
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.params import Number, Params

@@ -9,7 +9,7 @@ import pytest
 
 from skyrange.attack.contract import AttackPlugin
 from skyrange.scenario import Scenario
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 from skyrange.testing import check_attack
 from tests.drip_range import table
 

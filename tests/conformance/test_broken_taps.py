@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames import Fate, Frame
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.testing import NonConformance, check_tap

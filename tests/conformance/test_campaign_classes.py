@@ -28,7 +28,7 @@ from skyrange.plugin import (
 from skyrange.record import MemoryObserver
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.testing import check_attack
 from skyrange.testing.checks.attacks import Flight
 

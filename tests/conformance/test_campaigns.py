@@ -12,7 +12,7 @@ from skyrange.attack.campaign import Campaign
 from skyrange.core.errors import InputError
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.testing import check_attack
 
 GHOST = {"kind": "remote_id.spoof", "params": {"at": [10.0, 5.0, 20.0]}}

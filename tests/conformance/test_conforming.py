@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import pytest
 
 from skyrange.contracts.components import Agent, Tap
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.plugins import registry as plugins
 from skyrange.contracts.plugins.registry import APPROVALS, AUTOPILOTS, DETECTORS, MEDIA, kinds

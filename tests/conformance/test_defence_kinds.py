@@ -11,7 +11,7 @@ import pytest
 from skyrange.attack.bases.mavlink.orders import read
 from skyrange.attack.tapped_links import TapMaker
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.plugins.registry import NoParams
 from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.time import NS_PER_S, Time

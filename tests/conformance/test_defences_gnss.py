@@ -14,7 +14,7 @@ from skyrange.record import MemoryObserver
 from skyrange.scenario.model.attacks import AttackTable
 from skyrange.scenario.model.defences import DefenceTable
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.testing import check_defence
 from skyrange.testing.checks.attacks import two_squares
 

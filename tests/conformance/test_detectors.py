@@ -6,7 +6,7 @@ import pytest
 
 from skyrange.codec import f3411
 from skyrange.codec.remote_id import link_payload
-from skyrange.contracts.detectors import DetectorPlugin
+from skyrange.contracts.monitors import DetectorPlugin
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S
 from skyrange.radio.ground_receptions import Reception, ReceptionReport, encode

@@ -11,7 +11,7 @@ import pytest
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Transmitter
 from skyrange.fault.contract import FaultContext, FaultParts, FaultPlugin
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.testing import NonConformance, check_attack, check_fault
 
 JUMP = AttackPlugin.find("gnss.jump")

@@ -14,20 +14,17 @@ from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
 from skyrange.attack.radio import down_link, transmitter, up_link
 from skyrange.city.downtown import downtown_grid
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
-from skyrange.contracts.frames.blocks import FrameBlock, LinkTable
-from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Fate, Frame, FrameBlock, LinkTable, Payloads
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
-from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.monitors import DetectorContext, DetectorPlugin, Monitor, ObservedFrames
 from skyrange.contracts.plugins.registry import NoParams, Plugin
 from skyrange.core.errors import ComponentError, DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.defence.contract import Defence, DefencePlugin
 from skyrange.plugin import decode_mavlink
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from skyrange.testing import check_attack
 from tests.registered_kinds import registered
@@ -252,7 +249,7 @@ def test_columns_of_frames_are_read_only() -> None:
     inbox = Inbox([Arrival(port, 5, b"frame", "y", FrameId(port.link, "fwd", "y", 0))])
     write_into(inbox.columns({port: 0}).payloads)
     ones = np.ones(1, dtype=np.int64)
-    block = FrameBlock(LinkTable([], ones), ones, ones, 0, 5, Fate.DELIVERED, Payloads.of([b"frame"]))
+    block = FrameBlock(LinkTable([], ones), ones, ones, 0, 5, Fate.DELIVERED, payloads=Payloads.of([b"frame"]))
     write_into(block.carried())
     for column in (block.link_numbers, block.serial):
         with pytest.raises(ValueError, match="read-only"):

@@ -20,15 +20,14 @@ from hypothesis import strategies as st
 from skyrange.assembly.build import build
 from skyrange.core.errors import ComponentError, InputError, SkyrangeError
 from skyrange.record import RunRecord, load
-from skyrange.record.levels import RECORDED
+from skyrange.record.schema import RECORDED
 from skyrange.record.verification import verify_run
-from skyrange.runtime.cores.acts import UNBOUND, Binding
 from skyrange.runtime.cores.core import ApproachError
-from skyrange.runtime.cores.division import Division, divide
+from skyrange.runtime.cores.division import UNBOUND, Binding, Division, divide
 from skyrange.runtime.cores.run import run_on_cores
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from tests.catalogue import draw
 from tests.tiers import examples

@@ -12,7 +12,7 @@ from skyrange.city.city import City
 from skyrange.codec.f3411 import BasicId, IdType, Location, MessagePack, Status, UaType, encode
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Payloads
 from skyrange.contracts.links import Channel, LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Note, Outbox
 from skyrange.core.chance import Chance

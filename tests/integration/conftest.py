@@ -54,7 +54,7 @@ def networks() -> Iterator[None]:
 @pytest.fixture
 def command(monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
     """The entry point of the command in this process; returns the exit code."""
-    monkeypatch.setattr("skyrange.runtime.garbage_collection.collect_less", lambda: None)  # it is for a process's life
+    monkeypatch.setattr("skyrange.runtime.memory.collect_less", lambda: None)  # it is for a process's life
 
     def run_command(*arguments: str) -> int:
         monkeypatch.setattr(sys, "argv", ["skyrange", *arguments])

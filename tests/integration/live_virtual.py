@@ -10,8 +10,8 @@ from typing import Any
 
 from skyrange.record import RunRecord, load
 from skyrange.runtime.interrupt import Interruptible
+from skyrange.runtime.live.config import file_name_of
 from skyrange.runtime.live.range import LiveRange, prepare_range
-from skyrange.runtime.live.supervisor.launch import file_name_of
 from skyrange.runtime.live.supervisor.supervisor import supervise
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_reader import load_text

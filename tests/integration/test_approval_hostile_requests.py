@@ -22,7 +22,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import APPROVAL, FrameId
 from skyrange.core.time import NS_PER_S
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from skyrange.testing.checks.approval_policies import EPOCH, box
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, intent_id, make_uuid

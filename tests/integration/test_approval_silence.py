@@ -8,7 +8,7 @@ import pytest
 
 from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly as fly_scenario
 
 OPERATOR = """

@@ -16,7 +16,7 @@ import pytest
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.record import load
 from skyrange.runtime.run import Run
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 from tests.ardupilot import listening, needs_arducopter, programs
 
 pytestmark = needs_arducopter

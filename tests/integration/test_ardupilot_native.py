@@ -19,7 +19,7 @@ from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.record import load
 from skyrange.runtime.run import Run
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 from tests.ardupilot import listening, needs_arducopter, programs
 
 pytestmark = [pytest.mark.realtime, needs_arducopter]

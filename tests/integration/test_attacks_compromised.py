@@ -13,7 +13,7 @@ from skyrange.attack.contract import AttackPlugin
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.frames import decode
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.plugins.registry import NoParams
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.scenario.model.scenario import Scenario, Start, Vehicle, square

@@ -10,7 +10,7 @@ import pytest
 
 from skyrange.record import load
 from skyrange.runtime.run import Run
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 from tests.ardupilot import needs_arducopter
 
 KINDS = {

@@ -10,7 +10,7 @@ import pytest
 
 from skyrange.assembly.city import build_city
 from skyrange.cli import main
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 
 FLEET = """
 name = "bad"

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from skyrange.scenario.shipped import source_of
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 
 SQUARES = source_of("squares").read_text()

@@ -13,7 +13,7 @@ from skyrange.core.errors import SkyrangeError
 from skyrange.core.time import from_seconds
 from skyrange.kernel import Kernel
 from skyrange.record.write.memory_observer import MemoryObserver
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.pairing import pair
 
 FLEET = """

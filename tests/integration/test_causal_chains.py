@@ -14,12 +14,12 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
 from skyrange.codec.mavlink import Packer, decode, dialect
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.params import Params
 from skyrange.contracts.verdicts import Drop, Replace, Verdict
 from skyrange.core.time import Time
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.pairing import pair
 from skyrange.twins.pair_folder import Pair
 from tests.registered_kinds import registered

@@ -14,7 +14,7 @@ from skyrange.codec import f3411
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.remote_id import link_payload
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.time import NS_PER_S, Time

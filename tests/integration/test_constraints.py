@@ -26,7 +26,7 @@ from skyrange.gcs.plan.rerouting import reroute
 from skyrange.gcs.plan.volumes import Margins
 from skyrange.planning.limits import NoRouteError
 from skyrange.record import MemoryObserver
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from skyrange.testing.checks.approval_policies import EPOCH, box
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService, Constraint

@@ -10,7 +10,7 @@ from skyrange.assembly.build import build
 from skyrange.core.time import NS_PER_S
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 
 SQUARE = """
 name = "several"

@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
-from skyrange.contracts.monitors import Monitor, MonitorPlacement
+from skyrange.contracts.monitors import DetectorContext, DetectorPlugin, Monitor, MonitorPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NS_PER_S

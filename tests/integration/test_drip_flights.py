@@ -20,7 +20,7 @@ from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
 from skyrange.remoteid.broadcast_profiles import sender_address
 from skyrange.scenario.shipped import FOLDER
-from skyrange.scenario.toml_reader import load_data, parse_toml
+from skyrange.scenario.toml_files import load_data, parse_toml
 from skyrange.study.runs import fly
 from tests.drip_range import broadcasts, flown, table
 

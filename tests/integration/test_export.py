@@ -22,7 +22,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
 from skyrange.export.packet_captures import mavlink, receivers_of, remote_id
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from tests.tiers import needs_tshark
 

@@ -28,7 +28,7 @@ from skyrange.export.kml_file import write_kml
 from skyrange.export.mcap_file import write_mcap
 from skyrange.record import Recorder, RunRecord, load
 from skyrange.record.schema import TABLES
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from tests.unit.record_sample import HEADER, tell
 

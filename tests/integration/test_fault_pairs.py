@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.pairing import pair
 from skyrange.twins.pair_folder import Pair
 

@@ -18,7 +18,7 @@ import pytest
 from skyrange.core.errors import ComponentError
 from skyrange.record import RunRecord, load
 from skyrange.runtime.run import Run
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 from tests.ardupilot import programs
 from tests.gazebo import GAZEBO, needs_gazebo, simulators
 

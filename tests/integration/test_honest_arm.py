@@ -18,7 +18,7 @@ from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.kernel import Kernel
 from skyrange.metrics.aircraft import near_misses, read_ticks
 from skyrange.record import MemoryObserver, RunRecord
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.pairing import pair
 from skyrange.testing import NonConformance, check_attack
 from skyrange.twins.arms import HONEST, Arm, scenario_of

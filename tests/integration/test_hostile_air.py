@@ -19,7 +19,7 @@ from skyrange.codec import f3411
 from skyrange.codec.f3411 import BasicId, IdType, Location, MessagePack, Status, UaType
 from skyrange.codec.remote_id import link_payload, noise_request
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.params import Params
 from skyrange.contracts.verdicts import Inject, Verdict
@@ -27,7 +27,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port, endpoint
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from tests.integration.twin_range import heard, plain
 from tests.registered_kinds import registered

@@ -9,7 +9,7 @@ from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
 from skyrange.scenario.shipped import source_of
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 
 SCENARIO = source_of("jam-then-spoof").read_text(encoding="utf-8").replace("duration_s = 115", "duration_s = 44")
 JAMMER, SPOOFER = "power_dbm = -10 }", "power_dbm = -40,"

@@ -13,7 +13,7 @@ import pytest
 from skyrange.metrics.agreement import agreement
 from skyrange.record import RunRecord
 from skyrange.scenario.shipped import SHIPPED
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from tests.catalogue import draw
 from tests.integration.live_agrees import FLIGHTS, RACES, TOLERANCE_S, Both, fly_both, virtual

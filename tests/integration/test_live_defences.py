@@ -12,7 +12,7 @@ from skyrange.core.errors import InputError
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
 from skyrange.defence.placement import DefenceTap, place_taps
 from skyrange.runtime.live.range import prepare_range
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from tests.integration.live_programs import live
 from tests.ports import OFFSET
 from tests.registered_kinds import registered

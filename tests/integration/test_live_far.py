@@ -16,7 +16,7 @@ import pytest
 
 from skyrange.core.time import NS_PER_S
 from skyrange.record import load
-from skyrange.record.live_merge.frame_ids import UNRECORDED
+from skyrange.record.live_merge.frame_matching import UNRECORDED
 from skyrange.runtime.live.taps.external_tap import NOTICED_NS
 from tests.catalogue import in_turn
 from tests.integration.live_machines import (

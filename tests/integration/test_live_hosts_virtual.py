@@ -14,7 +14,7 @@ from skyrange.core.errors import ComponentError, InputError, SkyrangeError
 from skyrange.core.time import NS_PER_S
 from skyrange.io.zeromq.curve_keys import Keys, load_member, load_range, make_range_keys
 from skyrange.record import load
-from skyrange.record.live_merge.frame_ids import UNRECORDED
+from skyrange.record.live_merge.frame_matching import UNRECORDED
 from skyrange.runtime.live.node.host_agent import SILENT_S, serve_range
 from skyrange.runtime.live.range import CONTROL_PORT
 from skyrange.runtime.live.supervisor.supervisor import JOIN_S

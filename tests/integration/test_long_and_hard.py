@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from skyrange.codec.mavlink import dialect
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Act, TapPlacement
 from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.time import Time, from_seconds

@@ -23,7 +23,7 @@ from skyrange.radio_map.mapping import MapLayout
 from skyrange.record import load as load_run
 from skyrange.record.read.run import RunRecord
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.scenario.toml_reader import load_file, load_text
+from skyrange.scenario.toml_files import load_file, load_text
 from skyrange.study.runs import fly
 from tests.loss_tables import make_table
 

@@ -54,7 +54,7 @@ LISTED = """
 import sys
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
-from skyrange.runtime.compilation.signatures import load_kernels
+from skyrange.runtime.compilation import load_kernels
 from skyrange.scenario.shipped import load
 from skyrange.study.runs import fly
 

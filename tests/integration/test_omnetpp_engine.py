@@ -32,7 +32,7 @@ from skyrange.contracts.medium import ReceptionOutcome, TransmissionFate, Wavefo
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US
-from skyrange.io.processes.engine_socket import EngineSocket
+from skyrange.io.processes.program_socket import EngineSocket
 from skyrange.radio.external.omnetpp import OMNETPP, find_command
 from skyrange.radio.phy import airtime_ns
 from skyrange.testing import check_medium

@@ -20,12 +20,12 @@ from skyrange.codec import f3411
 from skyrange.codec.mavlink import decode, dialect, message_id
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.open_drone_id import from_mavlink
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.verdicts import Drop, Pass, Verdict
 from skyrange.core.time import GPS_LEAP_S, NS_PER_S, Time
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 from skyrange.study.runs import fly
 from tests.ardupilot import needs_arducopter
 

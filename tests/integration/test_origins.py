@@ -12,7 +12,7 @@ from skyrange.codec.mission import MissionItem, format_plan
 from skyrange.codec.mission.items import Mission
 from skyrange.core.geodesy import Origin
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 
 SCENARIO = """

@@ -17,7 +17,7 @@ from skyrange.core.errors import ComponentError, InputError, ShortfallError
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.metrics.exact_difference import diff
 from skyrange.record import RunRecord, load
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.pairing import pair
 from skyrange.study.parallel_runs import run_all
 from skyrange.twins.pair_folder import Pair, load_pair

@@ -14,7 +14,7 @@ from skyrange.codec.mission.fence_and_rally import circle, polygon, rally_point
 from skyrange.codec.mission.items import Mission
 from skyrange.core.geodesy import Origin
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from tests.ardupilot import needs_arducopter
 

@@ -15,7 +15,7 @@ from skyrange.contracts.plugins import registry as plugins
 from skyrange.record import RunRecord
 from skyrange.record.schema import TABLES
 from skyrange.scenario.shipped import EXAMPLES, FAULT_EXAMPLES
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 from skyrange.study.runs import fly
 
 pytestmark = pytest.mark.slow

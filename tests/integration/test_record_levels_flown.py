@@ -11,7 +11,7 @@ from skyrange.core.errors import InputError
 from skyrange.metrics.exact_difference import diff
 from skyrange.metrics.summary import summary
 from skyrange.record import RunRecord, load
-from skyrange.record.levels import LEVELS, RECORDED
+from skyrange.record.schema import LEVELS, RECORDED
 from skyrange.record.verification import verify_run
 from skyrange.report import write_report
 from skyrange.runtime.run import Run

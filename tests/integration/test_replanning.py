@@ -10,7 +10,7 @@ import pytest
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 
 SCENARIO = """

@@ -18,7 +18,7 @@ from skyrange.contracts.links import Act
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.pairing import pair
 from skyrange.study.runs import fly
 from skyrange.twins.pair_folder import Pair

@@ -21,7 +21,7 @@ from skyrange.metrics.exact_difference import diff
 from skyrange.record import load
 from skyrange.record.write.memory_observer import MemoryObserver
 from skyrange.runtime.run import Run
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.vehicle.companion.companion import Companion
 from tests.flights import shared_run
 from tests.integration.twin_range import plain
@@ -161,7 +161,7 @@ CHILD = """
 import sys
 from pathlib import Path
 from skyrange.runtime.run import Run
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 run = Run.start(load_text(Path(sys.argv[2]).read_text()), Path(sys.argv[1]))
 run.execute(speed=8.0, on_progress=lambda now, end: print(now, flush=True))
 """

@@ -15,7 +15,7 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.metrics.exact_difference import diff
 from skyrange.record import RunRecord, load
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.pairing import pair
 from skyrange.study.runs import fly
 from skyrange.twins.arms import ATTACKED

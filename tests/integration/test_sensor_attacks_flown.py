@@ -11,7 +11,7 @@ from skyrange.contracts.plugins import registry as plugins
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 
 CAPTURE = AttackPlugin.find("gnss.capture")
 GNSS_JAM = AttackPlugin.find("gnss.jam")

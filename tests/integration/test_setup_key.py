@@ -6,7 +6,7 @@ import pytest
 
 from skyrange.core.errors import InputError
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from tests.flights import shared_run
 from tests.integration.test_signed_flights import notes, outcome
 

@@ -18,7 +18,7 @@ from skyrange.codec.mavlink.signing import (
     secret_from_passphrase,
     signing_timestamp,
 )
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.verdicts import Replace
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.contract import VehicleSpec
@@ -192,7 +192,7 @@ def test_a_gateway_gives_what_it_signs_its_own_name_and_leaves_the_rest() -> Non
     aircraft.start(0)
 
     def through(payload: bytes, direction: str = "fwd") -> Any:
-        frame = Frame(LINK, direction, "a", 0, "a", "b", 0, payload)
+        frame = Frame(LINK, direction, "a", 0, "a", "b", sent_ns=0, payload=payload)
         return gateway.on_frame(NS_PER_S, frame)
 
     (verdict,) = through(Packer(254, 1).pack(GUIDED))

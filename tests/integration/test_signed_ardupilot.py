@@ -12,7 +12,7 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import is_signed
 from skyrange.contracts.links import Act, TapPlacement
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 from skyrange.study.runs import fly
 from tests.ardupilot import needs_arducopter
 from tests.integration.test_signed_flights import LAND, Says, modes, notes, outcome

@@ -25,7 +25,7 @@ from skyrange.codec.mavlink.signing import (
     sign_frame,
     signing_timestamp,
 )
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Act, TapPlacement
 from skyrange.contracts.plugins.registry import AUTOPILOTS, NoParams, register
 from skyrange.contracts.verdicts import Inject, Replace, Verdict
@@ -34,7 +34,7 @@ from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.export.packet_captures import mavlink
 from skyrange.record import RunRecord
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from skyrange.vehicle.contract import AutopilotPlugin, VehicleSpec
 from tests.flights import shared_run

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 from skyrange.study.runs import fly
 
 LIMIT = {"match": "*.autopilot", "frames_per_s": 400, "queue_frames": 39}

@@ -18,8 +18,8 @@ from skyrange.core.time import NS_PER_S
 from skyrange.detect.learned.model_file import read_model, write_model
 from skyrange.detect.learned.windows import LearnedWindows
 from skyrange.record import load, replay_monitor
-from skyrange.scenario.model.detectors import DetectorTable
-from skyrange.scenario.toml_reader import load_file
+from skyrange.scenario.model.defences import DetectorTable
+from skyrange.scenario.toml_files import load_file
 from skyrange.scoring.result_file import read_scores
 from skyrange.study.design.blocks import check_blocks, city_of, list_blocks, scenario_in
 from skyrange.study.design.model import SHIPPED, read_study

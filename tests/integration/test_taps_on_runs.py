@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from skyrange.codec.mavlink import message_name
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Act, TapPlacement
 from skyrange.contracts.verdicts import Delay, Drop, Verdict
 from skyrange.core.errors import InputError

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 from skyrange.cli.app import app
 from skyrange.cli.output.viewer_notices import open_port_warning
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.errors import InputError

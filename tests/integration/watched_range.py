@@ -12,8 +12,7 @@ from threading import Thread
 
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import source_of
-from skyrange.scenario.toml_reader import load_text
-from skyrange.scenario.toml_writer import to_toml
+from skyrange.scenario.toml_files import load_text, to_toml
 
 ONE = "blue/b1"
 START_S = 120.0

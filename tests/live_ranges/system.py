@@ -10,14 +10,12 @@ from typing import Any, TypeVar
 
 from skyrange.io.mavlink.transports import Address, OnPiece
 from skyrange.io.zeromq.curve_keys import Keys
-from skyrange.runtime.garbage_collection import collect_seldom
-from skyrange.runtime.live.config import NodeConfig
+from skyrange.runtime.live.config import NodeConfig, write_config
 from skyrange.runtime.live.node.process import run_node
-from skyrange.runtime.live.supervisor.launch import write_config
-from skyrange.runtime.live.transport.addresses import Crossing
+from skyrange.runtime.live.transport.addresses import Credentials, Crossing
 from skyrange.runtime.live.transport.control import ControlClient, ControlServer
-from skyrange.runtime.live.transport.credentials import Credentials
 from skyrange.runtime.live.transport.links import Transport, connect, listen
+from skyrange.runtime.memory import collect_seldom
 from skyrange.scenario.model.scenario import Scenario
 from tests.live_ranges.event_loop import VirtualTime
 from tests.live_ranges.messages import (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -9,16 +10,16 @@ import numpy as np
 import pytest
 
 from skyrange.contracts.components import Agent
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Fate, Frame, FrameBlock, Payloads
 from skyrange.contracts.links import Act, Channel, LinkSpec, Route, TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.verdicts import Delay, Direction, Inject, Pass, Verdict
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_MS, Time
-from skyrange.kernel import Kernel, Wiring
+from skyrange.kernel import Kernel, Wiring, blocks
+from skyrange.kernel.blocks import BlockForwarder
+from skyrange.kernel.network import Network
 from skyrange.record.write.memory_observer import MemoryObserver
 
 MS = NS_PER_MS
@@ -238,3 +239,74 @@ def test_a_block_from_a_port_that_is_no_links_end_is_refused() -> None:
     kernel_wiring = wiring(True, agents=[stray, Ears()])
     with pytest.raises(ComponentError, match="no link's end"):
         Kernel(kernel_wiring, []).advance(END)
+
+
+class Talker:
+    """Sends frames of its own from the proxies of some aircraft, beside what these forward."""
+
+    name = "talker"
+    service_ns = 5 * MS
+
+    def __init__(self) -> None:
+        self.ports: Sequence[Port] = []
+        self.originates: Sequence[Port] = [Port(f"{name}.proxy", f"log:{name}") for name in NAMES[:3]]
+        self.next = 0
+
+    def next_wakeup(self) -> Time | None:
+        return self.next
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        out = Outbox()
+        if now >= self.next:
+            self.next = now + 5 * MS
+            for port in self.originates:
+                out.send(port, f"talk at {now}".encode())
+        return out
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.3])
+@pytest.mark.parametrize("end", [0, MS // 10, MS, 10 * MS, 10 * MS + 1, 15 * MS, 19 * MS, 19 * MS + 1, 29 * MS, END])
+def test_frames_fates_and_times_are_the_same_by_each_way_over_a_hop(
+    monkeypatch: pytest.MonkeyPatch, end: Time, loss: float
+) -> None:
+    """A hop is written four times, for speed: `_transmit`, `_follow_fused`, `_follow` and `_queue_singly`."""
+    used: Counter[str] = Counter()
+
+    def count(owner: Any, name: str) -> None:
+        way = getattr(owner, name)
+
+        def counted(*args: Any, **kwargs: Any) -> Any:
+            used[name] += 1
+            return way(*args, **kwargs)
+
+        monkeypatch.setattr(owner, name, counted)
+
+    for owner, name in (
+        (Network, "_forward_queued"),
+        (Network, "_follow_fused"),
+        (blocks, "_follow"),
+        (BlockForwarder, "_queue_singly"),
+    ):
+        count(owner, name)
+    gcs = Channel("datagram", 9 * MS, loss=loss)
+    outcomes = []
+    for in_blocks, fuse, ways in (
+        (False, False, {"_forward_queued"}),
+        (False, True, {"_forward_queued", "_follow_fused"}),
+        (True, True, {"_forward_queued", "_follow", "_queue_singly"}),
+    ):
+        used.clear()
+        observer, ears = MemoryObserver(), Ears()
+        kernel = Kernel(wiring(in_blocks, fuse, gcs, agents=[Many(in_blocks), ears, Talker()]), [observer])
+        kernel.advance(end)
+        kernel.finish()
+        if end == END and not loss:
+            assert ways <= set(used)
+        fates = sorted(
+            (frame.id, frame.sent_ns, frame.arrived_ns, frame.fate, frame.src, frame.dst, frame.payload, frame.parent)
+            for frame in observer.frames
+        )
+        outcomes.append((fates, observer.digests.frames, ears.heard))
+    assert outcomes[0][0]
+    assert outcomes[1] == outcomes[0]
+    assert outcomes[2] == outcomes[0]

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from skyrange.contracts.components import Agent
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Frame, Payloads
 from skyrange.contracts.links import Channel, LinkSpec, Route, TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.references import FrameRefTable

@@ -11,7 +11,7 @@ import pytest
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Agent
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames import Fate, Frame
 from skyrange.contracts.links import Act, Channel, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement, ObservedFrame, ObservedFrames
 from skyrange.core.errors import ComponentError, InputError

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from skyrange.contracts.components import Agent
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Act, Channel, TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict

@@ -21,8 +21,7 @@ from skyrange.contracts.components import (
     Source,
     World,
 )
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames import Fate, Frame, FrameBlock
 from skyrange.contracts.links import Channel, LinkSpec, Route
 from skyrange.contracts.mailboxes import Inbox, Note, Outbox
 from skyrange.contracts.verdicts import Label

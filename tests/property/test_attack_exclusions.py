@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrange.assembly.acts.exclusions import find_exclusions, window_of
+from skyrange.assembly.acts.conflicts import find_exclusions, window_of
 from skyrange.assembly.build import build
 from skyrange.attack.exclusive import Exclusive, common
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.scenario.model.attacks import AttackTable
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 
 JUMP = {"vehicles": ["blue/b1"], "offset_m": [20, 0, 0]}
 DURATION_S = 60

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba.core.dispatcher import Dispatcher
 
-from skyrange.core.cache_keys import compute_key
+from skyrange.core.compiled import compute_key
 
 ARGUMENTS = ((0.25, 3), (-2.0, 7), (5, -1.5))
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from skyrange.codec.mavlink import Packer, decode, message_id
 from skyrange.codec.mavlink.frames import LAYOUTS
 from skyrange.codec.mavlink.message_columns import message_ids, pack_batches, payload_dtype
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Payloads
 from tests.cases import each_case
 from tests.message_columns import unpack_frames
 from tests.tiers import examples

@@ -18,7 +18,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.defence.contract import DefencePlugin
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from tests.tiers import examples
 
 Variant = tuple[str, str]

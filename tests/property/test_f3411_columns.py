@@ -28,7 +28,7 @@ from skyrange.codec.f3411.broadcast_columns import NO_MESSAGE, decode_broadcasts
 from skyrange.codec.f3411.columns import CODES, NUMBERS
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidFrame, RidHeader
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Payloads
 from skyrange.core.errors import DecodeError
 from tests.property.test_f3411_roundtrip import MESSAGES, SINGLES, locations
 from tests.tiers import examples

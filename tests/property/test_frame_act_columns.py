@@ -72,7 +72,9 @@ BLOCKS = st.lists(st.tuples(st.integers(0, 3 * NS_PER_S), st.integers(0, NS_PER_
 def block_of(sent_ns: Time, rows: list[tuple[int, int, bytes]]) -> FrameBlock:
     numbers, serials = (np.array([row[place] for row in rows], dtype=np.int64) for place in (0, 1))
     table = LinkTable(NAMES, np.zeros(len(NAMES), dtype=np.int64))
-    return FrameBlock(table, numbers, serials, sent_ns, sent_ns, Fate.DELIVERED, Payloads.of([row[2] for row in rows]))
+    return FrameBlock(
+        table, numbers, serials, sent_ns, sent_ns, Fate.DELIVERED, payloads=Payloads.of([row[2] for row in rows])
+    )
 
 
 def made(kind: Any, params: dict[str, Any], seed: int, sham: bool) -> OnLinks:

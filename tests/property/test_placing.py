@@ -17,7 +17,7 @@ from skyrange.assembly.placement.moved_places import describe_moves, describe_pl
 from skyrange.city.city import Building, City
 from skyrange.core.ids import vehicle_id
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 
 HOVER = {"path": {"points": [[0, 0], [0, 12]], "alt_m": 15}, "end": "land"}
 ORIGIN = {"lat": 40.778, "lon": -73.955}

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Act, Channel, LinkSpec, ProcessingLimit, TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.verdicts import Drop, Verdict

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
+from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.core.ids import FrameId
 from skyrange.record.digests import Digests, hash_rows
 from skyrange.record.write.memory_observer import MemoryObserver
@@ -31,7 +31,7 @@ frames = st.builds(
 
 
 def _frame(*values: Any) -> Frame:
-    frame = Frame(*values[:10])
+    frame = Frame(*values[:6], **dict(zip(("sent_ns", "payload", "parent", "causes"), values[6:10], strict=True)))
     end_journey(frame, values[11], values[10])
     return frame
 

@@ -17,7 +17,7 @@ from pydantic import BaseModel
 
 from skyrange.assembly.build import build
 from skyrange.core.errors import MAX_LINES, SkyrangeError
-from skyrange.scenario.toml_reader import load_data, parse_toml
+from skyrange.scenario.toml_files import load_data, parse_toml
 from skyrange.study.runs import fly
 
 Place = tuple[str | int, ...]

@@ -14,8 +14,7 @@ from skyrange.core.errors import InputError
 from skyrange.scenario.model.operators import COLORS
 from skyrange.scenario.model.scenario import Fleet, Link, Operator, Path, Plan, Processing, Scenario, Vehicle, square
 from skyrange.scenario.overrides import apply_overrides, parse_value
-from skyrange.scenario.toml_reader import load_data, load_text
-from skyrange.scenario.toml_writer import to_toml
+from skyrange.scenario.toml_files import load_data, load_text, to_toml
 from tests.tiers import examples
 
 IDS = st.text(string.ascii_letters + string.digits + "_-", min_size=1, max_size=32).filter(lambda s: s[0] not in "_-")

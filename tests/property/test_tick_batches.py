@@ -13,7 +13,7 @@ import pytest
 import skyrange
 from skyrange.contracts.components import READINGS_NS, SensorAct, Sensors
 from skyrange.contracts.links import Act
-from skyrange.contracts.tick_batches import BatchStop
+from skyrange.contracts.tick_batches import TickProgress
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel.kernel import Kernel
@@ -45,21 +45,21 @@ FAST = {"gnss.jump", "squares"}
 )
 def test_batches_are_single_ticks(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = load(name, FLIGHTS[name])
-    stops: Counter[BatchStop] = Counter()
+    stops: Counter[TickProgress] = Counter()
     run = FleetTickBatch.run
 
-    def counted(batch: FleetTickBatch, first: Time, count: int, service: bool) -> tuple[int, BatchStop]:
-        begun, stop = run(batch, first, count, service)
+    def counted(batch: FleetTickBatch, first: Time, count: int, *, service: bool) -> tuple[int, TickProgress]:
+        begun, stop = run(batch, first, count, service=service)
         stops[stop] += begun > 0
         return begun, stop
 
     monkeypatch.setattr(FleetTickBatch, "run", counted)
     batched = skyrange.run(scenario, tmp_path / "batched")
-    assert stops[BatchStop.SERVICE] > 100
-    assert stops[BatchStop.COMPLETE] > 0  # where the run ends, at least
-    assert stops[BatchStop.ENGINE] > 0  # a take-off at least
+    assert stops[TickProgress.WORLD_ADVANCED] > 100
+    assert stops[TickProgress.COMPLETE] > 0  # where the run ends, at least
+    assert stops[TickProgress.ENGINE_BEGUN] > 0  # a take-off at least
     if name == "head-on":
-        assert stops[BatchStop.WORLD] > 0
+        assert stops[TickProgress.MOVED] > 0
     monkeypatch.setattr(Kernel, "_make_batch", lambda kernel: None)
     single = skyrange.run(scenario, tmp_path / "single")
     assert batched.manifest["digests"] == single.manifest["digests"]

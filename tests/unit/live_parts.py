@@ -9,7 +9,7 @@ from typing import Any
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Agent, World
-from skyrange.contracts.frames.frame import Frame, end_journey
+from skyrange.contracts.frames import Frame, end_journey
 from skyrange.contracts.links import Channel, LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Note, Outbox
 from skyrange.contracts.verdicts import Label
@@ -80,7 +80,13 @@ class Behind:
     def on_frame(self, frame: Frame) -> None:
         if self.offset_ns:
             told = (frame.link, frame.direction, frame.sender, frame.serial, frame.src, frame.dst)
-            late = Frame(*told, frame.sent_ns - self.offset_ns, frame.payload, frame.parent, frame.causes)
+            late = Frame(
+                *told,
+                sent_ns=frame.sent_ns - self.offset_ns,
+                payload=frame.payload,
+                parent=frame.parent,
+                causes=frame.causes,
+            )
             arrived_ns = frame.arrived_ns if frame.arrived_ns == NEVER else frame.arrived_ns - self.offset_ns
             end_journey(late, frame.fate, arrived_ns)
             frame = late
@@ -132,7 +138,7 @@ class Node:
         link, direction = lane.rsplit(":", 1)
         serial = self.came.get(lane, 0)
         self.came[lane] = serial + 1
-        return Transit(at, lane, Frame(link, direction, src, serial, src, dst, at, payload))
+        return Transit(at, lane, Frame(link, direction, src, serial, src, dst, sent_ns=at, payload=payload))
 
 
 @dataclass

@@ -9,7 +9,7 @@ import numpy as np
 
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.contracts.components import Floats, Observer, Sensors, Source
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
+from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import FrameId
@@ -77,7 +77,18 @@ def make_frame(
     causes: tuple[FrameId, ...] = (),
 ) -> Frame:
     """A frame that met its fate."""
-    frame = Frame(link, direction, sender, serial, src or sender, dst, sent_ns, payload, parent, causes)
+    frame = Frame(
+        link,
+        direction,
+        sender,
+        serial,
+        src or sender,
+        dst,
+        sent_ns=sent_ns,
+        payload=payload,
+        parent=parent,
+        causes=causes,
+    )
     end_journey(frame, fate, sent_ns + MS if arrived_ns is None else arrived_ns)
     return frame
 

@@ -8,8 +8,7 @@ from typing import Any
 
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
-from skyrange.contracts.monitors import Monitor, MonitorPlacement, ObservedFrame
+from skyrange.contracts.monitors import DetectorContext, DetectorPlugin, Monitor, MonitorPlacement, ObservedFrame
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skyrange.contracts.frames.blocks import DirectedLinkName, FrameBlock, LinkTable
-from skyrange.contracts.frames.frame import Fate
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import DirectedLinkName, Fate, FrameBlock, LinkTable, Payloads
 from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.ids import FrameId, Port
 
@@ -17,7 +15,7 @@ LANES = LinkTable(NAMES, np.arange(4))
 
 def block(at: int, lanes: list[int], serials: list[int]) -> FrameBlock:
     payloads = Payloads.of([bytes([lane, serial]) for lane, serial in zip(lanes, serials, strict=True)])
-    return FrameBlock(LANES, np.array(lanes), np.array(serials), 0, at, Fate.DELIVERED, payloads)
+    return FrameBlock(LANES, np.array(lanes), np.array(serials), 0, at, Fate.DELIVERED, payloads=payloads)
 
 
 def single(at: int, lane: int, serial: int, sender: str = "") -> Arrival:

@@ -217,7 +217,7 @@ def test_an_arducopter_that_is_named_will_do() -> None:
 
 @needs_arducopter
 def test_the_real_one_answers() -> None:
-    from skyrange.io.processes.single_run import run_once
+    from skyrange.io.processes.program import run_once
 
     assert ARDUCOPTER is not None
     assert "lockstep" in ARDUCOPTER.capabilities

@@ -19,7 +19,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.world import Body, SensorSpec, World
 
 DRIFT = AttackPlugin.find("gnss.drift")

@@ -15,7 +15,7 @@ from skyrange.attack.link.eavesdrop import Eavesdropping
 from skyrange.codec.mavlink import Packer, decode, dialect, message_name
 from skyrange.codec.mavlink.signing import SignatureRefusal, Signer, SigningKey, sign_frame
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames import Fate, Frame
 from skyrange.contracts.links import Act, Channel, LinkSpec, Schedule
 from skyrange.contracts.mailboxes import Inbox, Note, Outbox
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Replace, Verdict
@@ -25,7 +25,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Epoch, Time, from_seconds
 from skyrange.kernel import Kernel
-from skyrange.kernel.channel import NOT_RANDOM, ChannelState
+from skyrange.kernel.directed_link import NOT_RANDOM, ChannelState
 from skyrange.kernel.wiring import Wiring
 from skyrange.record import MemoryObserver
 from skyrange.testing import check_tap
@@ -71,7 +71,7 @@ def tap_of(kind: AttackPlugin, start_s: float = 0.0, sham: bool = False, **param
 
 def frame(serial: int, payload: bytes = POSITION, direction: str = "rev", at: Time = 0) -> Frame:
     src, dst = ENDS if direction == "fwd" else ENDS[::-1]
-    return Frame(LINK, direction, src, serial, src, dst, at, payload)
+    return Frame(LINK, direction, src, serial, src, dst, sent_ns=at, payload=payload)
 
 
 def woken(tap: Tap, until: Time) -> list[tuple[Time, Verdict]]:

@@ -27,7 +27,7 @@ from skyrange.codec.mavlink.signing import (
     signing_timestamp,
 )
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Inject, Replace
 from skyrange.core.errors import InputError
@@ -62,7 +62,7 @@ def tap_of(kind: AttackPlugin, params: Mapping[str, Any], sham: bool = False, li
 
 
 def frame_of(payload: bytes, direction: str = "rev", link: str = LINK) -> Frame:
-    return Frame(link, direction, "x", 0, "x", "y", 0, payload)
+    return Frame(link, direction, "x", 0, "x", "y", sent_ns=0, payload=payload)
 
 
 def sent(message: Message) -> bytes:

@@ -10,7 +10,7 @@ import pytest
 
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Drop, Inject
 from skyrange.core.chance import Chance
@@ -71,7 +71,9 @@ def test_a_notification_is_answered_in_the_name_of_who_does_not_get_it(sham: boo
         ends = ("approval.blue", "approval.green")
         source, target = ends if direction == "fwd" else ends[::-1]
         request = UssRequest.model_construct(exchange=7, method=method, path=path, token="t", body={})
-        return tap.on_frame(now, Frame("uss:blue~green", direction, source, 0, source, target, now, encode(request)))
+        return tap.on_frame(
+            now, Frame("uss:blue~green", direction, source, 0, source, target, sent_ns=now, payload=encode(request))
+        )
 
     for path in ("/uss/v1/operational_intents", "/uss/v1/constraints"):
         verdicts = pass_frame("POST", path)
@@ -85,4 +87,6 @@ def test_a_notification_is_answered_in_the_name_of_who_does_not_get_it(sham: boo
         assert pass_frame("POST", path, "fwd") == (), "what blue tells others passes"
         assert pass_frame("POST", path, now=NS_PER_S) == (), "the attack is over"
     assert pass_frame("GET", "/uss/v1/operational_intents/1") == ()
-    assert tap.on_frame(5, Frame("l", "rev", "a", 0, "approval.green", "approval.blue", 5, b"\xff")) == ()
+    assert (
+        tap.on_frame(5, Frame("l", "rev", "a", 0, "approval.green", "approval.blue", sent_ns=5, payload=b"\xff")) == ()
+    )

@@ -18,7 +18,7 @@ from skyrange.attack.contract import AttackContext, AttackPlugin
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import Signer, SigningKey, secret_from_passphrase, sign_frame
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Inject, Replace
 from skyrange.core.errors import InputError
@@ -153,7 +153,7 @@ def answers(sham: bool, vehicle: str = "blue/b1") -> list[bytes]:
     (placement,) = attack.taps
     intent = OperationalIntent(intent_id(vehicle), "blue", vehicle, (VOLUME,))
     payload = encode(Request.of(intent, context().epoch))
-    frame = Frame("approval:blue", "fwd", "blue.gcs", 0, "blue.gcs", "approval", 0, payload)
+    frame = Frame("approval:blue", "fwd", "blue.gcs", 0, "blue.gcs", "approval", sent_ns=0, payload=payload)
     verdicts = placement.make("approval:blue").on_frame(0, frame)
     assert all(isinstance(one, Inject) and one.direction == "rev" for one in verdicts)
     return [one.payload for one in verdicts if isinstance(one, Inject)]
@@ -218,7 +218,7 @@ def altered_request(request: Request, sham: bool = False) -> Any:
     params = {"vehicles": ["blue/b1"], "form": "offset", "offset_m": [100.0, 0.0, 0.0]}
     made = PLAN_FILE(PLAN_FILE.params.model_validate(params), context(sham))
     (placed,) = [tap for tap in made.taps if tap.match.startswith("approval:")]
-    frame = Frame("approval:blue", "fwd", "blue.gcs", 0, "blue.gcs", "authority", 0, encode(request))
+    frame = Frame("approval:blue", "fwd", "blue.gcs", 0, "blue.gcs", "authority", sent_ns=0, payload=encode(request))
     (verdict,) = placed.make("approval:blue").on_frame(1, frame) or (None,)
     return decode_request(verdict.payload) if isinstance(verdict, Replace) else None
 

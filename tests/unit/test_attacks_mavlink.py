@@ -23,7 +23,7 @@ from skyrange.codec.mavlink import Packer, decode, file_transfer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.file_transfer import Error, Opcode
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Inject, Replace
 from skyrange.core.chance import Chance
@@ -66,7 +66,7 @@ def tap(kind: AttackPlugin, sham: bool = False, start_ns: Time = 0, **params: An
 
 def frame(direction: str, payload: bytes) -> Frame:
     ends = ("blue.gcs", "blue/b1.companion") if direction == "fwd" else ("blue/b1.companion", "blue.gcs")
-    return Frame(LINK, direction, ends[0], 1, *ends, 0, payload)
+    return Frame(LINK, direction, ends[0], 1, *ends, sent_ns=0, payload=payload)
 
 
 def injected(one: Tap, now: Time) -> list[Any]:

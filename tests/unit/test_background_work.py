@@ -9,12 +9,12 @@ import threading
 
 import pytest
 
-from skyrange.record.write.files.background import Background
+from skyrange.record.write.files.part_writer import Background
 
 AT_END = """
 import atexit, gc
 atexit.register(lambda: print(gc.get_freeze_count() > 0))
-from skyrange.runtime.garbage_collection import collect_less
+from skyrange.runtime.memory import collect_less
 collect_less()
 collect_less()
 """

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from skyrange.assembly.battery_warnings import list_battery_warnings
+from skyrange.assembly.aircraft import list_battery_warnings
 from skyrange.cli.app import app
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.vehicle.ardupilot.json_backend.json_lines import _BATTERY_LINE, LineWriter, format_lines

@@ -15,9 +15,9 @@ from numba.core.typing import typeof as numba_typeof
 
 from skyrange.city.wall_index import WallIndex
 from skyrange.cli.output import progress
-from skyrange.core.cache_keys import find_callees
-from skyrange.runtime.compilation import cache_filling
-from skyrange.runtime.compilation.signatures import (
+from skyrange.core.compiled import find_callees
+from skyrange.runtime import compilation
+from skyrange.runtime.compilation import (
     KERNELS,
     describe_arguments,
     load_kernels,
@@ -35,13 +35,13 @@ FILL = """
 import json, sys
 from pathlib import Path
 from skyrange.core import compiled
-from skyrange.runtime.compilation import cache_filling, signatures
-compiled.cache_folder = cache_filling.cache_folder = lambda: sys.argv[1]
-signatures.KERNELS = cache_filling.KERNELS = Path(sys.argv[2])
-steps, cold = [], cache_filling.is_cold()
-compiled_now = cache_filling.fill_cache(2, lambda *step: steps.append(step))
-found = {"cold": cold, "compiled": compiled_now, "steps": steps, "cold after": cache_filling.is_cold()}
-print(json.dumps(found | {"counts": cache_filling.count_kernels()}))
+from skyrange.runtime import compilation
+compiled.cache_folder = compilation.cache_folder = lambda: sys.argv[1]
+compilation.KERNELS = Path(sys.argv[2])
+steps, cold = [], compilation.is_cold()
+compiled_now = compilation.fill_cache(2, lambda *step: steps.append(step))
+found = {"cold": cold, "compiled": compiled_now, "steps": steps, "cold after": compilation.is_cold()}
+print(json.dumps(found | {"counts": compilation.count_kernels()}))
 """
 CALL = """
 import json, sys
@@ -104,14 +104,14 @@ def test_every_entry_of_the_list_is_of_this_version() -> None:
 
 def test_the_list_is_written_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     listed, text = read_list(), KERNELS.read_bytes()
-    monkeypatch.setattr("skyrange.runtime.compilation.signatures.KERNELS", tmp_path / "kernels.json")
+    monkeypatch.setattr("skyrange.runtime.compilation.KERNELS", tmp_path / "kernels.json")
     write_list(listed)
     assert (tmp_path / "kernels.json").read_bytes() == text
 
 
 def test_callees_are_compiled_before_callers_and_a_circle_ends() -> None:
     functions = list(dict.fromkeys(one.function for one in load_kernels()))
-    sorter, lengths = cache_filling._sort(functions)
+    sorter, lengths = compilation._sort(functions)
     assert set(lengths) == set(functions)
     done: set[Any] = set()
     while sorter.is_active():
@@ -128,7 +128,7 @@ def test_callees_are_compiled_before_callers_and_a_circle_ends() -> None:
         "@compiled\ndef even(n):\n    return n == 0 or odd(n - 1)\n@compiled\ndef odd(n):\n    return n and even(n - 1)"
     )
     exec(f"from skyrange.core.compiled import compiled\n{text}", names)
-    sorter, _ = cache_filling._sort([names["even"], names["odd"]])
+    sorter, _ = compilation._sort([names["even"], names["odd"]])
     first = sorter.get_ready()
     sorter.done(*first)
     assert {*first, *sorter.get_ready()} == {names["even"], names["odd"]}
@@ -169,17 +169,17 @@ def test_a_kernel_that_does_not_compile_does_not_end_the_rest(tmp_path: Path) ->
 
 
 def test_commands_compile_what_is_missing_if_most_is(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
-    def fill(jobs: int | None, on_kernel: cache_filling.OnKernel | None) -> int:
+    def fill(jobs: int | None, on_kernel: compilation.OnKernel | None) -> int:
         for done in range(3):
             if on_kernel is not None:
                 on_kernel(done, 2)
         return 2
 
-    monkeypatch.setattr(cache_filling, "fill_cache", fill)
-    monkeypatch.setattr(cache_filling, "is_cold", lambda: False)
+    monkeypatch.setattr(compilation, "fill_cache", fill)
+    monkeypatch.setattr(compilation, "is_cold", lambda: False)
     progress.compile_if_cold(quiet=False)
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(cache_filling, "is_cold", lambda: True)
+    monkeypatch.setattr(compilation, "is_cold", lambda: True)
     progress.compile_if_cold(quiet=False)
     assert capsys.readouterr().err == "".join(f"compiling: {done} of 2 kernels\n" for done in range(3))
     progress.compile_if_cold(quiet=True)
@@ -187,6 +187,6 @@ def test_commands_compile_what_is_missing_if_most_is(monkeypatch: pytest.MonkeyP
 
 
 def test_without_a_folder_nothing_is_compiled_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cache_filling, "cache_folder", lambda: "")
-    assert not cache_filling.is_cold()
-    assert cache_filling.fill_cache() == 0
+    monkeypatch.setattr(compilation, "cache_folder", lambda: "")
+    assert not compilation.is_cold()
+    assert compilation.fill_cache() == 0

@@ -12,7 +12,7 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 import skyrange
-from skyrange.core.cache_keys import compute_key
+from skyrange.core.compiled import compute_key
 
 SHAPES = '''
 from typing import NamedTuple

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrange.assembly.build import build
-from skyrange.contracts.channel_orders import ChannelOrder
 from skyrange.contracts.channel_plans import EndReport, FrameOutcome
 from skyrange.contracts.mailboxes import Outbox
 from skyrange.contracts.medium import RadioTable

@@ -18,7 +18,7 @@ from skyrange.codec.mavlink import (
     sender_system,
 )
 from skyrange.codec.mavlink.message_columns import classify_frames
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Payloads
 from skyrange.core.errors import DecodeError
 
 HEARTBEAT = dialect.MAVLink_heartbeat_message(2, 3, 0x59, 5, 3, 3)

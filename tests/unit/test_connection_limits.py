@@ -20,7 +20,7 @@ from skyrange.io.http.transports import HttpClientTransport, HttpServerTransport
 from skyrange.io.mavlink.transports import TcpTransport
 from skyrange.io.mavlink.viewer_ports import MAX_MORE_VIEWERS, ViewerPorts
 from skyrange.io.processes.program import SPARE_FILES, Program, reserve_files, spare_files
-from skyrange.io.zeromq.connection_limit import MAX_PENDING, MAX_WITHOUT_KEY, ConnectionLimit, _received_bytes
+from skyrange.io.zeromq.context import MAX_PENDING, MAX_WITHOUT_KEY, ConnectionLimit, _received_bytes
 from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.io.zeromq.transport import ZmqTransport
 from skyrange.runtime.live.transport.control import ZmqControlClient, ZmqControlServer

@@ -17,7 +17,7 @@ from skyrange.codec.wifi_management import (
     pack_request,
     unpack_request,
 )
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time

@@ -33,7 +33,6 @@ from skyrange.radio.oracle import STEP_NS
 from skyrange.runtime.cores import division
 from skyrange.runtime.cores.division import Barriers, Crossing, Division, divide, find_barriers
 from skyrange.runtime.cores.exchange import MAX_AHEAD, CoreFailedError, Exchange, Member, Topic
-from skyrange.runtime.cores.fleet_motion import FleetMotion
 from skyrange.runtime.cores.frame_messages import (
     list_transmissions,
     pack_inbox,
@@ -42,9 +41,9 @@ from skyrange.runtime.cores.frame_messages import (
     unpack_transits,
 )
 from skyrange.runtime.cores.oracle_replica import AHEAD_NS, arrive_ahead
-from skyrange.runtime.cores.separation import ACCELERATION_MPS2, TUMBLING_MPS, Separation
+from skyrange.runtime.cores.separation import ACCELERATION_MPS2, TUMBLING_MPS, FleetMotion, Separation
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS
 
 QUANTUM_NS = 2_500_000
@@ -182,8 +181,23 @@ def test_processes_out_of_step_are_told_apart() -> None:
 def test_frames_under_way_survive_packing() -> None:
     parent, cause = FrameId("a", "fwd", "x", 1), FrameId("b", "rev", "y", 2)
     sent = [
-        Transit(9, "a:fwd", Frame("a", "fwd", "é|x", 3, "é|x", "z", 5, bytes(range(256)), parent, (cause, parent))),
-        Transit(7, "b:rev", Frame("b", "rev", "y", 0, "y", "x", 6, b"")),
+        Transit(
+            9,
+            "a:fwd",
+            Frame(
+                "a",
+                "fwd",
+                "é|x",
+                3,
+                "é|x",
+                "z",
+                sent_ns=5,
+                payload=bytes(range(256)),
+                parent=parent,
+                causes=(cause, parent),
+            ),
+        ),
+        Transit(7, "b:rev", Frame("b", "rev", "y", 0, "y", "x", sent_ns=6, payload=b"")),
     ]
     got = list(unpack_transits(pack_transits(sent)))
     assert [(one.arrival, one.directed_link) for one in got] == [(9, "a:fwd"), (7, "b:rev")]
@@ -196,8 +210,17 @@ def test_transmissions_of_other_cores_are_listed_as_they_were_sent() -> None:
     links = LinkTable([DirectedLinkName(f"rid_up:{v}", "fwd", f"{v}.companion", "oracle") for v in "abc"], np.arange(3))
     bodies = [b"one", b"", b"three", b"\0\xff"]
     blocks = [
-        FrameBlock(links, np.array([2, 0]), np.array([7, 9]), 50, 60, Fate.DELIVERED, Payloads.of(bodies[:2])),
-        FrameBlock(links, np.array([2]), np.array([8]), 70, 80, Fate.DELIVERED, Payloads.of(bodies), np.array([3])),
+        FrameBlock(links, np.array([2, 0]), np.array([7, 9]), 50, 60, Fate.DELIVERED, payloads=Payloads.of(bodies[:2])),
+        FrameBlock(
+            links,
+            np.array([2]),
+            np.array([8]),
+            70,
+            80,
+            Fate.DELIVERED,
+            payloads=Payloads.of(bodies),
+            rows=np.array([3]),
+        ),
     ]
     single = Arrival(Port("oracle", "rid_up:x"), 65, b"single", "x.companion", FrameId("rid_up:x", "fwd", "x", 4))
     first = unpack_inbox(pack_inbox(Inbox([single], blocks[:1])), links)

@@ -10,11 +10,10 @@ import pytest
 from skyrange.attack.contract import Aircraft, AttackContext
 from skyrange.attack.declaration import Composite
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.contracts.links import Schedule
-from skyrange.contracts.monitors import ObservedFrames
-from skyrange.contracts.plugins.fields import state
+from skyrange.contracts.monitors import DetectorContext, DetectorPlugin, ObservedFrames
+from skyrange.contracts.plugins.form import state
 from skyrange.contracts.plugins.registry import DETECTORS, kinds
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.chance import Chance

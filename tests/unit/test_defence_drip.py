@@ -12,7 +12,7 @@ from skyrange.codec.drip import session_id
 from skyrange.codec.f3411 import EPOCH_2019_S, BasicId, IdType, Location, MessagePack, Status, decode, encode
 from skyrange.codec.remote_id.link_payload import NO_RSSI, RidHeader, pack, unpack
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.verdicts import Drop, Inject
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
@@ -62,7 +62,8 @@ class Air:
         """Whether a broadcast passes."""
         payload = pack(RidHeader(3, 6, counter, address, -6000, at), body)
         verdicts = self.tap.on_frame(
-            at, Frame("rid_down:blue/b1", "fwd", "oracle", 0, "oracle", "blue/b1.companion", at, payload)
+            at,
+            Frame("rid_down:blue/b1", "fwd", "oracle", 0, "oracle", "blue/b1.companion", sent_ns=at, payload=payload),
         )
         self.injected += [unpack(one.payload) for one in verdicts if isinstance(one, Inject)]
         self.alarms += [(one.at, one.kind) for one in verdicts if isinstance(one, Alert)]
@@ -152,7 +153,7 @@ def test_malformed_payloads_pass_and_copies_go_on_alike() -> None:
         air.second(step)
     twin: Any = copy.deepcopy(air)
     for raw in (b"", bytes(25), pack(RidHeader(3), b"\xf2" * 25)):
-        frame = Frame("rid_down:blue/b1", "fwd", "x", 0, "x", "y", 0, raw)
+        frame = Frame("rid_down:blue/b1", "fwd", "x", 0, "x", "y", sent_ns=0, payload=raw)
         assert not any(isinstance(one, Drop) for one in air.tap.on_frame(5 * NS_PER_S, frame))
     for each in (air, twin):
         for step in range(5, 30):

@@ -11,7 +11,7 @@ from skyrange.codec.mavlink import Message, Packer, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Drop, Inject
 from skyrange.core.chance import Chance
@@ -35,7 +35,9 @@ def taps(*vehicles: str, **params: Any) -> dict[str, Tap]:
 def hear(tap: Tap, vehicle: str, at_s: float, message: Message, system: int | None = None) -> list[Any]:
     packer = Packer(SYSTEMS[vehicle] if system is None else system, 1)
     now = round(at_s * NS_PER_S)
-    return list(tap.on_frame(now, Frame(f"gcs:{vehicle}", "rev", "a", 0, "a", "b", now, packer.pack(message))))
+    return list(
+        tap.on_frame(now, Frame(f"gcs:{vehicle}", "rev", "a", 0, "a", "b", sent_ns=now, payload=packer.pack(message)))
+    )
 
 
 def heartbeat(armed: bool = True) -> Message:

@@ -9,7 +9,7 @@ from skyrange.contracts.params import Params
 from skyrange.core.errors import InputError
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
 from skyrange.defence.path_rules import PathEnd, Sends
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from tests.registered_kinds import registered
 
 BASE = """

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from skyrange.attack.contract import GroundReceiver
 from skyrange.codec.f3411 import Location, Status
 from skyrange.codec.remote_id.link_payload import RidHeader, pack
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
 from skyrange.defence.bases.receptions import BroadcastJudge
@@ -189,7 +189,7 @@ def _judges() -> list[BroadcastJudge]:
 
 
 def _frame(link: str, direction: str, payload: bytes) -> Frame:
-    return Frame(link, direction, "x", 0, "x", "y", NS_PER_S, payload)
+    return Frame(link, direction, "x", 0, "x", "y", sent_ns=NS_PER_S, payload=payload)
 
 
 BODIES = st.binary(min_size=25, max_size=25) | st.binary(max_size=240)

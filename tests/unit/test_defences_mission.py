@@ -16,7 +16,7 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.file_transfer import Opcode
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Drop, Inject, Replace, Verdict
 from skyrange.core.chance import Chance
@@ -60,7 +60,7 @@ def taps(kind: DefencePlugin, signed: Sequence[str] = (), **params: Any) -> list
 
 
 def frame(payload: bytes, direction: str = "fwd", link: str = "gcs:blue/b1") -> Frame:
-    return Frame(link, direction, "a", 0, "a", "b", 0, payload)
+    return Frame(link, direction, "a", 0, "a", "b", sent_ns=0, payload=payload)
 
 
 def sent(message: Message) -> Frame:

@@ -11,7 +11,7 @@ import pytest
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.codec.remote_id import link_payload
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement, ObservedFrame
 from skyrange.contracts.verdicts import Drop, Verdict

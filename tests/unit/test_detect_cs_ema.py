@@ -11,8 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
-from skyrange.contracts.detectors import DetectorPlugin
-from skyrange.contracts.monitors import ObservedFrame
+from skyrange.contracts.monitors import DetectorPlugin, ObservedFrame
 from skyrange.core.time import NS_PER_S
 from skyrange.detect.navigation.cs_ema import Chart, CsEma, FieldReference, turns_to_earth
 from skyrange.detect.sensor_values import fix_errors

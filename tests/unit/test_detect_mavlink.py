@@ -11,8 +11,7 @@ import pytest
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorPlugin
-from skyrange.contracts.monitors import ObservedFrame
+from skyrange.contracts.monitors import DetectorPlugin, ObservedFrame
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.detect.mavlink.timing import find_interval, run_length

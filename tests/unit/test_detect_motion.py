@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from skyrange.codec.mavlink import dialect
-from skyrange.contracts.detectors import DetectorPlugin
-from skyrange.contracts.monitors import ObservedFrame
+from skyrange.contracts.monitors import DetectorPlugin, ObservedFrame
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.core.volumes import Volume4D
 from skyrange.detect.motion.consistency import DragModels, lean_acceleration

@@ -12,8 +12,7 @@ from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.remote_id import link_payload
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
-from skyrange.contracts.monitors import ObservedFrame
+from skyrange.contracts.monitors import DetectorContext, DetectorPlugin, ObservedFrame
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port

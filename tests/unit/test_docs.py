@@ -254,7 +254,7 @@ def run_page(page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, names: d
     """Do what a page says, in `folder`, its Python in the namespace `names`; then forget the plugins of the page."""
     from skyrange.assembly.build import build
     from skyrange.contracts.plugins import registry as plugins
-    from skyrange.scenario.toml_reader import load_file
+    from skyrange.scenario.toml_files import load_file
 
     monkeypatch.chdir(folder)
     monkeypatch.syspath_prepend(str(folder))

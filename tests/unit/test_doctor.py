@@ -15,7 +15,7 @@ import pytest
 from skyrange import doctor
 from skyrange.core import compiled
 from skyrange.radio.external.ns3 import VARIABLE
-from skyrange.runtime.compilation import cache_filling
+from skyrange.runtime import compilation
 from tests.integration.radio_program import write_program
 
 
@@ -102,12 +102,12 @@ def test_runs_are_recorded_in_their_folder_where_nothing_else_is_writable(
 
 
 def test_kernels_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cache_filling, "count_kernels", lambda: (3, 5))
+    monkeypatch.setattr(compilation, "count_kernels", lambda: (3, 5))
     monkeypatch.setattr(compiled, "cache_folder", lambda: "/cache")
     some = doctor._kernels()
     assert (some.found, some.ok, some.optional) == ("3 of 5 compiled, in /cache", False, True)
     assert "skyrange install kernels" in some.hint
-    monkeypatch.setattr(cache_filling, "count_kernels", lambda: (5, 5))
+    monkeypatch.setattr(compilation, "count_kernels", lambda: (5, 5))
     assert doctor._kernels() == doctor.Finding("kernels", "5 of 5 compiled, in /cache", optional=True)
     monkeypatch.setattr(compiled, "cache_folder", lambda: "")
     assert not doctor._kernels().ok

@@ -22,7 +22,7 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import Epoch, Time
 from skyrange.kernel import EngineMount, Kernel, Wiring
 from skyrange.runtime.pace import resolve_speed
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 from skyrange.vehicle.contract import AutopilotContext, VehicleSpec
 from skyrange.vehicle.external.engine import EXTERNAL, ExternalEngine
 from skyrange.vehicle.external.options import Options

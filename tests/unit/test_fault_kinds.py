@@ -16,7 +16,7 @@ from skyrange.city.city import Building, City
 from skyrange.codec.mavlink import decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.components import BodyAct, BodyHook, Disturbances, SensorAct, SensorHook, Sensors
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.plugins.registry import ATTACKS, FAULTS, kinds
 from skyrange.contracts.verdicts import Drop, Inject
 from skyrange.core.errors import InputError
@@ -24,7 +24,7 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.fault.contract import FaultPlugin
 from skyrange.fault.gnss.multipath import Satellite, Seen, even_sky, pseudorange_errors, see, solve
 from skyrange.scenario.shipped import FAULT_EXAMPLES, load
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from tests.unit.test_attack_gnss import FLEET, context, readings
 
 BATTERY_FADE = FaultPlugin.find("battery.fade")
@@ -51,7 +51,9 @@ def fault(kind: FaultPlugin, **params: Any) -> SensorHook:
 
 
 def frame(now: Time, serial: int, payload: bytes = b"x") -> Frame:
-    return Frame("gcs:blue/b1", "fwd", "blue.gcs", serial, "blue.gcs", "blue/b1.companion", now, payload)
+    return Frame(
+        "gcs:blue/b1", "fwd", "blue.gcs", serial, "blue.gcs", "blue/b1.companion", sent_ns=now, payload=payload
+    )
 
 
 def altered(which: SensorHook, now: Time) -> tuple[Sensors, set[str]]:

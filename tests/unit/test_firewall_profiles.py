@@ -18,7 +18,7 @@ from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Drop
 from skyrange.core.chance import Chance
@@ -56,12 +56,12 @@ class Wall:
         self.tap, self.now = placed.make("gcs:blue/b1"), 0
         flag = mav.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
         beat = mav.MAVLink_heartbeat_message(mav.MAV_TYPE_QUADROTOR, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, flag, 3, 4, 3)
-        self.tap.on_frame(0, Frame("gcs:blue/b1", "rev", "a", 0, "a", "b", 0, AUTOPILOT.pack(beat)))
+        self.tap.on_frame(0, Frame("gcs:blue/b1", "rev", "a", 0, "a", "b", sent_ns=0, payload=AUTOPILOT.pack(beat)))
 
     def finds(self, message: Message) -> str:
         """The kind of alert about a message that is dropped, "" for one that passes."""
         self.now += 2 * NS_PER_S
-        frame = Frame("gcs:blue/b1", "fwd", "a", 0, "a", "b", 0, STATION.pack(message))
+        frame = Frame("gcs:blue/b1", "fwd", "a", 0, "a", "b", sent_ns=0, payload=STATION.pack(message))
         verdicts = self.tap.on_frame(self.now, frame)
         kinds = [one.kind for one in verdicts if isinstance(one, Alert)]
         assert bool(kinds) == any(isinstance(one, Drop) for one in verdicts)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.contracts.links import RadioSite
 from skyrange.contracts.mailboxes import Inbox
 from skyrange.contracts.medium import RadioTable

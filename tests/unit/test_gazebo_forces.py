@@ -11,8 +11,8 @@ import pytest
 
 from skyrange.codec.gazebo_protocol import encode_hello
 from skyrange.core.engine_sources import engine_sources
-from skyrange.io.gazebo.simulator import GazeboSimulator
-from skyrange.io.processes.single_run import run_once
+from skyrange.io.gazebo import GazeboSimulator
+from skyrange.io.processes.program import run_once
 from skyrange.vehicle.contract import VehicleSpec
 from skyrange.vehicle.gazebo.fleet import describe_aircraft
 from skyrange.world import AIRFRAMES, Body, World

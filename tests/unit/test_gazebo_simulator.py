@@ -13,8 +13,8 @@ import pytest
 
 from skyrange.codec.gazebo_protocol import Aircraft, encode_hello
 from skyrange.core.errors import ComponentError
-from skyrange.io.gazebo import simulator
-from skyrange.io.gazebo.simulator import GazeboSimulator
+from skyrange.io import gazebo
+from skyrange.io.gazebo import GazeboSimulator
 
 IRIS = Aircraft("blue.1", 1e-5, 0.02, 1e-4, 0.01, 1e-4, [(0.1, 0.1, 1.0)] * 4)
 PROLOGUE = """
@@ -100,7 +100,7 @@ def test_one_that_does_not_start_is_named(
     body: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if "within 1 s" in told:
-        monkeypatch.setattr(simulator, "START_S", 1.0)
+        monkeypatch.setattr(gazebo, "START_S", 1.0)
     with pytest.raises(ComponentError, match=f"(?s)engine gazebo.*{told}"):
         start(tmp_path, body)
     assert not _running(str(tmp_path / "fake.py")), "a process was left behind"

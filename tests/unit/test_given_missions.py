@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from skyrange.cli.app import app
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.parity.missions import comparison as mission_parity
@@ -123,7 +123,7 @@ def test_items_count_as_reached_from_lift_off_to_touchdown_and_by_their_autopilo
     def report(at_s: float, seq: int, vehicle: str = "a/1", sender: str = "autopilot", message: Any = reached) -> Frame:
         ends = f"{vehicle}.{sender}", f"{vehicle}.proxy"
         payload = autopilots[vehicle].pack(message(seq))
-        return Frame(f"autopilot:{vehicle}", "fwd", ends[0], 0, *ends, round(at_s * NS_PER_S), payload)
+        return Frame(f"autopilot:{vehicle}", "fwd", ends[0], 0, *ends, sent_ns=round(at_s * NS_PER_S), payload=payload)
 
     frames = [
         report(9.9, 1), report(10.0, 2), report(12.5, 3), report(13.0, 9, sender="proxy"),

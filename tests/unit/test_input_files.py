@@ -14,7 +14,7 @@ import pytest
 from skyrange.city.building_files import load_buildings
 from skyrange.codec.mission.mission_file import read_mission
 from skyrange.contracts.plugins.registry import load_file as load_plugin
-from skyrange.core import input_files
+from skyrange.core import files
 from skyrange.core.errors import MAX_LINES, InputError, Problem
 from skyrange.install.ardupilot import install
 from skyrange.io.zeromq.curve_keys import load_keys, load_member, load_range
@@ -215,24 +215,24 @@ def test_an_error_shows_the_first_problems_and_counts_the_rest() -> None:
 def test_a_file_as_long_as_allowed_is_read(tmp_path: Path) -> None:
     whole = tmp_path / "x"
     whole.write_bytes(b"x" * 100)
-    assert input_files.read_input(whole, "test", max_bytes=100) == b"x" * 100
+    assert files.read_input(whole, "test", max_bytes=100) == b"x" * 100
     with pytest.raises(InputError, match="at most 99 bytes"):
-        input_files.read_input(whole, "test", max_bytes=99)
-    assert input_files.read_input(Path("/proc/self/status"), "test", max_bytes=1 << 20)
+        files.read_input(whole, "test", max_bytes=99)
+    assert files.read_input(Path("/proc/self/status"), "test", max_bytes=1 << 20)
 
 
 @pytest.mark.parametrize("text", ["[" * 10**6, '{"a":' * 10**6, "9" * 5000, "", "\xff", "[1,", "NaN]"])
 def test_json_of_anybody_is_a_value_or_an_input_error(text: str) -> None:
     for data in (text, text.encode("latin-1")):
         with pytest.raises(InputError) as error:
-            input_files.parse_json(data, "test", "file")
+            files.parse_json(data, "test", "file")
         assert len(str(error.value)) < 500
 
 
 def test_all_reading_passes_one_place() -> None:
-    """Nothing but `core.input_files` opens what a user names; the exceptions read what skyrange or the system wrote."""
+    """Nothing but `core.files` opens what a user names; the exceptions read what skyrange or the system wrote."""
     own = {
-        "core/input_files.py", "core/files.py", "core/compiled.py", "core/lazy_exports.py", "runtime/memory.py",
+        "core/files.py", "core/compiled.py", "runtime/memory.py",
         "record/spool.py", "record/write/files/operator_files.py", "io/processes/program.py",
         "io/processes/single_run.py",
         "runtime/live/node/process.py", "runtime/live/supervisor/launch.py", "runtime/live/supervisor/namespaces.py",
@@ -241,7 +241,7 @@ def test_all_reading_passes_one_place() -> None:
         "bench/suite/machine.py", "core/engine_sources.py", "runtime/compilation/signatures.py",
         "runtime/compilation/cache_filling.py",
     }  # fmt: skip
-    root = Path(input_files.__file__).parents[1]
+    root = Path(files.__file__).parents[1]
     for path in root.rglob("*.py"):
         name = path.relative_to(root).as_posix()
         if name not in own and not name.startswith("testing/"):

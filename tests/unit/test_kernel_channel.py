@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.contracts.links import Channel, LinkSpec
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_MS, NS_PER_S
-from skyrange.kernel.channel import NOT_RANDOM, RETRANSMIT_MIN_NS, ChannelState
-from skyrange.kernel.directed_link import DirectedLink
+from skyrange.kernel.directed_link import NOT_RANDOM, RETRANSMIT_MIN_NS, ChannelState, DirectedLink
 
 MS = NS_PER_MS
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Act, ProcessingLimit, TapPlacement
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import InputError

@@ -16,7 +16,7 @@ from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Time
 from skyrange.kernel import Kernel
 from skyrange.kernel.wiring import Wiring
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 
 SCENARIO = {
     "name": "one",

@@ -18,9 +18,7 @@ from skyrange.attack.declaration import Acting, Composite, Facts, attack
 from skyrange.attack.link.delay import Lag
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins import registry
-from skyrange.contracts.plugins.declaration import plugin_of
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.plugins.form import Kind, KindType, check_copies, make_params_model
+from skyrange.contracts.plugins.form import Kind, KindType, check_copies, make_params_model, param, plugin_of, state
 from skyrange.core.errors import ComponentError, InputError, Problem
 from tests.registered_kinds import registered
 
@@ -306,9 +304,9 @@ def test_a_package_offers_its_kinds_by_one_entry_point(tmp_path: Path, monkeypat
     (information / "METADATA").write_text("Metadata-Version: 2.1\nName: acme-sky\nVersion: 1\n")
     (information / "entry_points.txt").write_text("[skyrange.plugins]\nacme = acme_sky\n")
     monkeypatch.syspath_prepend(tmp_path)
-    from skyrange.contracts.plugins import homes
+    from skyrange.contracts.plugins import registry
 
-    homes._offered.cache_clear()
+    registry._offered.cache_clear()
     try:
         with pytest.raises(ComponentError, match=r"package acme_sky: cannot import acme_sky.broken: ZeroDivisionError"):
             AttackPlugin.find("acme.broken")
@@ -316,7 +314,7 @@ def test_a_package_offers_its_kinds_by_one_entry_point(tmp_path: Path, monkeypat
         assert AttackPlugin.find("acme.lag").about == "Delays all frames."
         assert "acme.deep.lag" in registry.kinds(registry.ATTACKS)
     finally:
-        homes._offered.cache_clear()
+        registry._offered.cache_clear()
         for key in [key for key in registry._at_home if key[1].startswith("acme.")]:
             del registry._at_home[key]
 

@@ -11,8 +11,7 @@ import pyarrow as pa
 import pytest
 
 from skyrange.codec.mavlink import Packer, dialect
-from skyrange.contracts.detectors import DetectorPlugin
-from skyrange.contracts.monitors import ObservedFrame
+from skyrange.contracts.monitors import DetectorPlugin, ObservedFrame
 from skyrange.core.errors import InputError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, from_seconds

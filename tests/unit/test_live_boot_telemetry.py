@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from skyrange.runtime.live.boot_telemetry import BOOT_RATES, set_boot_rates
+from skyrange.runtime.live.range import BOOT_RATES, set_boot_rates
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.vehicle.ardupilot.parameters import swap_serial_ports
 

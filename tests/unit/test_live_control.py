@@ -19,17 +19,20 @@ from skyrange.runtime.live.clock import JUMP_NS, ClockOffset, ClockSample, quick
 from skyrange.runtime.live.config import NodeConfig
 from skyrange.runtime.live.deployment import assign_components
 from skyrange.runtime.live.system import RealSystem, System
-from skyrange.runtime.live.transport.addresses import crossings
+from skyrange.runtime.live.transport.addresses import crossings, issue_credentials
 from skyrange.runtime.live.transport.control import (
     CHUNK_BYTES,
     MAX_MESSAGE_BYTES,
     ZmqControlClient,
     ZmqControlServer,
+    list_files,
     pack_message,
+    path_inside,
+    read_chunk,
+    split_chunks,
     unpack_message,
+    write_chunk,
 )
-from skyrange.runtime.live.transport.credentials import issue_credentials
-from skyrange.runtime.live.transport.file_chunks import list_files, path_inside, read_chunk, split_chunks, write_chunk
 from skyrange.scenario.shipped import load
 from tests.live_ranges import VirtualSystem
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames import Fate, Frame
 from skyrange.contracts.links import LinkEnds
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
@@ -48,12 +48,12 @@ class Record:
 def tapped(**terms: Any) -> tuple[ExternalTap, Record]:
     record = Record()
     tap = ExternalTap(TapTerms(link=LINK.name, **terms), LINK, "blue.gcs", True, record)
-    tap.set_present(0, True)
+    tap.set_present(0, there=True)
     return tap, record
 
 
 def frame(serial: int, payload: bytes = HEARTBEAT) -> Frame:
-    return Frame(LINK.name, "fwd", LINK.a, serial, LINK.a, LINK.b, serial, payload)
+    return Frame(LINK.name, "fwd", LINK.a, serial, LINK.a, LINK.b, sent_ns=serial, payload=payload)
 
 
 def said(**answer: Any) -> bytes:
@@ -62,7 +62,7 @@ def said(**answer: Any) -> bytes:
 
 def test_what_is_asked_has_all_that_a_program_needs() -> None:
     tap, _ = tapped()
-    asked = tap.take(S, frame(0), True)
+    asked = tap.take(S, frame(0), outgoing=True)
     assert asked == {
         "id": 1, "link": LINK.name, "direction": "fwd", "src": LINK.a, "dst": LINK.b, "at_s": 1.0,
         "payload": HEARTBEAT.hex(),
@@ -74,7 +74,7 @@ def test_pass_drop_replace_delay_and_inject_are_done_and_labelled() -> None:
     tap, record = tapped()
     frames = [frame(serial) for serial in range(5)]
     for one in frames:
-        tap.take(S, one, True)
+        tap.take(S, one, outgoing=True)
     other = HEARTBEAT[:4] + b"\x07" + HEARTBEAT[5:]
     assert tap.answer(S, said(id=1, do="pass")) == ""
     assert tap.answer(S, said(id=2, do="drop")) == ""
@@ -114,7 +114,7 @@ def test_pass_drop_replace_delay_and_inject_are_done_and_labelled() -> None:
 def test_what_gets_no_answer_passes_or_not_and_that_is_labelled(fail: str, fate: Fate, action: str) -> None:
     tap, record = tapped(fail=fail, hold_ms=100)
     waits = frame(0)
-    tap.take(S, waits, True)
+    tap.take(S, waits, outgoing=True)
     tap.turn(tap.due - 1)
     assert (tap.ready, record.labels) == ([], [])
     tap.turn(tap.due)
@@ -124,9 +124,9 @@ def test_what_gets_no_answer_passes_or_not_and_that_is_labelled(fail: str, fate:
     assert "waits for no answer" in tap.answer(2 * S, said(id=1, do="pass"))  # too late
     # nobody is there: dealt with at once, and what waited too
     left, later = frame(1), frame(2)
-    tap.take(2 * S, left, True)
-    tap.set_present(2 * S, False)
-    assert tap.take(2 * S, later, True) is None
+    tap.take(2 * S, left, outgoing=True)
+    tap.set_present(2 * S, there=False)
+    assert tap.take(2 * S, later, outgoing=True) is None
     assert {left.fate, later.fate} == {fate}
     assert (tap.counts.unanswered, tap.counts.unasked) == (2, 1)
     assert [note.data["what"] for note in record.notes] == ["came", "went"]
@@ -154,7 +154,7 @@ def test_what_gets_no_answer_passes_or_not_and_that_is_labelled(fail: str, fate:
 )
 def test_a_wrong_answer_is_told_and_changes_nothing(line: bytes, wrong: str) -> None:
     tap, record = tapped()
-    tap.take(S, frame(0), True)
+    tap.take(S, frame(0), outgoing=True)
     assert wrong in tap.answer(S, line)
     assert (tap.counts.strange, tap.ready, record.labels) == (1, [], [])
     assert tap.answer(S, said(id=1, do="pass")) == ""
@@ -166,7 +166,7 @@ def test_whatever_is_said_each_frame_has_one_fate(lines: list[bytes]) -> None:
     tap, record = tapped()
     frames = [frame(serial) for serial in range(3)]
     for one in frames:
-        tap.take(S, one, True)
+        tap.take(S, one, outgoing=True)
     for said_ in lines:
         tap.answer(S, said_)
     tap.turn(S + round(tap.terms.hold_ms * NS_PER_MS))
@@ -178,7 +178,7 @@ def test_whatever_is_said_each_frame_has_one_fate(lines: list[bytes]) -> None:
 def test_who_never_answers_does_not_fill_the_memory() -> None:
     tap, _ = tapped(hold_ms=60_000)
     for serial in range(MAX_HELD + 10):
-        tap.take(S, frame(serial), True)
+        tap.take(S, frame(serial), outgoing=True)
     assert tap.counts.unasked == len(tap.ready) == 10
 
 
@@ -186,7 +186,7 @@ def test_the_end_leaves_nothing_unrecorded() -> None:
     tap, record = tapped()
     frames = [frame(serial) for serial in range(3)]
     for one in frames:
-        tap.take(S, one, True)
+        tap.take(S, one, outgoing=True)
     tap.answer(S, said(id=1, do="pass"))
     tap.answer(S, said(id=2, do="delay", delay_ms=9000))
     tap.end(S + 1)

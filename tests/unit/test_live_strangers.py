@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from skyrange.codec.mavlink.deframer import Piece
 from skyrange.core.time import NS_PER_S
 from skyrange.io.mavlink.transports import MAX_UNSENT_BYTES, TcpTransport, UdpTransport
-from skyrange.runtime.live.node.ingress import BURST_S, BYTES_HZ, FRAMES_HZ, MAX_WAITING_BYTES, IngressRateLimiter
+from skyrange.runtime.live.node.node import BURST_S, BYTES_HZ, FRAMES_HZ, MAX_WAITING_BYTES, IngressRateLimiter
 from skyrange.runtime.live.transport.links import TcpConnector, TcpListener
 
 FRAME = mavlink.MAVLink(None, srcSystem=1).heartbeat_encode(2, 3, 0, 0, 3).pack(mavlink.MAVLink(None, srcSystem=1))

@@ -20,7 +20,7 @@ from tests.ports import OFFSET
 
 
 def said(direction: str, payload: bytes, fate: Fate = Fate.IN_FLIGHT) -> Frame:
-    frame = Frame("autopilot:blue/b1", direction, "a", 0, "a", "b", 0, payload)
+    frame = Frame("autopilot:blue/b1", direction, "a", 0, "a", "b", sent_ns=0, payload=payload)
     end_journey(frame, fate)
     return frame
 

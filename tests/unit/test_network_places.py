@@ -12,7 +12,7 @@ import pytest
 
 from skyrange.assembly.build import build
 from skyrange.attack.contract import AttackPlugin
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames import Fate, Frame
 from skyrange.contracts.links import AIR, Act, Channel, OpenChannel, TapPlacement, Uniforms
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.plugins.registry import ATTACKS, kinds

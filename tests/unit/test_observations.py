@@ -13,12 +13,12 @@ import pytest
 from skyrange.codec import f3411
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, RunRecord, load
+from skyrange.record.read.observations import FRAME_COLUMNS, read_decoded_receptions
 from skyrange.record.read.tables import Tables
-from skyrange.record.read.transmissions import FRAME_COLUMNS, read_decoded_receptions
 from skyrange.record.schema import arrow_schema
 from skyrange.record.write.files.derivation import Derivation
 from skyrange.record.write.rows.frame_encoder import FrameEncoder

@@ -26,7 +26,7 @@ from skyrange.record import load as load_run
 from skyrange.runtime.run import Run
 from skyrange.scenario.model.plan import path
 from skyrange.scenario.model.scenario import Operator, Origin, Scenario, Vehicle, Wind
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.world.airframes import AIR_DENSITY_KGM3, AIRFRAMES, GRAVITY_MPS2, IRIS, Airframe
 
 GAP_M = 16.0

@@ -12,14 +12,13 @@ import pytest
 
 from skyrange.codec.mavlink import Packer, decode, dialect
 from skyrange.contracts.components import Floats
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames import Fate, Frame
 from skyrange.core.errors import DecodeError, InputError
 from skyrange.metrics.exact_difference import diff
 from skyrange.metrics.summary import summary
 from skyrange.record import RecordedFrame, Recorder, RunRecord, load
-from skyrange.record.levels import LEVELS, RECORDED
 from skyrange.record.read.features import FATE_COLUMNS
-from skyrange.record.schema import DERIVED, OPTIONAL, TABLES
+from skyrange.record.schema import DERIVED, LEVELS, OPTIONAL, RECORDED, TABLES
 from skyrange.record.verification import verify_run
 from tests.unit.record_sample import HEADER, LABELS, MS, NOTES, StillWorld, make_frame, traffic
 

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
+from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.contracts.links import Act, Channel, TapPlacement
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
@@ -25,8 +25,7 @@ from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.record import Recorder, RunRecord, load
 from skyrange.record.folder import PARTS
 from skyrange.record.live_merge.frame_matching import DATAGRAM_WINDOW_NS, TOLERANCE_NS, FrameMatcher, SentFrame
-from skyrange.record.live_merge.merge import merge
-from skyrange.record.live_merge.recovery import recover_run
+from skyrange.record.live_merge.merge import merge, recover_run
 from tests.probes.test_taps import Meddler
 from tests.probes.toys import MS, ROUGH
 from tests.unit.live_parts import Flown, fly, frames_of

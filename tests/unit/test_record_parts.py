@@ -19,7 +19,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
+from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.metrics.summary import measure_disk
 from skyrange.record import Recorder, RunRecord, load
@@ -27,7 +27,7 @@ from skyrange.record.read.telemetry import count_messages
 from skyrange.record.schema import TABLES
 from skyrange.record.verification import verify_run
 from skyrange.record.write.files import derivation
-from skyrange.record.write.files.background import PENDING, Background
+from skyrange.record.write.files.part_writer import PENDING, Background
 from skyrange.record.write.files.table_files import TableFiles
 from tests.unit.record_sample import HEADER, MS, StillWorld, tell, traffic
 

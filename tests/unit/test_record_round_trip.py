@@ -15,7 +15,7 @@ import pytest
 from pymavlink import mavutil
 
 from skyrange.codec.mavlink import decode
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames import Fate, Frame
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import FrameId
@@ -23,7 +23,7 @@ from skyrange.record import MemoryObserver, Recorder, RunRecord, load
 from skyrange.record.read.telemetry import UNION
 from skyrange.record.schema import OPTIONAL, TABLES, TELEMETRY, arrow_schema
 from skyrange.record.verification import verify_run
-from skyrange.record.write.files import derivation, telemetry_files
+from skyrange.record.write.files import derivation, table_files
 from tests.unit.record_sample import HEADER, LABELS, MS, VEHICLES, StillWorld, make_frame, tell, traffic
 
 ROUNDS = 20
@@ -187,7 +187,7 @@ def test_telemetry_is_written_in_groups(tmp_path: Path, monkeypatch: pytest.Monk
     recorder = Recorder.open(tmp_path / "whole", HEADER)
     tell(recorder, ROUNDS)
     recorder.close()
-    monkeypatch.setattr(telemetry_files, "HELD_ROWS", 7)
+    monkeypatch.setattr(table_files, "HELD_ROWS", 7)
     monkeypatch.setattr(derivation, "BLOCK_ROWS", 3)
     recorder = Recorder.open(tmp_path / "groups", HEADER)
     tell(recorder, ROUNDS)

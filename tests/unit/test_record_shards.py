@@ -8,7 +8,7 @@ import pyarrow as pa
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.record.read.shards import interleave
+from skyrange.record.read.time_order import interleave
 
 times = st.lists(st.integers(0, 60), max_size=40)
 

@@ -103,7 +103,7 @@ def test_ordering_holds_little(monkeypatch: pytest.MonkeyPatch) -> None:
 GROWTH = """
 import sys
 from collections.abc import Iterator
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
+from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.record import Recorder
 from skyrange.runtime.memory import peak_memory_mb as peak_mb

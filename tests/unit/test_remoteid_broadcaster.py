@@ -14,7 +14,7 @@ from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidFrame, Transport
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Payloads
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time

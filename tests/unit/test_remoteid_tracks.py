@@ -13,7 +13,7 @@ from skyrange.codec import f3411
 from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Payloads
 from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.contracts.references import NO_REF, FrameRefTable
 from skyrange.core.geodesy import Origin

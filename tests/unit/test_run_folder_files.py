@@ -13,7 +13,7 @@ from skyrange.assembly.placement.flight_plans import make_flight_plan, name_flig
 from skyrange.assembly.run_header import make_mission_files
 from skyrange.core.geodesy import Origin
 from skyrange.record import Recorder, load
-from skyrange.record.file_hashes import describe_file, describe_files
+from skyrange.record.folder import describe_file, describe_files
 from skyrange.record.manifest import MANIFEST, write_manifest
 from skyrange.record.verification import verify_run
 from skyrange.scenario.model.scenario import Operator, Scenario, Vehicle, mission_file, path, square

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from skyrange.runtime.garbage_collection import collect_seldom
+from skyrange.runtime.memory import collect_seldom
 
 
 class Knot:

@@ -13,8 +13,7 @@ from skyrange.core.errors import InputError
 from skyrange.radio.builtin.listening import PROFILES
 from skyrange.remoteid.broadcast_profiles import TRANSPORTS
 from skyrange.scenario.model.radio import Radio, Receiver, ReceiverKind, RemoteId
-from skyrange.scenario.toml_reader import load_data, load_text
-from skyrange.scenario.toml_writer import to_toml
+from skyrange.scenario.toml_files import load_data, load_text, to_toml
 
 
 def test_every_kind_of_receiver_can_be_named_but_none() -> None:

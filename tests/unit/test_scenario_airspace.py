@@ -2,8 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from skyrange.assembly.placement.airspace import APART_M, RISE_M, Airspace
-from skyrange.assembly.placement.clear_placing import find_clear_shift
+from skyrange.assembly.placement.clear_placing import APART_M, RISE_M, Airspace, find_clear_shift
 from skyrange.gcs.plan.paths import Point
 
 

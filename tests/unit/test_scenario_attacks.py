@@ -16,8 +16,7 @@ from skyrange.contracts.plugins import registry as plugins
 from skyrange.core.errors import InputError
 from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.scenario.model.scenario import Scenario, json_schema
-from skyrange.scenario.toml_reader import load_text
-from skyrange.scenario.toml_writer import to_toml
+from skyrange.scenario.toml_files import load_text, to_toml
 from tests.hostile_kind import offered
 
 JAM = AttackPlugin.find("remote_id.jam")

@@ -14,7 +14,7 @@ from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
 from skyrange.attack.tapped_links import TapMaker
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import SensorAct, Sensors
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.plugins.registry import DEFENCES, NoParams, kinds
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import ComponentError, InputError
@@ -23,7 +23,7 @@ from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
 from skyrange.defence.placement import Alarm, DefenceTap, place_taps
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from tests.registered_kinds import registered
 
 BASE = """

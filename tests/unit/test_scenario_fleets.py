@@ -17,8 +17,7 @@ from skyrange.scenario.model.scenario import (
     path,
     square,
 )
-from skyrange.scenario.toml_reader import load_text
-from skyrange.scenario.toml_writer import to_toml
+from skyrange.scenario.toml_files import load_text, to_toml
 
 UP = path([(0, 0)], 5, end="land")
 

@@ -8,8 +8,7 @@ import pytest
 
 from skyrange.core.errors import InputError
 from skyrange.scenario.shipped import load
-from skyrange.scenario.toml_reader import load_data, load_file, load_text
-from skyrange.scenario.toml_writer import to_toml
+from skyrange.scenario.toml_files import load_data, load_file, load_text, to_toml
 
 SMALL = """
 origin = { lat = 1.0, lon = 2 }

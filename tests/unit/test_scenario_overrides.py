@@ -7,7 +7,7 @@ import pytest
 from skyrange.core.errors import InputError
 from skyrange.scenario.model.scenario import Vehicle
 from skyrange.scenario.overrides import apply_overrides, parse_value
-from skyrange.scenario.toml_reader import load_data, parse_toml
+from skyrange.scenario.toml_files import load_data, parse_toml
 
 DATA = parse_toml(
     """

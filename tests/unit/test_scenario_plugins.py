@@ -16,10 +16,9 @@ from pydantic import Field
 from skyrange.assembly.build import build
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Agent
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.contracts.monitors import ObservedFrames
+from skyrange.contracts.monitors import DetectorContext, DetectorPlugin, ObservedFrames
 from skyrange.contracts.params import Number, Params
 from skyrange.contracts.plugins import registry as plugins
 from skyrange.core.errors import ComponentError, InputError
@@ -31,8 +30,7 @@ from skyrange.record import load as load_run
 from skyrange.runtime.run import Run
 from skyrange.scenario.model.scenario import Scenario, json_schema
 from skyrange.scenario.shipped import SHIPPED, source_of
-from skyrange.scenario.toml_reader import load_text
-from skyrange.scenario.toml_writer import to_toml
+from skyrange.scenario.toml_files import load_text, to_toml
 from skyrange.utm.approval_service import FlightApproval, policy_plugin
 from skyrange.utm.approve_all import ApproveAll
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService

@@ -11,8 +11,7 @@ from skyrange.core.errors import InputError
 from skyrange.runtime.live.range import prepare_range
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.overrides import apply_overrides
-from skyrange.scenario.toml_reader import load_data, load_text
-from skyrange.scenario.toml_writer import to_toml
+from skyrange.scenario.toml_files import load_data, load_text, to_toml
 
 PLAN = {"path": {"points": [[0.0, 9.0]], "alt_m": 5.0}}
 LIMIT = {"frames_per_s": 400.0, "queue_frames": 39}

@@ -10,7 +10,7 @@ from skyrange.assembly.build import build
 from skyrange.core.errors import InputError
 from skyrange.gcs.plan.routes import enu_points
 from skyrange.scenario.model.plan import Plan, route
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 
 BASE = """
 name = "routes"

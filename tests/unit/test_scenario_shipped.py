@@ -17,8 +17,7 @@ from skyrange.core.errors import InputError
 from skyrange.gcs.plan.routes import enu_points, estimated_duration_s
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import FOLDER, SHIPPED, load, source_of
-from skyrange.scenario.toml_reader import load_text
-from skyrange.scenario.toml_writer import to_toml
+from skyrange.scenario.toml_files import load_text, to_toml
 
 STREETS = Path(__file__).parents[3] / "shared/data/cities/manhattan-upper-east-side.geojson"
 

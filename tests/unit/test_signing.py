@@ -27,7 +27,7 @@ from skyrange.codec.mavlink.signing import (
     sign_frame,
     signing_timestamp,
 )
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Payloads
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port

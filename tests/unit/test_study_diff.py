@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
+from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import InputError
 from skyrange.metrics import exact_difference as exact

@@ -21,9 +21,8 @@ from skyrange.codec.f3548.values import ConstraintReference, IntentReference
 from skyrange.contracts.mailboxes import Inbox
 from skyrange.core.errors import InputError
 from skyrange.core.ids import Port
-from skyrange.runtime.utm.database.engine import migrate, open_engine
 from skyrange.runtime.utm.database.journal import Changes, DssJournal, UssJournal
-from skyrange.runtime.utm.database.tables import METADATA
+from skyrange.runtime.utm.database.tables import METADATA, migrate, open_engine
 from skyrange.testing.checks.approval_policies import EPOCH, box
 from skyrange.utm.authority import AuthorityParams
 from skyrange.utm.contract import OperationalIntent, intent_id, make_uuid

@@ -19,8 +19,7 @@ from skyrange.cli.app import app
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.io.mavlink.viewer_ports import ViewerPorts
 from skyrange.runtime.live.node.viewers import assign_viewer_ports
-from skyrange.runtime.viewer_relay import ViewerRelay
-from skyrange.runtime.viewers import PORT_STEP, Viewers
+from skyrange.runtime.viewers import PORT_STEP, ViewerRelay, Viewers
 from tests.ports import OFFSET
 
 AT = ("127.0.0.1", OFFSET + 7_000)

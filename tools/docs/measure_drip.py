@@ -23,7 +23,7 @@ from skyrange.metrics.defences import KIND, LOOK_AHEAD_S
 from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
 from skyrange.remoteid.broadcast_profiles import sender_address
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 from skyrange.study.runs import fly
 
 PAGE: Final = Path(__file__).parents[2] / "docs" / "reference" / "drip.md"

@@ -7,12 +7,11 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from skyrange.assembly.acts.attacks import MadeAttacks, check_transmitters, make_attack_context, make_attacks
+from skyrange.assembly.acts.conflicts import list_own_sensors
 from skyrange.assembly.acts.defences import MadeDefences, make_defences
 from skyrange.assembly.acts.honest_arm import describe_aircraft
-from skyrange.assembly.acts.own_sensors import list_own_sensors
-from skyrange.assembly.aircraft import build_aircraft, describe_engines
+from skyrange.assembly.aircraft import build_aircraft, describe_engines, list_battery_warnings
 from skyrange.assembly.approvals import build_approvals
-from skyrange.assembly.battery_warnings import list_battery_warnings
 from skyrange.assembly.city import build_city
 from skyrange.assembly.control_links import (
     LinksOverAir,
@@ -24,12 +23,10 @@ from skyrange.assembly.control_links import (
 from skyrange.assembly.detectors import build_detectors, describe_monitor
 from skyrange.assembly.network import build_network, list_processing_limits
 from skyrange.assembly.placement.clear_placing import apply_placing
-from skyrange.assembly.placement.flight_plans import make_flight_plans
+from skyrange.assembly.placement.flight_plans import make_flight_plans, plan_routes
 from skyrange.assembly.placement.moved_places import describe_moves
-from skyrange.assembly.placement.route_planning import plan_routes
 from skyrange.assembly.placement.start_checks import check_starts
-from skyrange.assembly.radio import LiveMedium, build_radio, describe_medium, make_lookout
-from skyrange.assembly.radio_checks import check_radios
+from skyrange.assembly.radio import LiveMedium, build_radio, check_radios, describe_medium, make_lookout
 from skyrange.assembly.run_header import make_attachments, make_header, make_mission_files
 from skyrange.assembly.signing import check_signing, derive_keys, place_gateways
 from skyrange.city.city import City
@@ -139,11 +136,21 @@ def build(
     here: Container[str] = _Everywhere() if local is None else local
     whole = ENDPOINT in here
     air = build_radio(
-        scenario, city, Chance(scenario.seed), made.radios, here, live, over_air.spectrum if over_air else None
+        scenario,
+        city,
+        Chance(scenario.seed),
+        made.radios,
+        here=here,
+        live=live,
+        spectrum=over_air.spectrum if over_air else None,
     )
     epoch, chance = scenario.epoch, Chance(scenario.seed)
     plans = {vehicle: plan for vehicle, plan in made_plans.items() if isinstance(plan, FlightPlan)}
-    world, engines = build_aircraft(scenario, city, chance, motion, made.aircraft, flown) if whole else (None, [])
+    world, engines = (
+        build_aircraft(scenario, city, chance, motion=motion, honest=made.aircraft, flown=flown)
+        if whole
+        else (None, [])
+    )
     agents: list[Agent] = [a for service in approvals for a in service.agents] if APPROVAL in here else []
     for operator in scenario.operators:
         if endpoint(operator.id, "gcs") not in here:

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from skyrange.assembly.radio_checks import check_place
+from skyrange.assembly.radio import check_place
 from skyrange.attack.contract import AirLink
 from skyrange.city.city import City
-from skyrange.contracts.channel_orders import End
 from skyrange.contracts.channel_plans import ChannelPlan, ChannelPolicy
 from skyrange.contracts.links import LinkSpec, TapPlacement, VariableChannel
+from skyrange.contracts.mailboxes import End
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import link_name, vehicle_id

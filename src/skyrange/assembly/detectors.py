@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from skyrange.contracts.detectors import DetectorContext
 from skyrange.contracts.links import LinkSpec
-from skyrange.contracts.monitors import MonitorPlacement, find_ends
+from skyrange.contracts.monitors import DetectorContext, MonitorPlacement, find_ends
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import vehicle_id

@@ -8,7 +8,7 @@ from skyrange.contracts.links import Channel, LinkSpec, ProcessingLimit, Route, 
 from skyrange.core.ids import APPROVAL, endpoint, link_name, vehicle_id
 from skyrange.core.time import NS_PER_MS
 from skyrange.radio.oracle import ENDPOINT
-from skyrange.scenario.model.processing import endpoint_names, find_matches
+from skyrange.scenario.model.links import endpoint_names, find_matches
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.vehicle.onboard_network import onboard_links, onboard_routes, oracle_links
 

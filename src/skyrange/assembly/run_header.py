@@ -19,15 +19,15 @@ from skyrange.codec.mission.items import MAX_FILE_BYTES
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.plugins.registry import loaded_sources
 from skyrange.core.errors import InputError
+from skyrange.core.files import MAX_RECORD_BYTES, read_input
 from skyrange.core.ids import vehicle_id
-from skyrange.core.input_files import MAX_RECORD_BYTES, read_input
 from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.radio.propagation.loss_table_file import MAX_BYTES as MAX_TABLE_BYTES
 from skyrange.record.folder import GIVEN_FILES, LOSS_TABLE, PLUGINS, plain_name
 from skyrange.scenario.model.plan import Plan
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.named_files import list_named_files
-from skyrange.scenario.toml_writer import to_toml
+from skyrange.scenario.toml_files import to_toml
 
 
 def make_header(

@@ -18,8 +18,7 @@ from skyrange.attack.contract import (
 from skyrange.attack.techniques import Technique
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Params
-from skyrange.contracts.plugins.declaration import declare
-from skyrange.contracts.plugins.form import Kind, check_copies, place_of
+from skyrange.contracts.plugins.form import Kind, check_copies, declare, place_of
 from skyrange.core.errors import InputError, nearest
 from skyrange.core.time import Time
 
@@ -105,7 +104,7 @@ class Composite(Acting):
 def attack(name: str, **facts: Unpack[Facts]) -> Callable[[ActingT], ActingT]:
     """Declare a class as the kind of attack `name`; its facts go before those of its bases.
 
-    Raises `InputError` for a class that is no such kind, as `contracts.plugins.declaration.declare` does, for a fact of
+    Raises `InputError` for a class that is no such kind, as `contracts.plugins.form.declare` does, for a fact of
     another name, and for a threat model or controls of which a part is missing.
     """
 

@@ -20,7 +20,7 @@ from skyrange.core.ids import FrameId, Port, hash64
 from skyrange.core.time import NS_PER_S, Epoch
 from skyrange.gcs.plan.paths import Leg, Point
 from skyrange.gcs.plan.volumes import MARGINS, leg_volumes
-from skyrange.runtime.garbage_collection import collect_seldom
+from skyrange.runtime.memory import collect_seldom
 from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.authority import Authority, AuthorityParams
 from skyrange.utm.contract import OperationalIntent, intent_id

@@ -20,7 +20,7 @@ from skyrange.detect.heartbeat.gap import HeartbeatGap
 from skyrange.record import load
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.run import Run
-from skyrange.scenario.model.autopilots import Autopilots
+from skyrange.scenario.model.fleet import Autopilots
 from skyrange.scenario.model.scenario import (
     Avoidance,
     City,

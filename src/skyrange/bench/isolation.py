@@ -9,7 +9,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from skyrange.core.errors import ComponentError, SkyrangeError
-from skyrange.runtime.garbage_collection import collect_less
+from skyrange.runtime.memory import collect_less
 
 Row = dict[str, Any]
 

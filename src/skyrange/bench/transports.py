@@ -26,8 +26,7 @@ from skyrange.contracts.links import LinkEnds
 from skyrange.core.errors import ComponentError
 from skyrange.io.http import frames as http_frames
 from skyrange.runtime.live.deployment import LOOPBACK
-from skyrange.runtime.live.transport.addresses import KINDS, Crossing, TransportKind
-from skyrange.runtime.live.transport.credentials import Credentials, issue_credentials
+from skyrange.runtime.live.transport.addresses import KINDS, Credentials, Crossing, TransportKind, issue_credentials
 from skyrange.runtime.live.transport.links import Transport, connect, listen
 
 TRANSPORTS: Final[tuple[TransportKind, ...]] = ("udp", "tcp", "zmq", "http")

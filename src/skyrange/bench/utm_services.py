@@ -30,8 +30,8 @@ from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S
 from skyrange.runtime.utm.agent_host import UNIX
 from skyrange.runtime.utm.config import ServiceConfig, load_config
-from skyrange.runtime.utm.database.engine import open_engine
 from skyrange.runtime.utm.database.journal import AuthorityJournal, Changes
+from skyrange.runtime.utm.database.tables import open_engine
 from skyrange.runtime.utm.initial_files import write_authority, write_federation
 from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.authority import Authority, AuthorityParams

@@ -16,8 +16,8 @@ from typing import Any, Final
 from skyrange.city.city import City
 from skyrange.city.geojson import read_collection, read_json, read_json_lines
 from skyrange.core.errors import InputError
+from skyrange.core.files import open_input
 from skyrange.core.geodesy import Origin
-from skyrange.core.input_files import open_input
 
 _JSON: Final = (".geojson", ".json")
 _LINES: Final = (".geojsonl", ".geojsons", ".geojsonseq", ".ndjson", ".jsonl")

@@ -24,8 +24,8 @@ from skyrange.city.city import City
 from skyrange.city.footprints import Feature, Projection, choose_buildings, make_city
 from skyrange.city.reading import Reading
 from skyrange.core.errors import InputError, Problem
+from skyrange.core.files import MIB, read_input
 from skyrange.core.geodesy import Origin
-from skyrange.core.input_files import MIB, read_input
 
 _SPACE: Final = re.compile(r"[ \t\n\r]*+")
 _RINGS: Final = {"Polygon": 1, "MultiPolygon": 2}

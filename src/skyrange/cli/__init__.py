@@ -15,7 +15,7 @@ def main() -> None:
     Exit codes: 0 success, 2 bad input, 3 a component failed, 4 the run fell short of what was requested.
     """
     from skyrange.cli.output.standard_streams import open_standard_streams
-    from skyrange.runtime.garbage_collection import collect_less
+    from skyrange.runtime.memory import collect_less
 
     collect_less()  # modules and scenarios are many objects, and hardly any garbage
     open_standard_streams()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from skyrange.cli.output.console import print_json, print_notice, print_text, print_unverified
 from skyrange.core.errors import InputError
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import expand_user
 
 if TYPE_CHECKING:
     from skyrange.record import RunRecord

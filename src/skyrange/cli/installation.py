@@ -11,7 +11,7 @@ import typer
 from skyrange.cli.options import AsJson
 from skyrange.cli.output.console import print_json, print_notice, print_text
 from skyrange.core.errors import InputError
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import expand_user
 
 commands = typer.Typer()
 install_app = typer.Typer(

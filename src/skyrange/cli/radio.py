@@ -196,7 +196,7 @@ def _map_losses(request: MapRequest, picture: PictureRequest, *, as_json: bool) 
 def _city_and_receivers(request: MapRequest) -> tuple[City, list[Place]]:
     """The buildings, and the places of a scenario's ground receivers."""
     from skyrange.city.building_files import load_buildings
-    from skyrange.core.input_files import expand_user
+    from skyrange.core.files import expand_user
 
     if request.scenario is None:
         if request.buildings is None:

@@ -1,4 +1,4 @@
-"""Alerts: what detectors and defences report, and what is wrong with one that breaks its contract."""
+"""Alerts: what detectors and defences report, their details, and what is wrong with one that breaks its contract."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.time import Time
+
+Scalar = str | int | float | bool | None
 
 
 class Alert(NamedTuple):

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.channel_orders import ChannelOrder
 from skyrange.contracts.links import VariableChannel
+from skyrange.contracts.mailboxes import ChannelOrder
 from skyrange.core.time import Time
 
 

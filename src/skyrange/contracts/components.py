@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame, FrameBlock
 from skyrange.contracts.mailboxes import Inbox, Note, Outbox
 from skyrange.contracts.verdicts import Label, Verdict
 from skyrange.core.ids import Port
@@ -354,7 +353,7 @@ class Engine(Protocol):
 
     Derive from `EngineBase` to get the members from `source` to `close`, which most engines do not need. An engine
     that runs programs starts them at its first `begin` and ends them in `close`. One whose clock is `wall` is a
-    `WallEngine`.
+    `WallEngine`; one that can run several ticks of a world in one call is a `tick_batches.BatchingEngine`.
     """
 
     name: str

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.components import Agent, BodyHook, SensorHook, Tap, Trigger
-from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Fate, Frame, Payloads
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_US, Time
 
 MIN_LATENCY_NS = NS_PER_US

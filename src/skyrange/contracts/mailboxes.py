@@ -9,17 +9,32 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, overload
+from typing import Literal, NamedTuple, overload
 
 import numpy as np
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.channel_orders import ChannelOrder
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.payloads import Ints, Payloads
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.alerts import Alert, Scalar
+from skyrange.contracts.frames import FrameBlock, Ints, Payloads
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time
+
+End = Literal["station", "aircraft"]
+"""The end of the access point, or that of the aircraft."""
+
+
+class ChannelOrder(NamedTuple):
+    """An order of one end to its radio."""
+
+    link: str
+    end: End
+    channel: int
+    announcements: int = 0
+    """Of an access point: in how many beacons it announces the change before it changes; 0: at once and silently."""
+    retune_ns: Time = 0
+    """How long the radio neither sends nor receives while it changes."""
+    action: str = "channel"
+    """Name of the act in the record."""
+
 
 _SERIAL_BITS = 40
 """Bound of a sender's serials: a million frames a second for twelve days."""

@@ -1,4 +1,4 @@
-"""Monitors, the contract of detectors: passive subscribers at link ends, what they are handed, what they raise.
+"""Monitors, the contract of detectors: passive subscribers at link ends, what they see and raise, how they are made.
 
 A monitor listens at ends of links as somebody does who has put a recorder on that end's network interface: it sees what
 arrives there and what is sent from there, with the source and destination that each frame claims. It learns neither who
@@ -8,20 +8,26 @@ truly sent a frame, nor what becomes of it elsewhere, nor what it was made of, n
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import cached_property
-from typing import NamedTuple, Protocol, overload
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert, find_problem
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Ints, Payloads
+from skyrange.contracts.plugins.registry import DETECTORS, Plugin
 from skyrange.core.arrays import as_read_only
 from skyrange.core.errors import ComponentError, InputError, Problem, attribute_error, nearest
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
+
+if TYPE_CHECKING:
+    from skyrange.core.chance import Chance
+    from skyrange.core.geodesy import Origin
+    from skyrange.core.time import Epoch
 
 
 class ObservedFrame(NamedTuple):
@@ -53,6 +59,7 @@ class ObservedFrames(Sequence[ObservedFrame]):
         places: Ints,
         received: NDArray[np.bool_],
         at_ns: Ints,
+        *,
         payloads: Payloads,
         names: Sequence[str],
         src: Ints,
@@ -96,10 +103,10 @@ class ObservedFrames(Sequence[ObservedFrame]):
             self.places[chosen],
             self.received[chosen],
             self.at_ns[chosen],
-            self.payloads.take(chosen),
-            self.names,
-            self.src[chosen],
-            self.dst[chosen],
+            payloads=self.payloads.take(chosen),
+            names=self.names,
+            src=self.src[chosen],
+            dst=self.dst[chosen],
         )
 
     @cached_property
@@ -203,3 +210,32 @@ def serve_monitor(detector: str, monitor: Monitor, now: Time, frames: ObservedFr
         if problem:
             raise ComponentError(who, problem)
     return alerts
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorContext:
+    """The context of a detector: data of the scenario, without its attacks."""
+
+    id: str
+    """The detector's id, unique among the detectors of the scenario."""
+    vehicles: Sequence[str]
+    """Every vehicle id of the scenario (`blue/b1`), in order."""
+    origin: Origin
+    epoch: Epoch
+    chance: Chance
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vehicles", tuple(self.vehicles))
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorPlugin(Plugin[DetectorContext, Monitor]):
+    """A kind of detector. `make` returns a new monitor at each call: one for each run, and each process of it."""
+
+    group: ClassVar[str] = DETECTORS
+
+    reduced: str = field(default="", kw_only=True)
+    """What it lacks of the published method that it is named after, such as inputs or a rate; "" for nothing.
+
+    Rankings mark a detector that has it: its place says nothing about the method as published.
+    """

@@ -10,8 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from skyrange.contracts.frames.blocks import LinkTable
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints, LinkTable
 from skyrange.contracts.mailboxes import Inbox, Parents
 from skyrange.core.ids import FrameId
 

@@ -1,8 +1,8 @@
-"""Protocols of tick batches: several ticks of a world and its only engine in one call.
+"""Batches of ticks: what a kernel asks of an engine that can run several ticks of a world in one call.
 
-Between two multiples of 10 ms the builtin engine has neither mail nor timers: most ticks only move bodies and run
-control loops. In a batch they cost a fraction of single ticks, because each call of a compiled function costs more than
-its work for one aircraft.
+Most ticks only move bodies and run control loops: nobody has mail, and no timer is due. Each call from the kernel costs
+more than the work for one aircraft, so an engine that is the only one of its world may offer to run such ticks at once.
+What cannot be done in a batch is left to the kernel, which is told how far the last tick has come.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from skyrange.contracts.mailboxes import Note
 from skyrange.core.time import Time
 
 
-class BatchStop(IntEnum):
-    """Why a batch of ticks ended."""
+class TickProgress(IntEnum):
+    """How far the last tick of a batch has come: what remains of it is for the kernel to do."""
 
     COMPLETE = 0
-    """All its ticks are complete."""
-    WORLD = 1
-    """In its last tick the bodies have moved and something happened to them; the rest of that tick is to be done."""
-    ENGINE = 2
-    """In its last tick the engine has something to report; what remains of that tick is to call `finish`."""
-    SERVICE = 3
-    """In its last tick, which begins a period, the world's part is complete; the rest is to be done."""
+    """Nothing remains."""
+    MOVED = 1
+    """The bodies have moved and something happened to them: the rest of the world's part remains, and the engine's."""
+    ENGINE_BEGUN = 2
+    """The engine has begun, and has something to report: a call of its `finish` remains."""
+    WORLD_ADVANCED = 3
+    """The tick begins a period, and the world's part is complete: the engine's part remains."""
 
 
 class TickBatch(Protocol):
@@ -38,22 +38,22 @@ class TickBatch(Protocol):
     period_ns: Time
     """Of a tick that is the first at or after a multiple of this, a batch runs the part of the world at most."""
 
-    def run(self, first: Time, count: int, service: bool) -> tuple[int, BatchStop]:
+    def run(self, first: Time, count: int, *, service: bool) -> tuple[int, TickProgress]:
         """Run at most `count` ticks from `first` on, and with `service` the world's part of the one after them, which
-        begins a period; returns how many were begun, and why the batch ended.
+        begins a period; returns how many were begun, and how far the last of them has come.
 
         0 ticks mean that the next one has to be run singly.
         """
         ...
 
     def complete_world_tick(self) -> Sequence[Note]:
-        """After `BatchStop.WORLD`: do what `World.advance` does after the bodies have moved."""
+        """After `TickProgress.MOVED`: do what `World.advance` does after the bodies have moved."""
         ...
 
 
 @runtime_checkable
 class BatchingEngine(Engine, Protocol):
-    """An engine that may run ticks in batches."""
+    """An engine that may run ticks in batches, where it is the only one of a world."""
 
     def batch_ticks(self, world: World, rows: slice | NDArray[np.int64]) -> TickBatch | None:
         """The ticks of `world`, whose `rows` it flies; `None` where each has to be run singly."""

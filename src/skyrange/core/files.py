@@ -1,12 +1,101 @@
-"""Atomic replacement of files: readers see the old contents or the new, never a part."""
+"""Files: reading of regular files of bounded size and of JSON of bounded depth, and their atomic replacement.
+
+Everything that skyrange reads on behalf of a user passes `read_input`: a pipe, a device or a file without end cannot
+block it or fill the memory.
+
+Readers of a file that is replaced see the old contents or the new, never a part.
+"""
 
 from __future__ import annotations
 
+import json
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Any, BinaryIO, Final
+
+from skyrange.core.errors import InputError
+
+MIB: Final = 1 << 20
+MAX_TEXT_BYTES: Final = 16 * MIB
+"""Largest scenario or Python file: a fleet of 50,000 aircraft written out one by one."""
+MAX_RECORD_BYTES: Final = 1024 * MIB
+"""Largest JSON file of a record: a manifest, or the buildings."""
+
+_KINDS: Final = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+
+
+def expand_user(path: Path | str) -> Path:
+    """`path` with `~` and `~USER` as the shell expands them: a user that does not exist leaves the name as it is."""
+    try:
+        return Path(os.path.expanduser(path))
+    except ValueError:  # a NUL
+        return Path(path)
+
+
+@contextmanager
+def open_input(
+    path: Path, who: str, where: str, *, expected: str = "a file", hint: str = ""
+) -> Iterator[BufferedReader]:
+    """Open a regular file for reading.
+
+    Raises `InputError` in the name of `who` if there is none, if it cannot be read, also in the block, or if it is a
+    folder, a pipe, a socket or a device.
+    """
+    try:
+        number = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # a pipe without a writer does not block
+        mode = os.fstat(number).st_mode
+        if not stat.S_ISREG(mode):
+            os.close(number)
+            kind = next((words for test, words in _KINDS if test(mode)), "no regular file")
+            raise InputError.one(who, where, f"{path} is {kind}", expected, hint)
+        with os.fdopen(number, "rb") as file:
+            yield file
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise InputError.one(who, where, f"{path}: {reason}", f"{expected} that can be read", hint) from None
+    except ValueError as error:  # a NUL in the name, or a character that no file's name can have
+        raise InputError.one(who, where, ascii(str(path)), f"the name of {expected} ({error})", hint) from None
+
+
+def read_input(path: Path, who: str, where: str = "file", *, max_bytes: int, expected: str = "a file") -> bytes:
+    """Read a whole file; raises `InputError` as `open_input`, and for a file of more than `max_bytes`."""
+    with open_input(path, who, where, expected=expected) as file:
+        size = os.fstat(file.fileno()).st_size
+        # files of the system (/proc) have size 0
+        data = file.read(min(max(size, 1 << 16), max_bytes) + 1) if size <= max_bytes else b""
+    if max(size, len(data)) > max_bytes:
+        value = f"{path} of {max(size, len(data)) / MIB:.1f} MiB"
+        raise InputError.one(who, where, value, f"{expected} of at most {_size(max_bytes)}")
+    return data
+
+
+def parse_json(data: bytes | str, who: str, where: str) -> Any:
+    """The value in JSON text; `InputError` that names `where` and the line if there is none, or one nested too deep."""
+    try:
+        return json.loads(data)
+    except json.JSONDecodeError as error:
+        raise InputError.one(who, f"{where}:{error.lineno}", error.msg, "JSON", "The file is damaged.") from None
+    except UnicodeDecodeError as error:
+        raise InputError.one(who, where, f"byte {error.start}", "JSON in UTF-8", "The file is damaged.") from None
+    except RecursionError:
+        raise InputError.one(who, where, "nested too deep", "JSON", "The file is damaged.") from None
+    except ValueError as error:  # a number of thousands of digits
+        raise InputError.one(who, where, str(error), "JSON", "The file is damaged.") from None
+
+
+def _size(size: int) -> str:
+    return f"{size / MIB:g} MiB" if size >= MIB else f"{size:,} bytes"
+
 
 DRAFT: Final = ".part"
 """Suffix of the temporary file beside a file that is being written. A killed process may leave one."""

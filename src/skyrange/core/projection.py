@@ -12,7 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.compiled import compiled
-from skyrange.core.ellipsoid import ECCENTRICITY_2, SEMI_MAJOR_M
+
+SEMI_MAJOR_M = 6_378_137.0
+FLATTENING = 1.0 / 298.257223563
+ECCENTRICITY_2 = FLATTENING * (2.0 - FLATTENING)
+"""First eccentricity squared."""
+
 
 _PER_DEGREE = math.pi / 180.0
 _MERIDIONAL_M = SEMI_MAJOR_M * (1.0 - ECCENTRICITY_2) * _PER_DEGREE

@@ -1,4 +1,4 @@
-"""Whole numbers in text that users or peers wrote."""
+"""Whole numbers: their reading from text that users or peers wrote, and the counts at which an event is noted."""
 
 from __future__ import annotations
 
@@ -12,3 +12,13 @@ def parse_whole(text: str) -> int | None:
     Unlike `str.isdigit`, which accepts superscripts that `int` cannot read.
     """
     return int(text) if text.isascii() and text.isdigit() and len(text) <= _MAX_DIGITS else None
+
+
+def worth_noting(count: int) -> bool:
+    """Whether the `count`-th event of a kind is noted: the 1st, 2nd, 4th, 8th …, so that no flood fills the record."""
+    return count & (count - 1) == 0
+
+
+def has_one_worth_noting(before: int, count: int) -> bool:
+    """Whether an event worth noting is among those after the `before`-th, up to the `count`-th."""
+    return count.bit_length() > before.bit_length()

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from skyrange.core.errors import InputError
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MAX_RECORD_BYTES, parse_json, read_input
+from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, parse_json, read_input
 from skyrange.record.folder import make_new_folder
 
 BUILDING: Final = ".building"

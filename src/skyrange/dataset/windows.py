@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.dataset.columns import RUN_COLUMNS, WINDOW_KEYS, observable_columns
 

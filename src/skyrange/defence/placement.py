@@ -9,7 +9,7 @@ from skyrange.attack.declaration import Acting
 from skyrange.attack.params import Vehicles, check_vehicles
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.plugins.fields import param
 from skyrange.contracts.verdicts import Verdict

@@ -24,7 +24,7 @@ from skyrange.codec.mavlink import decode as decode_mavlink
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.remote_id.link_payload import NO_RSSI, unpack
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar, TypeVar
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
-from skyrange.contracts.monitors import Monitor, ObservedFrames
-from skyrange.contracts.plugins.declaration import declare
-from skyrange.contracts.plugins.form import Kind, check_copies
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.alerts import Alert, Scalar
+from skyrange.contracts.monitors import DetectorContext, DetectorPlugin, Monitor, ObservedFrames
+from skyrange.contracts.plugins.form import Kind, check_copies, declare
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.detect.episodes import subject_of_link
 from skyrange.detect.streams import extend
@@ -59,7 +56,7 @@ def detector(name: str, *, reduced: str = "") -> Callable[[DetectorT], DetectorT
 
     `reduced` says what it lacks of the published method that it is named after; rankings mark it as reduced then.
 
-    Raises `InputError` for a class that is no such kind, as `contracts.plugins.declaration.declare` does.
+    Raises `InputError` for a class that is no such kind, as `contracts.plugins.form.declare` does.
     """
 
     def decorate(kind: DetectorT) -> DetectorT:

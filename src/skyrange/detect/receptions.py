@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.f3411.values import HORIZONTAL_ACCURACY_M, SPEED_ACCURACY_MPS
 from skyrange.codec.remote_id.link_payload import NO_RSSI, RidFrame, unpack_rows
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Ints, Payloads
 from skyrange.contracts.monitors import ObservedFrames
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin

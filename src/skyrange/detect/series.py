@@ -13,9 +13,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.contracts.monitors import ObservedFrames
-from skyrange.contracts.plugins.fields import state
+from skyrange.contracts.plugins.form import state
 from skyrange.core.time import NS_PER_S
 from skyrange.detect.messages import read_messages
 

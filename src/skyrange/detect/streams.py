@@ -8,8 +8,8 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.plugins.fields import state
+from skyrange.contracts.frames import Ints
+from skyrange.contracts.plugins.form import state
 from skyrange.core.time import Time
 
 _NEVER: Final = -(2**62)

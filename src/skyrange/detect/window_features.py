@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.contracts.monitors import ObservedFrames
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.detect.messages import MessageHeads, name_message, read_heads

@@ -35,7 +35,17 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    __getattr__ = export_lazily(__name__)
+    __getattr__ = export_lazily(
+        __name__,
+        {
+            "skyrange.env.acts": "BlueAct RedAct",
+            "skyrange.env.hold_the_mission": "HoldTheMission",
+            "skyrange.env.observations": "FEATURES Feature describe=describe_observation",
+            "skyrange.env.outcomes": "Rewards",
+            "skyrange.env.policies": "Quiet RandomPolicy ScriptedBlue ScriptedRed play",
+            "skyrange.env.task_scenario": "make_scenario",
+        },
+    )
 
 
 def __dir__() -> list[str]:

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import World
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame, FrameBlock
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import InputError, Problem

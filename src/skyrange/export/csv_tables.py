@@ -20,7 +20,7 @@ from skyrange.export import Export
 from skyrange.record.levels import TELEMETRY
 from skyrange.record.read.run import RunRecord
 from skyrange.record.read.telemetry import message_schema
-from skyrange.record.schema import TABLES, arrow_schema
+from skyrange.record.schema import ALL_MESSAGES, TABLES, arrow_schema
 
 FOLDER: Final = "tables"
 COLUMNS: Final = "columns.csv"
@@ -43,11 +43,11 @@ def write_tables(record: RunRecord, folder: Path | None = None) -> Export:
             batches = record.batches(name)
             rows[f"{name}.csv"], schema = _write_table(target / f"{name}.csv", batches, arrow_schema(name))
             described += [(name, field) for field in schema]
-    if record.keeps(TELEMETRY):
-        (target / TELEMETRY).mkdir(exist_ok=True)
+    if record.keeps(ALL_MESSAGES):
+        (target / ALL_MESSAGES).mkdir(exist_ok=True)
         for message in record.messages:
             batches = record.telemetry_batches(message)  # raises for a name that no message has, thus for any path
-            name = f"{TELEMETRY}/{message}"
+            name = f"{ALL_MESSAGES}/{message}"
             rows[f"{name}.csv"], schema = _write_table(target / f"{name}.csv", batches, message_schema(message))
             described += [(name, field) for field in schema]
     with atomic_write(target / COLUMNS) as file:

@@ -11,7 +11,7 @@ from skyrange.attack.bases.sensors import find_label
 from skyrange.attack.declaration import Acting
 from skyrange.attack.params import check_vehicles
 from skyrange.contracts.components import BodyAct, Disturbances
-from skyrange.contracts.plugins.fields import state
+from skyrange.contracts.plugins.form import state
 from skyrange.core.time import Time
 from skyrange.fault.contract import FaultContext, FaultParts
 

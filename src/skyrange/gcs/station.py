@@ -24,6 +24,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
+from skyrange.core.whole_numbers import worth_noting
 from skyrange.gcs.flight.airspace_claim import AirspaceClaim
 from skyrange.gcs.flight.autopilot_dialogue import (
     AUTOPILOT_COMPONENT,
@@ -233,7 +234,7 @@ class GroundStation:
                 self._queue(place)
                 return
         self.bad_approvals += 1
-        if self.bad_approvals & (self.bad_approvals - 1) == 0:
+        if worth_noting(self.bad_approvals):
             data: dict[str, Scalar] = {"count": self.bad_approvals, "reason": reason}
             turn.note("decision.bad_approval", self.operator, data)
 

@@ -15,14 +15,15 @@ from skyrange.codec.f3411 import printable_id
 from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import Transport
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.alerts import Scalar
+from skyrange.contracts.frames import Ints, Payloads
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.references import FrameRefTable
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time, to_seconds
+from skyrange.core.whole_numbers import has_one_worth_noting, worth_noting
 from skyrange.radio import ground_receptions
 from skyrange.remoteid.tracks import ReceivedBroadcasts, TrackSnapshot, TrackTable
 
@@ -152,7 +153,7 @@ class TrafficPicture:
             self._note("event.track_lost", data, (), out)
         counts = np.append(self.tracks.counts.sum(axis=0), self.bad_bodies)
         for column, kind in enumerate(_COUNTS):
-            if counts.item(column).bit_length() > self._counts.item(column).bit_length():
+            if has_one_worth_noting(self._counts.item(column), counts.item(column)):
                 out.note(kind, self.operator, {"count": counts.item(column)})
         self._counts = counts
         self.due = now - now % UPDATE_PERIOD_NS + UPDATE_PERIOD_NS if self._known else NEVER
@@ -171,12 +172,12 @@ class TrafficPicture:
 
     def _note(self, kind: str, data: dict[str, Scalar], causes: tuple[FrameId, ...], out: Outbox) -> None:
         self._noted += 1
-        if self._noted <= MAX_NOTED or self._noted & (self._noted - 1) == 0:
+        if self._noted <= MAX_NOTED or worth_noting(self._noted):
             out.note(kind, self.operator, {**data, "count": self._noted}, causes)
 
     def _bad(self, reason: str, ref: FrameId, out: Outbox) -> None:
         self.bad_reports += 1
-        if self.bad_reports & (self.bad_reports - 1) == 0:
+        if worth_noting(self.bad_reports):
             out.note("event.bad_report", self.operator, {"count": self.bad_reports, "reason": reason}, (ref,))
 
 

@@ -15,9 +15,9 @@ from typing import IO, Final, NamedTuple
 from urllib.parse import urlsplit
 
 from skyrange.core.errors import ComponentError, InputError
-from skyrange.core.input_files import read_input
+from skyrange.core.files import read_input
 from skyrange.install.download import NotThereError, OnProgress, download
-from skyrange.io.processes.single_run import run_once
+from skyrange.io.processes.program import run_once
 from skyrange.vehicle.ardupilot.program.arducopter_binary import (
     ANSWER_S,
     MAX_BYTES,

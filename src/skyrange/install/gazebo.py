@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.install.compilation import Compiled, compile_sources
-from skyrange.io.processes.single_run import ProgramOutput, run_once
+from skyrange.io.processes.program import ProgramOutput, run_once
 from skyrange.vehicle.gazebo.program.gazebo_commands import Flavour, Gazebo
 from skyrange.vehicle.gazebo.program.gazebo_release import HOW_TO_GET, examine_gazebo, find_gazebo
 from skyrange.vehicle.gazebo.program.plugin_library import LIBRARY, NAME, plugin_sources

@@ -16,11 +16,6 @@ def ignore_note(kind: str, detail: str) -> None:
     """An `OnNote` that does nothing."""
 
 
-def worth_noting(count: int) -> bool:
-    """Whether the `count`-th event of a kind is noted: at powers of two, so that a flood does not fill the record."""
-    return count & (count - 1) == 0
-
-
 def is_loopback(host: str) -> bool:
     """Whether `host` can be reached from this machine only; of names, only `localhost` is trusted to be so."""
     try:
@@ -35,7 +30,7 @@ def format_address(address: Address) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
-def check_guarded(who: str, address: Address, guarded: bool, remedy: str) -> None:
+def check_guarded(who: str, address: Address, *, guarded: bool, remedy: str) -> None:
     """Raise `InputError` for an address beyond loopback where peers are not authenticated."""
     if not guarded and not is_loopback(address[0]):
         raise InputError.one(who, "address", format_address(address), "a loopback address, such as 127.0.0.1", remedy)

@@ -18,7 +18,6 @@ from typing import cast
 import numpy as np
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.channel_orders import ChannelOrder
 from skyrange.contracts.channel_plans import TunableChannel
 from skyrange.contracts.components import (
     Agent,
@@ -33,8 +32,8 @@ from skyrange.contracts.components import (
     World,
 )
 from skyrange.contracts.links import Channel
-from skyrange.contracts.mailboxes import EMPTY_INBOX, Note, Outbox
-from skyrange.contracts.tick_batches import BatchingEngine, BatchStop, TickBatch
+from skyrange.contracts.mailboxes import EMPTY_INBOX, ChannelOrder, Note, Outbox
+from skyrange.contracts.tick_batches import BatchingEngine, TickBatch, TickProgress
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port, originator_id
@@ -137,7 +136,7 @@ class Kernel:
         sides = [slot.agent.ports for slot in slots] + [slot.engine.ports for slot in self._engines]
         monitors = Monitors(wiring.monitors, wiring.links, links, self._network.heap, self._observers)
         places = {port: place for side in sides for place, port in enumerate(side)}
-        self._network.open_paths(places, wiring.fuse, monitors)
+        self._network.open_paths(places, monitors, fuse=wiring.fuse)
         quantum = self._world.quantum_ns if self._world is not None else 0
         preroll = max(wiring.preroll_ns, *(slot.engine.preroll_ns for slot in self._engines), 0)
         start = -ceil_to(preroll, quantum)
@@ -189,17 +188,17 @@ class Kernel:
                 head = heap[0][0] if heap else last + 1
                 if self._next_tick <= until and (self._next_tick << 3) <= head:
                     at = self._next_tick
-                    stop = self._run_batch(min(until, head >> 3))
-                    if stop is None:
+                    progress = self._run_batch(min(until, head >> 3))
+                    if progress is None:
                         self._next_tick += self._quantum
                         self._tick(at)
                         continue
                     at = self._next_tick - self._quantum
-                    if stop is BatchStop.WORLD and self._batch is not None:
+                    if progress is TickProgress.MOVED and self._batch is not None:
                         self._tick(at, self._batch.complete_world_tick())
-                    elif stop is BatchStop.SERVICE:
+                    elif progress is TickProgress.WORLD_ADVANCED:
                         self._tick(at, ())
-                    elif stop is BatchStop.ENGINE:
+                    elif progress is TickProgress.ENGINE_BEGUN:
                         self._finish_engines(at)
                     continue
                 if head > last:
@@ -300,7 +299,7 @@ class Kernel:
         periods = [slot.box.service_ns, *(one.observe_period_ns for one in subscribers)]
         return batch if all(period % batch.period_ns == 0 for period in periods) else None
 
-    def _run_batch(self, until: Time) -> BatchStop | None:
+    def _run_batch(self, until: Time) -> TickProgress | None:
         """Run ticks in a batch before something else is due; `None` if the next has to be run singly."""
         batch, first = self._batch, self._next_tick
         if batch is None or first % batch.period_ns < self._quantum:
@@ -312,11 +311,11 @@ class Kernel:
         count = (last - first) // self._quantum + 1
         after = first + count * self._quantum
         try:
-            begun, stop = batch.run(first, count, last == period - 1 and after <= until)
+            begun, progress = batch.run(first, count, service=last == period - 1 and after <= until)
         except Exception as error:
             raise attribute_error(f"engine {self._engines[0].engine.name}", first, error) from error
         self._next_tick = first + begun * self._quantum
-        return stop if begun else None
+        return progress if begun else None
 
     def _tick(self, now: Time, happened: Sequence[Note] | None = None) -> None:
         """Run one tick; `happened` are the world's notes if it has advanced already."""

@@ -12,9 +12,7 @@ from heapq import heappush
 
 import numpy as np
 
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Frame, FrameBlock, Ints, Payloads
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.monitors import (
     Monitor,
@@ -58,11 +56,11 @@ class FrameCollector:
         self._frames: ObservedFrames | None = None
         """What was collected last."""
 
-    def listens(self, link: int, received: bool) -> bool:
+    def listens(self, link: int, *, received: bool) -> bool:
         """Whether it listens at the receiving end of a link, or at its sending end."""
         return bool(self._places[int(received), link] >= 0)
 
-    def take_frame(self, at: Time, link: int, frame: Frame, received: bool) -> None:
+    def take_frame(self, at: Time, link: int, frame: Frame, *, received: bool) -> None:
         """Keep a frame that is sent from, or arrives at, an end at which it listens; `at` may be in the future."""
         self._singles.append((at, link, int(received), frame))
 
@@ -105,7 +103,14 @@ class FrameCollector:
         order = np.lexsort((serial, rank, received, places, at_ns))
         every = Payloads.join(payloads).take(order)
         return ObservedFrames(
-            self.ports, places[order], received[order] > 0, at_ns[order], every, names, src[order], dst[order]
+            self.ports,
+            places[order],
+            received[order] > 0,
+            at_ns[order],
+            payloads=every,
+            names=names,
+            src=src[order],
+            dst=dst[order],
         )
 
     def _number_claims(self, frames: Sequence[Frame]) -> tuple[Sequence[str], Ints, Ints]:
@@ -181,8 +186,8 @@ class Monitors:
                 self.slots.append(MonitorSlot(placement.id, monitor, collectors[key]))
         self._collectors = list(collectors.values())
         for link in numbered:
-            link.send_monitors = tuple(one for one in self._collectors if one.listens(link.number, False))
-            link.arrival_monitors = tuple(one for one in self._collectors if one.listens(link.number, True))
+            link.send_monitors = tuple(one for one in self._collectors if one.listens(link.number, received=False))
+            link.arrival_monitors = tuple(one for one in self._collectors if one.listens(link.number, received=True))
 
     def begin(self) -> None:
         """Have each served at time 0 first."""

@@ -5,7 +5,7 @@ frames, its queue stands between the taps of attacks and those of its defences. 
 after its own. Everything that takes time becomes an event in `heap`.
 
 `Network.send` is the only way in for what agents and engines send. Frames that are sent singly travel one by one, in
-this module; blocks go through `skyrange.kernel.block_forwarder` where their links allow it. The record is the same
+this module; blocks go through `skyrange.kernel.blocks` where their links allow it. The record is the same
 either way.
 """
 
@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Fate, Frame, Ints, Payloads, end_journey
 from skyrange.contracts.links import MIN_LATENCY_NS, OpenChannel
 from skyrange.contracts.mailboxes import Arrival, Departure, Note, Outbox, Parents
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
@@ -27,7 +26,7 @@ from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port
 from skyrange.core.time import Time, ceil_to
 from skyrange.kernel.acts.act_states import ActState, note_withheld, takes_effect
-from skyrange.kernel.block_forwarder import BlockForwarder, cut_off
+from skyrange.kernel.blocks import BlockForwarder, cut_off, group_rows
 from skyrange.kernel.directed_link import DirectedLink, RouteHop, RouteQueue, TapSlot, Transit
 from skyrange.kernel.event_heap import (
     ARRIVE,
@@ -46,7 +45,6 @@ from skyrange.kernel.event_heap import (
     schedule_mailbox,
     schedule_route,
 )
-from skyrange.kernel.fast_path import group_rows
 from skyrange.kernel.monitors import Monitors
 from skyrange.kernel.observers import ObserverList
 from skyrange.kernel.processing_queue import Job, ProcessingQueue
@@ -106,12 +104,12 @@ class Network:
         self._block_forwarder = BlockForwarder(self.heap, self._by_number, self._queues)
         self._monitors: Monitors | None = None
 
-    def open_paths(self, ports: dict[Port, int], fuse: bool, monitors: Monitors) -> None:
+    def open_paths(self, ports: dict[Port, int], monitors: Monitors, *, fuse: bool) -> None:
         """Work out which links blocks may take; `ports` has the place of every owned port among its owner's.
 
         `monitors` listen at ends of the links, and are served from time 0 on.
         """
-        self._block_forwarder.open_paths(ports, fuse, monitors)
+        self._block_forwarder.open_paths(ports, monitors, fuse=fuse)
         self._monitors = monitors
         monitors.begin()
 
@@ -133,7 +131,7 @@ class Network:
         for port, payload, causes in singles:
             link = self._find_link(sender.name, port)
             originator = self._originators.get(port, link.src)
-            frame = link.make_frame(originator, now, payload, link.src, link.dst, None, causes)
+            frame = link.make_frame(originator, now, payload, link.src, link.dst, parent=None, causes=causes)
             if attack is not None:
                 self._observers.label_sending(now, attack, sender.name, frame.id)
             self._transmit(now, link, frame, 0)
@@ -164,7 +162,7 @@ class Network:
             payloads = Payloads.of([departure.payload for departure in chosen])
             known = causes if any(causes) else None
             of_path = numbers if rows is None else numbers[rows]
-            self._block_forwarder.send(now, path, of_path, payloads, None, None, known)
+            self._block_forwarder.send(now, path, of_path, payloads, causes=known)
         return singles
 
     def _find_link(self, sender: str, port: Port) -> DirectedLink:
@@ -222,7 +220,7 @@ class Network:
     # ---------------------------------------------------------------- taps
 
     def _pass_taps(
-        self, now: Time, link: DirectedLink, frame: Frame, position: int, sending: bool, end: int
+        self, now: Time, link: DirectedLink, frame: Frame, *, position: int, end: int, sending: bool
     ) -> Frame | None:
         """Show a frame to the taps from `position` to before `end`: what goes on, or `None` where it does not."""
         taps = link.sender_taps if sending else link.receiver_taps
@@ -235,7 +233,9 @@ class Network:
             if verdicts and not takes_effect(slot.attack, now):
                 note_withheld(slot.attack, now)
             elif verdicts:
-                passed = self._apply_verdicts(now, slot, link, frame, index + 1, sending, verdicts)
+                passed = self._apply_verdicts(
+                    now, slot, link, frame, position=index + 1, sending=sending, verdicts=verdicts
+                )
                 if passed is None:
                     self.schedule_tap(slot, now)
                     return None
@@ -249,6 +249,7 @@ class Network:
         slot: TapSlot,
         link: DirectedLink,
         frame: Frame,
+        *,
         position: int,
         sending: bool,
         verdicts: Sequence[Verdict],
@@ -284,7 +285,7 @@ class Network:
             self._observers.report_frames([frame])
             return None
         if replacement is not None:
-            child = link.make_frame(slot.name, now, replacement, frame.src, frame.dst, frame.id)
+            child = link.make_frame(slot.name, now, replacement, frame.src, frame.dst, parent=frame.id)
             self._observers.label_tap_act(now, slot, "replace", frame.id, child=child.id)
             end_journey(frame, Fate.REPLACED)
             self._observers.report_frames([frame])
@@ -304,7 +305,7 @@ class Network:
                 f"tap {slot.name}", f"injected in direction {verdict.direction!r}; fwd or rev was expected"
             )
         link, position, sending = slot.links[verdict.direction]
-        frame = link.make_frame(slot.name, now, verdict.payload, verdict.src, verdict.dst, verdict.parent)
+        frame = link.make_frame(slot.name, now, verdict.payload, verdict.src, verdict.dst, parent=verdict.parent)
         self._observers.label_tap_act(now, slot, "inject", frame.id)
         way = slot.ways.get(verdict.direction)
         if way is not None:
@@ -387,13 +388,13 @@ class Network:
         """Sender-side taps from `position` on, then the channel."""
         if position == 0:
             for monitor in link.send_monitors:
-                monitor.take_frame(now, link.number, frame, False)
+                monitor.take_frame(now, link.number, frame, received=False)
         queue = link.sending
         if queue is not None and position < link.defended_to and _waits_to_leave(now, queue, link, position):
-            self._queue_for_processing(now, queue, Job(link.name, frame, position, True))
+            self._queue_for_processing(now, queue, Job(link.name, frame, position, sending=True))
             return
         if link.sender_taps:
-            passed = self._pass_taps(now, link, frame, position, True, len(link.sender_taps))
+            passed = self._pass_taps(now, link, frame, position=position, sending=True, end=len(link.sender_taps))
             if passed is None:
                 return
             frame = passed
@@ -419,21 +420,25 @@ class Network:
                 for row in range(len(links)) if rows is None else rows.tolist():
                     link = self._by_number[links.item(row)]
                     parent = parents.id(row) if parents is not None else None
-                    frame = link.make_frame(link.src, now, payloads[row], link.src, link.dst, parent)
+                    frame = link.make_frame(link.src, now, payloads[row], link.src, link.dst, parent=parent)
                     self._transmit(now, link, frame, 0)
                 continue
             serials = None if parents is None else parents.serials
             if rows is None:
-                self._block_forwarder.send(now, path, links, payloads, parent_links, serials)
+                self._block_forwarder.send(
+                    now, path, links, payloads, parent_links=parent_links, parent_serials=serials
+                )
                 continue
             serials = None if serials is None else serials[rows]
             above = None if parent_links is None else parent_links[rows]
-            self._block_forwarder.send(now, path, links[rows], payloads.take(rows), above, serials)
+            self._block_forwarder.send(
+                now, path, links[rows], payloads.take(rows), parent_links=above, parent_serials=serials
+            )
 
     def _duplicate(self, now: Time, arrival: Time, link: DirectedLink, frame: Frame) -> None:
         # the channel is the copy's true sender, so the original sender's serials do not shift
         sender = f"{link.link_name}.channel"
-        copy = link.make_frame(sender, now, frame.payload, frame.src, frame.dst, frame.id)
+        copy = link.make_frame(sender, now, frame.payload, frame.src, frame.dst, parent=frame.id)
         self._schedule_arrival(arrival, link, copy, None)
 
     def _schedule_arrival(self, arrival: Time, link: DirectedLink, frame: Frame, trail: list[Frame] | None) -> None:
@@ -456,15 +461,16 @@ class Network:
             return
         end_journey(frame, Fate.DELIVERED, arrival)
         for monitor in link.arrival_monitors:
-            monitor.take_frame(arrival, link.number, frame, True)
+            monitor.take_frame(arrival, link.number, frame, received=True)
         trail.append(frame)
-        for route, target in hops:
+        for hop in hops:
+            route, target = hop
             if route.select is not None and not route.select(frame.payload):
                 continue
             sent = ceil_to(arrival, route.service_ns)
-            child = target.make_frame(route.endpoint, sent, frame.payload, route.endpoint, target.dst, frame.id)
+            child = hop.forward(sent, frame)
             for monitor in target.send_monitors:
-                monitor.take_frame(sent, target.number, child, False)
+                monitor.take_frame(sent, target.number, child, received=False)
             if target.fused is not None:
                 self._follow_fused(sent, target, target.fused, child, trail)
             else:
@@ -491,21 +497,23 @@ class Network:
         queue = link.processing
         if link.receiver_taps:
             end = len(link.receiver_taps) if queue is None else link.defended_from
-            passed = self._pass_taps(now, link, frame, position, False, end)
+            passed = self._pass_taps(now, link, frame, position=position, sending=False, end=end)
             if passed is None:
                 return
             frame = passed
         if queue is None:
             self._deliver(now, link, frame)
         else:
-            self._queue_for_processing(now, queue, Job(link.name, frame, max(position, link.defended_from), False))
+            self._queue_for_processing(
+                now, queue, Job(link.name, frame, max(position, link.defended_from), sending=False)
+            )
 
     def _deliver(self, now: Time, link: DirectedLink, frame: Frame) -> None:
         """Hand a frame to the mailbox and the routes of its receiver."""
         end_journey(frame, Fate.DELIVERED, now)
         self._observers.report_frames([frame])
         for monitor in link.arrival_monitors:
-            monitor.take_frame(now, link.number, frame, True)
+            monitor.take_frame(now, link.number, frame, received=True)
         box = link.mailbox
         if box is not None:
             box.singles.append(Arrival(link.port, now, frame.payload, frame.src, frame.id))
@@ -541,9 +549,9 @@ class Network:
             slot = taps[job.position]
             cost_ns = 0 if job.served else slot.find_cost_ns(now, job.frame)
             if cost_ns:
-                self._spend(now, queue, job, cost_ns, False)
+                self._spend(now, queue, job, cost_ns, final=False)
                 return
-            passed = self._pass_taps(now, link, job.frame, job.position, sending, job.position + 1)
+            passed = self._pass_taps(now, link, job.frame, position=job.position, sending=sending, end=job.position + 1)
             if passed is None:
                 queue.end()
                 return
@@ -551,15 +559,15 @@ class Network:
         if sending:
             self._transmit(now, link, job.frame, end)
         elif queue.service_ns and not job.served:
-            self._spend(now, queue, job, queue.service_ns, True)
+            self._spend(now, queue, job, queue.service_ns, final=True)
             return
         else:
             self._deliver(now, link, job.frame)
         queue.end()
 
-    def _spend(self, now: Time, queue: ProcessingQueue, job: Job, service_ns: Time, final: bool) -> None:
+    def _spend(self, now: Time, queue: ProcessingQueue, job: Job, service_ns: Time, *, final: bool) -> None:
         job.served = True
-        self._push(queue.serve(now, service_ns, final), job.link, job.frame, PROCESS, queue)
+        self._push(queue.serve(now, service_ns, final=final), job.link, job.frame, PROCESS, queue)
 
     def _list_waiting(self) -> list[Event]:
         """Frames that wait at endpoints, as events: as if they had arrived when they will be processed."""
@@ -581,10 +589,8 @@ class Network:
     def _forward_queued(self, now: Time, queue: RouteQueue) -> None:
         queue.due = None
         frames, queue.frames = queue.frames, []
-        route, link = queue.hop
         for frame in frames:
-            child = link.make_frame(route.endpoint, now, frame.payload, route.endpoint, link.dst, frame.id)
-            self._transmit(now, link, child, 0)
+            self._transmit(now, queue.hop.link, queue.hop.forward(now, frame), 0)
 
     def _push(self, time: Time, link: str, frame: Frame, code: int, data: Any) -> None:
         heappush(self.heap, ((time << 3) | DELIVERY, link, frame.sender, frame.serial, code, data))

@@ -8,14 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from skyrange.contracts.alerts import Alert, find_problem
-from skyrange.contracts.channel_orders import ChannelOrder
+from skyrange.contracts.alerts import Alert, Scalar, find_problem
 from skyrange.contracts.components import Observer, ReceivedSensors, SensorObserver, World
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame, FrameBlock
 from skyrange.contracts.links import Act
-from skyrange.contracts.mailboxes import Note
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.mailboxes import ChannelOrder, Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import FrameId
@@ -80,7 +77,9 @@ class ObserverList:
     ) -> None:
         """Label what a tap did to a frame, or that it injected one; a tap of no attack is not labelled."""
         if slot.attack is not None:
-            self._report_act(slot.attack, _label(slot.attack.plan, now, slot.name, action, frame, child, until))
+            self._report_act(
+                slot.attack, _label(slot.attack.plan, now, slot.name, action, frame, child=child, until=until)
+            )
 
     def label_fault_act(self, now: Time, attack: ActState, fault: str, action: str, act: FrameId) -> None:
         """Label what a sensor or body fault did to a vehicle; `act` names the sensor or part of the body as a link."""
@@ -128,6 +127,7 @@ def _label(
     actor: str,
     action: str,
     frame: FrameId,
+    *,
     child: FrameId | None = None,
     until: Time | None = None,
 ) -> Label:

@@ -11,11 +11,12 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import ProcessingLimit
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Time
+from skyrange.core.whole_numbers import worth_noting
 
 
 @dataclass(slots=True)
@@ -87,7 +88,7 @@ class ProcessingQueue:
         self._incoming -= not job.sending
         return job
 
-    def serve(self, now: Time, service_ns: Time, final: bool) -> Time:
+    def serve(self, now: Time, service_ns: Time, *, final: bool) -> Time:
         """Spend a time on the current frame, the last one if `final`: when it ends."""
         self._until, self._final = now + service_ns, final
         return self._until
@@ -114,6 +115,6 @@ class ProcessingQueue:
     def count_overflow(self, frame: FrameId) -> Note | None:
         """Count a frame that found no place; a note of the 1st, 2nd, 4th, 8th …, so that no flood fills the record."""
         self._overflows += 1
-        if self._overflows & (self._overflows - 1):
+        if not worth_noting(self._overflows):
             return None
         return Note("event.processing_overflow", self.endpoint, {"count": self._overflows}, (frame,))

@@ -128,7 +128,7 @@ def place_taps(wiring: Wiring, links: Mapping[str, DirectedLink], attacks: Mappi
                     nearest(placement.attack, attacks),
                 )
         if placement.side == AIR:
-            slots += _place_radio(wiring, f"taps[{number}]", placement, matched, links, attack, slots)
+            slots += _place_radio(wiring, f"taps[{number}]", placement, matched, links, attack=attack, placed=slots)
             continue
         for spec in matched:
             ends = placement.find_ends(spec)
@@ -167,6 +167,7 @@ def _place_radio(
     placement: TapPlacement,
     matched: Sequence[LinkSpec],
     links: Mapping[str, DirectedLink],
+    *,
     attack: ActState | None,
     placed: Sequence[TapSlot],
 ) -> list[TapSlot]:

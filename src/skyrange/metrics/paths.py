@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import decode, dialect
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.metrics.time_series import Ints, Record, Track, Vehicle

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow.compute as pc
 
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.core.ids import endpoint
 from skyrange.core.time import NS_PER_S
 from skyrange.metrics.defences import remote_id_trust

@@ -279,7 +279,7 @@ class Oracle:
             why = "not a broadcast" if not rows.valid[row] else "not for the air" if not good[row] else "does not fit"
             self.refused[why] += 1
             count = self.refused[why]
-            if count & (count - 1) == 0:  # 1, 2, 4, 8 …: a flood must not fill the record
+            if worth_noting(count):
                 about = self.ports[columns.places.item(row)].link
                 ref = inbox.arrival(columns.order.item(row)).ref
                 outbox.note("event.bad_broadcast", ENDPOINT, {"link": about, "why": why, "count": count}, (ref,))

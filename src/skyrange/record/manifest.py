@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from skyrange.core.errors import InputError, Problem
-from skyrange.core.files import atomic_write
+from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, parse_json, read_input
 from skyrange.core.geodesy import Origin
-from skyrange.core.input_files import MAX_RECORD_BYTES, parse_json, read_input
 from skyrange.core.time import Epoch
 from skyrange.record.schema import FORMAT
 

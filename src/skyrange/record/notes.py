@@ -9,9 +9,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from skyrange.contracts.alerts import Alert
+from skyrange.contracts.alerts import Alert, Scalar
 from skyrange.contracts.mailboxes import Note
-from skyrange.contracts.scalars import Scalar
 from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import Time, to_seconds

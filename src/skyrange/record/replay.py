@@ -14,8 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.frame import Fate
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Fate, Ints, Payloads
 from skyrange.contracts.monitors import MonitorPlacement, ObservedFrames, find_ends, make_monitor, serve_monitor
 from skyrange.core.ids import Port, originator_id
 from skyrange.core.time import Time, from_seconds
@@ -121,7 +120,7 @@ def _frames(ports: Sequence[Port], tables: Sequence[pa.Table]) -> ObservedFrames
     """Rows in order as a monitor gets them."""
     none = np.zeros(0, dtype=np.int64)
     if not tables:
-        return ObservedFrames(ports, none, none > 0, none, Payloads.of([]), [], none, none)
+        return ObservedFrames(ports, none, none > 0, none, payloads=Payloads.of([]), names=[], src=none, dst=none)
     table = pa.concat_tables(tables).combine_chunks()
     src, dst = (table.column(name).to_pylist() for name in ("src", "dst"))
     numbers = {name: number for number, name in enumerate(sorted({*src, *dst}))}
@@ -130,8 +129,8 @@ def _frames(ports: Sequence[Port], tables: Sequence[pa.Table]) -> ObservedFrames
         table.column("place").to_numpy(),
         table.column("received").to_numpy() > 0,
         table.column("at_ns").to_numpy(),
-        payload_column(table.column("payload")),
-        list(numbers),
-        np.array([numbers[name] for name in src], dtype=np.int64),
-        np.array([numbers[name] for name in dst], dtype=np.int64),
+        payloads=payload_column(table.column("payload")),
+        names=list(numbers),
+        src=np.array([numbers[name] for name in src], dtype=np.int64),
+        dst=np.array([numbers[name] for name in dst], dtype=np.int64),
     )

@@ -1,4 +1,4 @@
-"""Schema of a run's record: the columns of each table with type, unit and meaning.
+"""Schema of a run's record: the columns of each table with type, unit and meaning, and the tables of each level.
 
 The writer, the reader and the documentation use the same definitions. Every Parquet file contains the unit and
 meaning of each column as Arrow field metadata.
@@ -7,10 +7,14 @@ meaning of each column as Arrow field metadata.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
 
 import pyarrow as pa
+
+from skyrange.core.errors import InputError
 
 FORMAT = "skyrange.run/1"
 """The format of a run's folder; the number is raised when older readers can no longer read it."""
@@ -37,6 +41,11 @@ class Column:
     unit: str
     meaning: str
     nullable: bool = False
+
+
+def _nullable(name: str, kind: pa.DataType, unit: str, meaning: str) -> Column:
+    """A column that may have rows without a value."""
+    return Column(name, kind, unit, meaning, nullable=True)
 
 
 _F64 = pa.float64()
@@ -158,11 +167,11 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("src", NAME, "", "the source that the frame claims"),
         Column("dst", NAME, "", "the destination that the frame claims"),
         Column("sent_ns", _I64, "ns", f"time of sending, {_TIME}"),
-        Column("arrived_ns", _I64, "ns", f"time of delivery, {_TIME}; null if it was not delivered", True),
+        _nullable("arrived_ns", _I64, "ns", f"time of delivery, {_TIME}; null if it was not delivered"),
         Column("fate", NAME, "", "delivered, lost, overflow, dropped, replaced or in_flight"),
         Column("payload_id", _I64, "", "its payload, a key of the payloads table"),
         Column("size", pa.int32(), "byte", "the payload's length"),
-        Column("parent", TEXT, "", "id of the frame it forwards, alters or duplicates", True),
+        _nullable("parent", TEXT, "", "id of the frame it forwards, alters or duplicates"),
         Column("causes", _TEXTS, "", "ids of the frames that commanded it"),
     ),
     "payloads": (
@@ -177,8 +186,8 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("actor", NAME, "", "the tap, agent, sensor fault or body fault that acted"),
         Column("action", NAME, "", "drop, delay, replace, inject, send, sensor or body"),
         Column("frame", TEXT, "", "id of the frame acted on or put on the link, or of an act on a sensor or a body"),
-        Column("child", TEXT, "", "id of the frame that a replacement put in its place", True),
-        Column("until_ns", _I64, "ns", f"time until which a delay holds the frame, {_TIME}", True),
+        _nullable("child", TEXT, "", "id of the frame that a replacement put in its place"),
+        _nullable("until_ns", _I64, "ns", f"time until which a delay holds the frame, {_TIME}"),
         Column(
             "benign",
             pa.bool_(),
@@ -213,60 +222,58 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("rssi_dbm", _F32, "dBm", "signal strength"),
         Column("frame", NAME, "", "id of the frame on rid_up that was transmitted; no receiver knows it"),
         Column("radio", NAME, "", "the radio that truly sent it, a vehicle or an attack's; no receiver knows it"),
-        Column("mac", NAME, "", "address of the sender as claimed; null if the record lacks the frame", True),
-        Column("counter", _I32, "", "the sender's message counter, 0 to 255", True),
-        Column("valid", pa.bool_(), "", "whether the body is a message or a pack of F3411", True),
-        Column("messages", NAME, "", "types of the messages in the body, in order; a number if reserved", True),
-        Column("version", _I32, "", "protocol version: 2 is F3411-22a", True),
-        Column("uas_id", NAME, "", "UAS id of the first Basic ID; a UUID or session id as text", True),
-        Column("id_type", _I32, "", "1 serial number, 2 CAA registration, 3 UTM UUID, 4 session id", True),
-        Column("ua_type", _I32, "", "kind of aircraft: 1 aeroplane, 2 helicopter or multirotor … 15 other", True),
-        Column("second_uas_id", NAME, "", "UAS id of the second Basic ID", True),
-        Column("second_id_type", _I32, "", "type of the second UAS id", True),
-        Column("status", _I32, "", "0 undeclared, 1 on the ground, 2 airborne, 3 emergency, 4 failure", True),
-        Column("lat_deg", _F64, "deg", "claimed latitude, WGS 84", True),
-        Column("lon_deg", _F64, "deg", "claimed longitude, WGS 84", True),
-        Column("alt_geo_m", _F64, "m", "claimed height above the WGS 84 ellipsoid", True),
-        Column("alt_baro_m", _F64, "m", "claimed pressure altitude, against 1013.25 hPa", True),
-        Column("height_m", _F64, "m", "claimed height above what height_type says", True),
-        Column("height_type", _I32, "", "0 above the take-off, 1 above the ground", True),
-        Column("east_m", _F64, "m", "claimed position east of the origin, from lat_deg and lon_deg", True),
-        Column("north_m", _F64, "m", "the same, north of the origin", True),
-        Column("up_m", _F64, "m", "claimed height above the ground, from alt_geo_m", True),
-        Column("speed_mps", _F64, "m/s", "claimed speed over ground; 254.25 or faster", True),
-        Column("vertical_mps", _F64, "m/s", "claimed climb rate", True),
-        Column("track_deg", _F64, "deg", "claimed course over ground from true north", True),
-        Column("timestamp_s", _F64, "s", "claimed time of the position, since the full hour of UTC", True),
-        Column(
-            "timestamp_age_s", _F64, "s", "time_ns less timestamp_s, modulo 1 h: -1800 to 1800; negative: ahead", True
-        ),
-        Column("timestamp_accuracy", _I32, "0.1 s", "accuracy of timestamp_s; 0 unknown", True),
-        Column("horizontal_accuracy", _I32, "", "code of F3411: 9 below 30 m, 10 below 10 m, 11 below 3 m …", True),
-        Column("vertical_accuracy", _I32, "", "code of F3411 for alt_geo_m: 4 below 10 m, 5 below 3 m …", True),
-        Column("baro_accuracy", _I32, "", "the same for alt_baro_m", True),
-        Column("speed_accuracy", _I32, "", "code of F3411: 2 below 3 m/s, 3 below 1 m/s, 4 below 0.3 m/s", True),
-        Column("operator_lat_deg", _F64, "deg", "claimed latitude of the operator", True),
-        Column("operator_lon_deg", _F64, "deg", "claimed longitude of the operator", True),
-        Column("operator_alt_geo_m", _F64, "m", "claimed height of the operator above the ellipsoid", True),
-        Column("operator_location_type", _I32, "", "0 take-off, 1 live GNSS, 2 fixed", True),
-        Column("area_count", _I32, "", "aircraft in the area", True),
-        Column("area_radius_m", _F64, "m", "radius of the area", True),
-        Column("area_ceiling_m", _F64, "m", "ceiling of the area above the ellipsoid", True),
-        Column("area_floor_m", _F64, "m", "floor of the area above the ellipsoid", True),
-        Column("classification", _I32, "", "0 undeclared, 1 EU", True),
-        Column("category", _I32, "", "EU: 1 open, 2 specific, 3 certified", True),
-        Column("ua_class", _I32, "", "EU: 1 to 7 are C0 to C6", True),
-        Column("system_timestamp_s", _I64, "s", "claimed time of the System message, since 2019-01-01 UTC", True),
-        Column("operator_id", NAME, "", "operator id", True),
-        Column("operator_id_type", _I32, "", "0 is the operator id", True),
-        Column("self_id", NAME, "", "the Self-ID's text", True),
-        Column("description_type", _I32, "", "type of the Self-ID: 0 text, 1 emergency, 2 extended status", True),
-        Column("auth_type", _I32, "", "type of the Authentication, such as 1 signature of the UAS id", True),
-        Column("auth_page", _I32, "", "the first Authentication page in the body", True),
-        Column("auth_last_page", _I32, "", "number of the last page, told by page 0", True),
-        Column("auth_length", _I32, "byte", "length of the data on all pages, told by page 0", True),
-        Column("auth_timestamp_s", _I64, "s", "claimed time of the Authentication, since 2019-01-01 UTC", True),
-        Column("auth_data", pa.binary(), "", "data of the pages in the body", True),
+        _nullable("mac", NAME, "", "address of the sender as claimed; null if the record lacks the frame"),
+        _nullable("counter", _I32, "", "the sender's message counter, 0 to 255"),
+        _nullable("valid", pa.bool_(), "", "whether the body is a message or a pack of F3411"),
+        _nullable("messages", NAME, "", "types of the messages in the body, in order; a number if reserved"),
+        _nullable("version", _I32, "", "protocol version: 2 is F3411-22a"),
+        _nullable("uas_id", NAME, "", "UAS id of the first Basic ID; a UUID or session id as text"),
+        _nullable("id_type", _I32, "", "1 serial number, 2 CAA registration, 3 UTM UUID, 4 session id"),
+        _nullable("ua_type", _I32, "", "kind of aircraft: 1 aeroplane, 2 helicopter or multirotor … 15 other"),
+        _nullable("second_uas_id", NAME, "", "UAS id of the second Basic ID"),
+        _nullable("second_id_type", _I32, "", "type of the second UAS id"),
+        _nullable("status", _I32, "", "0 undeclared, 1 on the ground, 2 airborne, 3 emergency, 4 failure"),
+        _nullable("lat_deg", _F64, "deg", "claimed latitude, WGS 84"),
+        _nullable("lon_deg", _F64, "deg", "claimed longitude, WGS 84"),
+        _nullable("alt_geo_m", _F64, "m", "claimed height above the WGS 84 ellipsoid"),
+        _nullable("alt_baro_m", _F64, "m", "claimed pressure altitude, against 1013.25 hPa"),
+        _nullable("height_m", _F64, "m", "claimed height above what height_type says"),
+        _nullable("height_type", _I32, "", "0 above the take-off, 1 above the ground"),
+        _nullable("east_m", _F64, "m", "claimed position east of the origin, from lat_deg and lon_deg"),
+        _nullable("north_m", _F64, "m", "the same, north of the origin"),
+        _nullable("up_m", _F64, "m", "claimed height above the ground, from alt_geo_m"),
+        _nullable("speed_mps", _F64, "m/s", "claimed speed over ground; 254.25 or faster"),
+        _nullable("vertical_mps", _F64, "m/s", "claimed climb rate"),
+        _nullable("track_deg", _F64, "deg", "claimed course over ground from true north"),
+        _nullable("timestamp_s", _F64, "s", "claimed time of the position, since the full hour of UTC"),
+        _nullable("timestamp_age_s", _F64, "s", "time_ns less timestamp_s, modulo 1 h: -1800 to 1800; negative: ahead"),
+        _nullable("timestamp_accuracy", _I32, "0.1 s", "accuracy of timestamp_s; 0 unknown"),
+        _nullable("horizontal_accuracy", _I32, "", "code of F3411: 9 below 30 m, 10 below 10 m, 11 below 3 m …"),
+        _nullable("vertical_accuracy", _I32, "", "code of F3411 for alt_geo_m: 4 below 10 m, 5 below 3 m …"),
+        _nullable("baro_accuracy", _I32, "", "the same for alt_baro_m"),
+        _nullable("speed_accuracy", _I32, "", "code of F3411: 2 below 3 m/s, 3 below 1 m/s, 4 below 0.3 m/s"),
+        _nullable("operator_lat_deg", _F64, "deg", "claimed latitude of the operator"),
+        _nullable("operator_lon_deg", _F64, "deg", "claimed longitude of the operator"),
+        _nullable("operator_alt_geo_m", _F64, "m", "claimed height of the operator above the ellipsoid"),
+        _nullable("operator_location_type", _I32, "", "0 take-off, 1 live GNSS, 2 fixed"),
+        _nullable("area_count", _I32, "", "aircraft in the area"),
+        _nullable("area_radius_m", _F64, "m", "radius of the area"),
+        _nullable("area_ceiling_m", _F64, "m", "ceiling of the area above the ellipsoid"),
+        _nullable("area_floor_m", _F64, "m", "floor of the area above the ellipsoid"),
+        _nullable("classification", _I32, "", "0 undeclared, 1 EU"),
+        _nullable("category", _I32, "", "EU: 1 open, 2 specific, 3 certified"),
+        _nullable("ua_class", _I32, "", "EU: 1 to 7 are C0 to C6"),
+        _nullable("system_timestamp_s", _I64, "s", "claimed time of the System message, since 2019-01-01 UTC"),
+        _nullable("operator_id", NAME, "", "operator id"),
+        _nullable("operator_id_type", _I32, "", "0 is the operator id"),
+        _nullable("self_id", NAME, "", "the Self-ID's text"),
+        _nullable("description_type", _I32, "", "type of the Self-ID: 0 text, 1 emergency, 2 extended status"),
+        _nullable("auth_type", _I32, "", "type of the Authentication, such as 1 signature of the UAS id"),
+        _nullable("auth_page", _I32, "", "the first Authentication page in the body"),
+        _nullable("auth_last_page", _I32, "", "number of the last page, told by page 0"),
+        _nullable("auth_length", _I32, "byte", "length of the data on all pages, told by page 0"),
+        _nullable("auth_timestamp_s", _I64, "s", "claimed time of the Authentication, since 2019-01-01 UTC"),
+        _nullable("auth_data", pa.binary(), "", "data of the pages in the body"),
     ),
     "features": (
         Column("time_ns", _I64, "ns", f"start of the interval, a multiple of 1 / features_hz, {_TIME}"),
@@ -281,7 +288,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("in_flight", _I32, "", "on their way when the run ended"),
         Column("size_bytes", _I64, "byte", "payloads of all frames sent"),
         Column("latency_sum_ns", _I64, "ns", "latencies of the delivered frames; divide by delivered for the mean"),
-        Column("latency_max_ns", _I64, "ns", "the longest of these; null if none was delivered", True),
+        _nullable("latency_max_ns", _I64, "ns", "the longest of these; null if none was delivered"),
         Column("heartbeats", _I32, "", "frames sent that are a MAVLink HEARTBEAT"),
         Column("commands", _I32, "", "frames sent that are COMMAND_LONG, COMMAND_INT, COMMAND_ACK or SET_MODE"),
         Column("missions", _I32, "", "frames sent that are a message MISSION_… of MAVLink's mission protocol"),
@@ -294,8 +301,8 @@ TELEMETRY = (
     Column("time_ns", _I64, "ns", f"time of reception by the ground station, {_TIME}"),
     Column("operator", NAME, "", "the operator of the ground station"),
     Column("vehicle", NAME, "", "the aircraft at the other end of the gcs link"),
-    Column("system_id", _I32, "", "MAVLink system id of the sender; null for undecodable bytes", True),
-    Column("component_id", _I32, "", "MAVLink component id of the sender; null for undecodable bytes", True),
+    _nullable("system_id", _I32, "", "MAVLink system id of the sender; null for undecodable bytes"),
+    _nullable("component_id", _I32, "", "MAVLink component id of the sender; null for undecodable bytes"),
 )
 """The columns with which the telemetry of every MAVLink message begins, a table for each; its fields follow."""
 
@@ -369,3 +376,44 @@ def telemetry_columns(fields: Iterable[Column]) -> tuple[Column, ...]:
     return TELEMETRY + tuple(
         replace(field, name=field.name + "_") if field.name in taken else field for field in fields
     )
+
+
+FULL: Final = "full"
+STUDY: Final = "study"
+SUMMARY: Final = "summary"
+
+LEVELS: Final = (FULL, STUDY, SUMMARY)
+"""From most to least."""
+
+ALL_MESSAGES: Final = "telemetry"
+"""Stands for the tables of all MAVLink messages."""
+
+_STUDY: Final = frozenset(
+    {"truth", "sensors", "received_sensors", "decisions", "events", "labels", "alerts", "observations", "features"}
+)
+_SUMMARY: Final = frozenset({"decisions", "events", "alerts"})
+_KEPT: Final = {FULL: frozenset({*TABLES, ALL_MESSAGES}), STUDY: _STUDY, SUMMARY: _SUMMARY}
+
+RECORDED: Final = {FULL: frozenset(TABLES) - DERIVED, STUDY: _STUDY, SUMMARY: _SUMMARY}
+"""The tables whose rows a recorder writes; what a run at level `full` has besides is derived from them."""
+
+
+def level_of(manifest: Mapping[str, Any]) -> str:
+    """The level at which a run was recorded, by its manifest; those of older versions do not say it."""
+    record = manifest.get("record")
+    level = record.get("level") if isinstance(record, Mapping) else None
+    return str(level) if level in LEVELS else FULL
+
+
+def keeps(manifest: Mapping[str, Any], table: str) -> bool:
+    """Whether a run with this manifest has a table of `schema.TABLES`, or "telemetry", perhaps without rows."""
+    return table in _KEPT[level_of(manifest)]
+
+
+def require_table(folder: Path | str, level: str, table: str) -> None:
+    """Raise `InputError` if a run that was recorded at `level` into `folder` does not keep a table."""
+    if table in _KEPT[level]:
+        return
+    enough = " or ".join(f'"{one}"' for one in reversed(LEVELS) if table in _KEPT[one])
+    hint = f"It has no {table}. Run it again with --set record.level=full: the fingerprint is the same."
+    raise InputError.one(str(folder), "record.level", level, f"a run recorded with [record] level = {enough}", hint)

@@ -14,11 +14,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Payloads
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import hash64
 from skyrange.record.digests import Digests, Words
-from skyrange.record.file_hashes import check_file
+from skyrange.record.folder import check_file
 from skyrange.record.read.run import RunRecord
 from skyrange.record.read.telemetry import FOLDER, count_messages
 from skyrange.record.write.rows.payloads import PayloadDeduplicator

@@ -41,7 +41,7 @@ from skyrange.codec.f3411.columns import (
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.remote_id.link_payload import ANY_CHANNEL, NO_RSSI, Transport
 from skyrange.codec.remote_id.link_payload import pack_rows as link_rows
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Ints, Payloads
 from skyrange.core.chance import Chance
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64

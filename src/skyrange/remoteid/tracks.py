@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from skyrange.codec.f3411 import Status, values
 from skyrange.codec.f3411.columns import LocationColumns
 from skyrange.codec.remote_id.link_payload import RidColumns
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.contracts.references import NO_REF
 from skyrange.core.compiled import compiled
 from skyrange.core.geodesy import Origin

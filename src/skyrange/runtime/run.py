@@ -21,9 +21,8 @@ from skyrange.core.time import NS_PER_S, Time, from_seconds, to_seconds
 from skyrange.kernel import Kernel
 from skyrange.radio.oracle import Oracle
 from skyrange.record import Recorder
-from skyrange.runtime.garbage_collection import collect_seldom
 from skyrange.runtime.interrupt import Interruptible
-from skyrange.runtime.memory import peak_memory_mb
+from skyrange.runtime.memory import collect_seldom, peak_memory_mb
 from skyrange.runtime.pace import Pace, resolve_speed
 from skyrange.runtime.warm_up import warm_up
 from skyrange.scenario.model.scenario import Scenario

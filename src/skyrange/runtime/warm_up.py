@@ -13,9 +13,9 @@ from typing import Final
 from skyrange.assembly.build import build
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel import Kernel
-from skyrange.scenario.model.autopilots import Autopilots
+from skyrange.scenario.model.fleet import Autopilots
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.scenario.toml_reader import load_file
+from skyrange.scenario.toml_files import load_file
 
 WARM_UP_NS: Final[Time] = 30 * NS_PER_S
 """Simulated time that is flown: most aircraft have armed, taken off and flown by then."""

@@ -12,11 +12,9 @@ from skyrange.core.lazy_exports import export_lazily
 if TYPE_CHECKING:
     from skyrange.radio.control_link.params import BaseStation, CellularParams, WifiParams
     from skyrange.scenario.model.attacks import AttackTable, FaultTable, When
-    from skyrange.scenario.model.autopilots import Autopilots
-    from skyrange.scenario.model.defences import DefenceCost, DefenceTable
-    from skyrange.scenario.model.detectors import DetectorTable
-    from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
-    from skyrange.scenario.model.links import Link
+    from skyrange.scenario.model.defences import DefenceCost, DefenceTable, DetectorTable
+    from skyrange.scenario.model.fleet import Autopilots, Fleet, Start, Vehicle
+    from skyrange.scenario.model.links import Link, Processing
     from skyrange.scenario.model.operators import Operator
     from skyrange.scenario.model.plan import (
         Fence,
@@ -31,13 +29,12 @@ if TYPE_CHECKING:
         route,
         square,
     )
-    from skyrange.scenario.model.processing import Processing
     from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, Verify
     from skyrange.scenario.model.scenario import City, Grid, Live, Origin, Record, Scenario, Sensors, Wind, json_schema
     from skyrange.scenario.shipped import SHIPPED
     from skyrange.scenario.shipped import load as load_scenario
-    from skyrange.scenario.toml_reader import load_text as load_toml
-    from skyrange.scenario.toml_writer import to_toml
+    from skyrange.scenario.toml_files import load_text as load_toml
+    from skyrange.scenario.toml_files import to_toml
 
 __all__ = [
     "SHIPPED",
@@ -88,7 +85,24 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    __getattr__ = export_lazily(__name__)
+    __getattr__ = export_lazily(
+        __name__,
+        {
+            "skyrange.radio.control_link.params": "BaseStation CellularParams WifiParams",
+            "skyrange.scenario.model.attacks": "AttackTable FaultTable When",
+            "skyrange.scenario.model.defences": "DefenceCost DefenceTable DetectorTable",
+            "skyrange.scenario.model.fleet": "Autopilots Fleet Start Vehicle",
+            "skyrange.scenario.model.links": "Link Processing",
+            "skyrange.scenario.model.operators": "Operator",
+            "skyrange.scenario.model.plan": (
+                "Fence FenceCircle FencePolygon Path Plan Route Square mission_file path route square"
+            ),
+            "skyrange.scenario.model.radio": "Avoidance Radio Receiver RemoteId Verify",
+            "skyrange.scenario.model.scenario": "City Grid Live Origin Record Scenario Sensors Wind json_schema",
+            "skyrange.scenario.shipped": "SHIPPED load=load_scenario",
+            "skyrange.scenario.toml_files": "load_text=load_toml to_toml",
+        },
+    )
 
 
 def __dir__() -> list[str]:

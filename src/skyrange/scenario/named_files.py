@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from skyrange.core.errors import MAX_LINES, InputError, Problem, nearest
-from skyrange.core.input_files import MAX_TEXT_BYTES, expand_user, read_input
+from skyrange.core.files import MAX_TEXT_BYTES, expand_user, read_input
 from skyrange.scenario.validation.error_messages import spell_path
 
 FILE_KEYS = frozenset({"file", "buildings", "table"})

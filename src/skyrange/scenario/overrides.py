@@ -20,12 +20,12 @@ from typing import Any
 from pydantic import BaseModel
 
 from skyrange.core.errors import InputError, Problem, nearest
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import expand_user
 from skyrange.core.whole_numbers import parse_whole
 from skyrange.scenario.model.operators import operator_names, vehicle_names
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.named_files import FILE_KEYS
-from skyrange.scenario.validation.field_path import element_of, model_of, type_below, value_of
+from skyrange.scenario.validation.error_messages import element_of, model_of, type_below, value_of
 
 _KEY = re.compile(r'"([^"]+)"|([^."]+)')
 

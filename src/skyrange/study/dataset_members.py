@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from skyrange.core.errors import InputError
-from skyrange.core.input_files import MAX_TEXT_BYTES, read_input
+from skyrange.core.files import MAX_TEXT_BYTES, read_input
 from skyrange.dataset.members import SCENARIO, Member, Scalar
 from skyrange.study.design.blocks import city_of
 from skyrange.study.design.factors import CITY

@@ -42,7 +42,22 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    __getattr__ = export_lazily(__name__)
+    __getattr__ = export_lazily(
+        __name__,
+        {
+            "skyrange.testing.checks.agents": "check_agent",
+            "skyrange.testing.checks.approval_services": "check_approval",
+            "skyrange.testing.checks.attacks": "check_attack check_fault",
+            "skyrange.testing.checks.avoidance": "check_avoidance",
+            "skyrange.testing.checks.defences": "check_defence",
+            "skyrange.testing.checks.engines": "check_engine",
+            "skyrange.testing.checks.media": "check_medium",
+            "skyrange.testing.checks.monitors": "check_monitor",
+            "skyrange.testing.checks.taps": "check_tap",
+            "skyrange.testing.drivers.messages": "InputMessage MessageRecorder",
+            "skyrange.testing.rules": "NonConformance",
+        },
+    )
 
 
 def __dir__() -> list[str]:

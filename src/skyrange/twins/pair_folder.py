@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
-from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
+from skyrange.core.files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
 from skyrange.record import RunRecord, load
 from skyrange.statistics.means import Interval, estimate_mean
 from skyrange.twins.arms import NOMINAL, SHAM

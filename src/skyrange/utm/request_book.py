@@ -125,7 +125,7 @@ class RequestBook:
 
     def _refuse(self, operator: str, arrival: Arrival, response: Response, out: Outbox) -> None:
         count = self.bad_frames[operator] = self.bad_frames[operator] + 1
-        if count & (count - 1) == 0:  # powers of two: a flood must not fill the record
+        if worth_noting(count):
             reason = response.body.message if isinstance(response.body, ErrorBody) else ""
             out.note("decision.approval_bad_request", operator, {"count": count, "reason": reason}, (arrival.ref,))
         out.send(arrival.port, encode(response), (arrival.ref,))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect, message_id
 from skyrange.codec.mavlink.message_columns import message_ids
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Payloads
 from skyrange.contracts.links import Channel, LinkSpec, Route
 from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time

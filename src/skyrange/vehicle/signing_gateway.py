@@ -11,7 +11,7 @@ from typing import Final
 
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink.signing import Signer, SigningKey, is_signed
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.verdicts import Replace, Verdict
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Time

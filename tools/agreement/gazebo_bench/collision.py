@@ -13,7 +13,7 @@ from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.record import load as load_record
 from skyrange.runtime.run import Run
-from skyrange.scenario.model.autopilots import Autopilots
+from skyrange.scenario.model.fleet import Autopilots
 from skyrange.scenario.model.scenario import Operator, Origin, Record, Scenario, Sensors, Start, Vehicle, path
 from skyrange.world.world import World
 from tools.agreement.gazebo_bench.fleets import PHYSICS, versions

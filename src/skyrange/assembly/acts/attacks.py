@@ -8,12 +8,10 @@ from fnmatch import fnmatchcase
 from functools import partial
 from typing import Any
 
-from skyrange.assembly.acts.exclusions import Acting, find_exclusions, window_of
+from skyrange.assembly.acts.conflicts import Acting, find_exclusions, find_unread, window_of
 from skyrange.assembly.acts.honest_arm import HonestAircraft, aircraft_of, carried, find_claim_problems, is_honest
-from skyrange.assembly.acts.own_sensors import find_unread
 from skyrange.assembly.control_links import describe_to_attackers
-from skyrange.assembly.radio import uas_id_of
-from skyrange.assembly.radio_checks import check_place
+from skyrange.assembly.radio import check_place, uas_id_of
 from skyrange.assembly.remote_id_keys import AdversaryKeys, find_anchors
 from skyrange.attack.contract import (
     Aircraft,

@@ -13,10 +13,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.plugins.fields import reads_fields
+from skyrange.contracts.frames import Frame, FrameBlock, Ints
+from skyrange.contracts.plugins.form import reads_fields
 from skyrange.contracts.verdicts import Delay, Drop, Verdict
 from skyrange.core.time import NEVER, NS_PER_US, Time, from_seconds
 

@@ -26,8 +26,7 @@ from skyrange.attack.tapped_links import (
 )
 from skyrange.codec.mavlink import message_id
 from skyrange.contracts.components import Floats
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame, FrameBlock
 from skyrange.contracts.links import NetworkPlace, RadioSite, TapPlacement
 from skyrange.contracts.plugins.fields import param, state
 from skyrange.contracts.verdicts import Direction, Inject, Verdict, Verdicts

@@ -19,7 +19,7 @@ from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.codec.remote_id.noise_request import CONTINUED, NoiseRequest, pack
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.params import Enu, Number, Whole
-from skyrange.contracts.plugins.fields import param, state
+from skyrange.contracts.plugins.form import param, state
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time

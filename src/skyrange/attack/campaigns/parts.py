@@ -16,10 +16,10 @@ from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Threat
 from skyrange.attack.exclusive import common
 from skyrange.attack.radio import down_link, transmitter, up_link
 from skyrange.attack.tapped_links import TapMaker, place_taps
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.contracts.plugins.declaration import MakeKind
+from skyrange.contracts.plugins.form import MakeKind
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import Port

@@ -9,7 +9,7 @@ from skyrange.attack.campaigns.params import CampaignKind, move_acts
 from skyrange.attack.campaigns.parts import make_parts
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.time import Time, from_seconds
 
 

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field
 import skyrange.plugin as sky
 from skyrange.attack.tapped_links import LEARNED
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.alerts import Scalar
 
 Subject = Literal["parameters", "mission", "fence", "rally", "logs"]
 _TYPES: Final = {

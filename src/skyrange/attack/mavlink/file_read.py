@@ -11,7 +11,7 @@ from skyrange.attack.bases.mavlink.file_client import FileClient, FileRequest
 from skyrange.attack.tapped_links import LEARNED
 from skyrange.codec.ardupilot_files import missions, parameters
 from skyrange.codec.mavlink.file_transfer import DATA_BYTES, Opcode, Transfer
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.alerts import Scalar
 
 MAX_FILES: Final = 1000
 """Files that it reads: an aircraft may list any number."""

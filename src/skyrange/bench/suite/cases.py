@@ -16,7 +16,7 @@ from skyrange.bench.fleet import FleetOptions
 from skyrange.bench.isolation import run_in_process
 from skyrange.bench.suite.results import Better, Measure
 from skyrange.core.errors import InputError, nearest
-from skyrange.runtime.utm.requirements import check_installed
+from skyrange.runtime.utm import check_installed
 
 __all__ = ["BENCHMARKS", "Benchmark", "Case", "find_benchmarks"]
 

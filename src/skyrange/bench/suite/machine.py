@@ -22,7 +22,7 @@ from skyrange.bench.live import busy_s
 from skyrange.bench.suite.results import Load, Machine, Memory
 from skyrange.bench.yardstick import yardstick_us
 from skyrange.core.errors import InputError
-from skyrange.core.input_files import MIB, read_input
+from skyrange.core.files import MIB, read_input
 
 _CPUINFO = Path("/proc/cpuinfo")
 

@@ -9,8 +9,7 @@ from typing import Any, Final, Literal
 from pydantic import AwareDatetime, Field, JsonValue, ValidationError
 
 from skyrange.core.errors import InputError
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MAX_TEXT_BYTES, parse_json, read_input
+from skyrange.core.files import MAX_TEXT_BYTES, atomic_write, parse_json, read_input
 from skyrange.scenario.model.base import Model
 from skyrange.scenario.validation.error_messages import input_error
 

@@ -174,7 +174,7 @@ def map_progress(name: str, unit: str, *, quiet: bool) -> Iterator[OnMapProgress
 
 def compile_kernels(jobs: int | None = None, *, quiet: bool) -> int:
     """Compile the kernels that flights use and the cache lacks, with progress; returns their number."""
-    from skyrange.runtime.compilation.cache_filling import fill_cache
+    from skyrange.runtime.compilation import fill_cache
 
     with map_progress("compiling", "kernels", quiet=quiet) as show:
         return fill_cache(jobs, None if show is None else lambda done, total: show(done, total, None))
@@ -182,7 +182,7 @@ def compile_kernels(jobs: int | None = None, *, quiet: bool) -> int:
 
 def compile_if_cold(*, quiet: bool) -> None:
     """Compile kernels before a flight if this version has not done so. What an edit changes is compiled in flight."""
-    from skyrange.runtime.compilation.cache_filling import is_cold
+    from skyrange.runtime.compilation import is_cold
 
     if is_cold():
         compile_kernels(quiet=quiet)

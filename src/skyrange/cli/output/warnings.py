@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def print_warnings(scenario: Scenario) -> None:
     """Print what of a scenario is without effect, before it is flown; the manifest has it too, under `warnings`."""
-    from skyrange.assembly.battery_warnings import list_battery_warnings
+    from skyrange.assembly.aircraft import list_battery_warnings
 
     for line in shorten_warnings(list_battery_warnings(scenario)):
         print_notice(line)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from skyrange.codec.f3411 import MAX_PACK_MESSAGES, SIZE, MessageType, values
 from skyrange.codec.f3411.columns import Codes, Flags, Floats, LocationColumns, decode_locations
 from skyrange.codec.f3411.encode import PACK_HEADER, PAGE_0_DATA
-from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.contracts.frames import Bytes, Ints, Payloads
 
 Texts = NDArray[np.bytes_]
 """Text of a message without its trailing zeros, one character per byte (latin-1)."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from skyrange.codec.f3411 import MAX_PACK_MESSAGES, PROTOCOL_VERSION, SIZE, MessageType, values
 from skyrange.codec.f3411.encode import PACK_HEADER
-from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.contracts.frames import Bytes, Ints, Payloads
 from skyrange.core.compiled import compiled
 
 Floats = NDArray[np.float64]

@@ -26,7 +26,7 @@ from skyrange.codec.mavlink.frames import (
     SIGNED,
     Packer,
 )
-from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.contracts.frames import Bytes, Ints, Payloads
 from skyrange.core.compiled import compiled
 
 MessageTable = NDArray[Any]

@@ -9,7 +9,7 @@ from skyrange.codec.mission.items import MAX_FILE_BYTES, Mission
 from skyrange.codec.mission.qgc_plan import parse_plan
 from skyrange.codec.mission.qgc_wpl import parse_waypoints
 from skyrange.core.errors import InputError
-from skyrange.core.input_files import read_input
+from skyrange.core.files import read_input
 
 
 def read_mission(path: str | os.PathLike[str]) -> Mission:

@@ -27,7 +27,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.contracts.frames import Bytes, Ints, Payloads
 from skyrange.core.compiled import compiled
 from skyrange.core.errors import DecodeError
 

@@ -10,20 +10,78 @@
 An annotated name in the class is a field. With `param(…)` it is a parameter of scenarios, with another value or
 `state(…)` it is state that begins with that value, and without a value it is set in `prepare`. Instances have no other
 attributes, so all that they know can be copied, compared and forked.
+
+A decorator such as `attack` checks, makes and registers such a class by `declare`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from copy import deepcopy
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar, Final, Self, get_type_hints
 
-from pydantic import create_model, model_validator
+from pydantic import Field, create_model, model_validator
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
 
 from skyrange.contracts.params import Params, refuse
-from skyrange.contracts.plugins.fields import Param, State
-from skyrange.core.errors import InputError, Problem
+from skyrange.contracts.plugins.registry import Plugin, name_of_module, register
+from skyrange.core.errors import InputError, Problem, nearest
+
+MISSING: Final = PydanticUndefined
+
+
+@dataclass(frozen=True, slots=True)
+class Param:
+    """A parameter as declared: the constraints, default and description that its model gets."""
+
+    info: FieldInfo
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """A field that changes during a run; each instance begins with a value of its own."""
+
+    make: Callable[[], Any]
+
+
+def param(
+    description: str,
+    *,
+    default: Any = MISSING,
+    ge: float | None = None,
+    gt: float | None = None,
+    le: float | None = None,
+    lt: float | None = None,
+    strict: bool | None = None,
+    min_length: int | None = None,
+    max_length: int | None = None,
+) -> Any:
+    """A parameter. `description` begins with what it is; a unit belongs in the field's name as well.
+
+    Without `default` a scenario has to give it. The limits are those of pydantic's `Field`.
+    """
+    limits: dict[str, Any] = {
+        "ge": ge, "gt": gt, "le": le, "lt": lt, "strict": strict, "min_length": min_length, "max_length": max_length,
+    }  # fmt: skip
+    given = {name: limit for name, limit in limits.items() if limit is not None}
+    if default is not MISSING:
+        given["default"] = default
+    return Param(Field(description=description, **given))
+
+
+def reads_fields(method: Any, *arguments: Any) -> Any:
+    """A method for kinds with the fields that its arguments name; `declare` refuses a kind without one of them."""
+    method.field_names = tuple(one for one in arguments if isinstance(one, str))
+    return method
+
+
+def state(make: Callable[[], Any]) -> Any:
+    """A field that begins with `make()`, such as `state(dict)`. For a number or a text, `name: int = 0` does."""
+    return State(make)
+
 
 _IMMUTABLE: Final = (bool, int, float, complex, str, bytes, tuple, frozenset, type(None))
 
@@ -173,3 +231,59 @@ def check_copies(kind: Kind) -> None:
         except Exception as error:
             expected = "data that can be copied: no closure, generator, file or socket"
             raise InputError.one(place_of(type(kind)), name, f"{type(value).__name__}: {error}", expected) from error
+
+
+@dataclass(frozen=True, slots=True)
+class MakeKind:
+    """Makes the parts of a kind: an instance with the parameters, assembled in a context."""
+
+    kind: type[Kind]
+
+    def __call__(self, params: Any, context: Any) -> Any:
+        """The parts. Raises `InputError` for what does not fit the scenario."""
+        return self.kind.of(params).assemble(context)
+
+
+def declare(
+    kind: type, name: str, base: type[Kind], plugin: Callable[..., Plugin[Any, Any]], facts: Mapping[str, Any]
+) -> None:
+    """Check a class, make the model of its parameters, and register `plugin(params, make, about, **facts)` as `name`.
+
+    Raises `InputError` for a class without the base, a sentence that says what it does, methods that its base needs, or
+    fields that a method reads (`fields.reads_fields`); for a name that is not the path of its module; and for
+    parameters of which no model can be made.
+    """
+    where = place_of(kind)
+    if not (isinstance(kind, type) and issubclass(kind, base)):
+        raise InputError.one(
+            where, "bases", ", ".join(one.__name__ for one in kind.__bases__), f"{base.__name__} or one of its bases"
+        )
+    about = describe_kind(kind) if "__doc__" in vars(kind) else ""
+    if not about.endswith("."):
+        raise InputError.one(where, "docstring", about or "missing", "a sentence that says what it does")
+    for home in kind.__mro__:
+        for method in vars(home).get("needs", ()):
+            if getattr(kind, method, None) is vars(home).get(method):
+                raise InputError.one(where, "methods", "missing", f"{method}, which every {home.__name__} defines")
+    for method, made_for in vars(kind).items():
+        for field in getattr(made_for, "field_names", ()):
+            if not hasattr(kind, field):
+                hint = nearest(field, kind.declared_params)
+                raise InputError.one(where, method, field, "a parameter or other field of the kind", hint)
+    expected = name_of_module(kind.__module__)
+    if expected is not None and name != expected:
+        raise InputError.one(where, "name", name, f"{expected!r}, the path of its module")
+    kind.params_model = make_params_model(kind)
+    made = plugin(kind.params_model, MakeKind(kind), about, source=where, **facts)
+    register(made.group, name, made, at_home=expected is not None)
+    kind.plugin = made
+
+
+def plugin_of(kind: Any) -> Any:
+    """The plugin of a class with a decorator, and a plugin as it is. Raises `InputError` for a class without one."""
+    if isinstance(kind, type):
+        found = vars(kind).get("plugin")
+        if found is None:
+            raise InputError.one(place_of(kind), "decorator", "missing", "a decorator with the name of the kind")
+        return found
+    return kind

@@ -12,7 +12,7 @@ from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.tapped_links import ends_of
 from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.time import Time

@@ -10,7 +10,7 @@ from skyrange.attack.contract import Aircraft
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.tapped_links import TapMaker
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.ids import link_name

@@ -16,8 +16,8 @@ from typing import Annotated, Final
 from pydantic import AfterValidator, BeforeValidator, Field
 
 import skyrange.plugin as sky
-from skyrange.contracts.channel_orders import ChannelOrder
 from skyrange.contracts.channel_plans import EndReport
+from skyrange.contracts.mailboxes import ChannelOrder
 from skyrange.defence.placement import Alarm
 from skyrange.radio.control_link.wifi_link import BEACON_LOSS_COUNT, BEACON_NS
 from skyrange.radio.control_link.wifi_rates import MAX_RETRIES, MIN_SNIR_DB

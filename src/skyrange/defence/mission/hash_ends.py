@@ -18,7 +18,7 @@ from skyrange.attack.bases.mavlink.orders import read
 from skyrange.attack.tapped_links import ends_of
 from skyrange.codec.mavlink import Message, Packer, encode_payload, message_id, sender_system
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Drop, Inject, Verdict
 from skyrange.core.ids import FrameId

@@ -20,8 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from skyrange.contracts.frames.payloads import Ints
 from skyrange.core.errors import InputError
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MAX_RECORD_BYTES, read_input
+from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, read_input
 from skyrange.core.time import Time, from_seconds
 from skyrange.detect.episodes import MAX_SCORE
 from skyrange.detect.series import Floats

@@ -29,7 +29,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.compiled import compiled
 from skyrange.detect.messages import MessageHeads
 from skyrange.detect.streams import EventCounts

@@ -30,7 +30,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.compiled import compiled
 from skyrange.detect.messages import Flags, MessageHeads
 from skyrange.detect.series import Floats

@@ -19,6 +19,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds, to_seconds
 from skyrange.core.volumes import Volume4D
+from skyrange.core.whole_numbers import worth_noting
 from skyrange.gcs.flight import procedures
 from skyrange.gcs.flight.airspace_claim import AirspaceClaim, IntentSubmission
 from skyrange.gcs.flight.autopilot_dialogue import AUTOPILOT_COMPONENT, AutopilotDialogue, Progress

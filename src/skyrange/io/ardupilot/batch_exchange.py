@@ -152,7 +152,7 @@ def _segments() -> bool:
 
 
 @compiled
-def _send(
+def _send(  # noqa: PLR0917 - compiled
     rows: Ints,
     counts: Ints,
     sockets: NDArray[np.int32],
@@ -193,7 +193,7 @@ def _fill_envelope(lines: Bytes, lengths: Ints, peer: Bytes, envelope: Ints, par
 
 
 @compiled
-def _take(
+def _take(  # noqa: PLR0917 - compiled
     rows: Ints,
     wanted: Ints,
     sockets: NDArray[np.int32],

@@ -71,7 +71,7 @@ class Sitl:
         self._listeners = [_bound(socket.SOCK_STREAM) for _ in range(2)]
         for listener in self._listeners:
             listener.listen(1)
-            listener.setblocking(False)
+            listener.settimeout(0.0)
         self.serial: list[socket.socket | None] = [None, None]
         self._sticks = _bound_rc_port()
         sticks = self._sticks.getsockname()[1]
@@ -97,7 +97,7 @@ class Sitl:
             if self.serial[place] is None:
                 with contextlib.suppress(BlockingIOError):
                     connection, _ = listener.accept()
-                    connection.setblocking(False)
+                    connection.settimeout(0.0)
                     # data written between two steps must arrive in the next one, not when TCP decides to send it
                     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                     self.serial[place] = connection

@@ -1,4 +1,4 @@
-"""HTTP server with a limit on the number of connections and on the time that a client may take.
+"""HTTP server with a limit on the number of connections, the time that a client may take, and the size of bodies.
 
 aiohttp itself answers bytes that are not HTTP with 400, bounds lines, headers and pipelined requests, and closes a
 connection that sends no complete header within `patience_s`.
@@ -11,7 +11,21 @@ import logging
 from collections.abc import Awaitable, Callable
 from typing import Any
 
+import aiohttp
 from aiohttp import web
+
+
+async def read_bounded(content: aiohttp.StreamReader, announced: int | None, limit: int) -> bytes | None:
+    """A complete body, or `None` if it is longer than `limit` bytes; not much more than that is read."""
+    if announced is not None and announced > limit:
+        return None
+    body = bytearray()
+    async for chunk in content.iter_any():
+        body += chunk
+        if len(body) > limit:
+            return None
+    return bytes(body)
+
 
 MAX_CONNECTIONS = 128
 LINGER_S = 1.0

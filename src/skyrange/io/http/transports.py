@@ -18,11 +18,11 @@ from yarl import URL
 
 from skyrange.codec.mavlink.deframer import Piece
 from skyrange.core.errors import DecodeError
-from skyrange.io.addresses import OnNote, check_guarded, format_address, ignore_note, with_address, worth_noting
+from skyrange.core.whole_numbers import worth_noting
+from skyrange.io.addresses import OnNote, check_guarded, format_address, ignore_note, with_address
 from skyrange.io.http import frames as http_frames
-from skyrange.io.http.bodies import read_bounded
 from skyrange.io.http.frames import JSON_TYPE, MAX_BYTES
-from skyrange.io.http.limited_server import LimitedServer
+from skyrange.io.http.limited_server import LimitedServer, read_bounded
 from skyrange.io.mavlink.transports import LOOPBACK, Address, OnPiece
 
 ANSWER_S = 10.0
@@ -99,7 +99,7 @@ class HttpServerTransport:
 
         Raises `OSError` with an address that cannot be had, `InputError` with one beyond loopback without a token.
         """
-        check_guarded("HTTP", local, token is not None, _REMEDY)
+        check_guarded("HTTP", local, guarded=token is not None, remedy=_REMEDY)
         end = cls(on_piece, token, on_note, answer_s, patience_s)
         try:
             server = await asyncio.get_running_loop().create_server(end._limited, *local)
@@ -260,7 +260,7 @@ class HttpClientTransport:
 
         Raises `InputError` with an address beyond loopback without a token.
         """
-        check_guarded("HTTP", remote, token is not None, _REMEDY)
+        check_guarded("HTTP", remote, guarded=token is not None, remedy=_REMEDY)
         headers = {"Accept": JSON_TYPE, "Accept-Encoding": "identity", "Content-Type": JSON_TYPE}
         if token is not None:
             headers["Authorization"] = f"Bearer {token}"

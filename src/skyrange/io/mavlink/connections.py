@@ -185,7 +185,7 @@ class _Socket(MavlinkConnection):
     def _made(self, kind: socket.SocketKind) -> socket.socket:
         family = socket.AF_INET6 if ":" in self.address.host else socket.AF_INET
         made = self._socket = socket.socket(family, kind)
-        made.setblocking(False)
+        made.settimeout(0.0)
         return made
 
     @property

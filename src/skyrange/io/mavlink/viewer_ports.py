@@ -116,7 +116,7 @@ class ViewerPorts:
                 self.counts.turned_away += 1
                 connection.close()
                 return
-            connection.setblocking(False)
+            connection.settimeout(0.0)
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             viewer = _Viewer(place, connection)
             self._viewers[place].append(viewer)
@@ -161,7 +161,7 @@ def _listening(host: str, port: int) -> socket.socket:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING_BYTES)  # those that are accepted inherit it
         listener.bind((host, port))
         listener.listen(MAX_VIEWERS)
-        listener.setblocking(False)
+        listener.settimeout(0.0)
     except BaseException:
         listener.close()
         raise

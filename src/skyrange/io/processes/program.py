@@ -1,4 +1,4 @@
-"""Child processes that never outlive their parent, each in a folder of its own.
+"""Child processes that never outlive their parent, each in a folder of its own; and single runs of other programs.
 
 On Linux the kernel kills a child when the thread that started it ends (prctl(2), PR_SET_PDEATHSIG), so that even
 `kill -9` leaves no orphan; on other systems only an orderly end does. Start programs from a thread that stays.
@@ -14,11 +14,13 @@ import resource
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import weakref
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Final, NamedTuple
 
 from skyrange.core.errors import ComponentError
 
@@ -137,9 +139,8 @@ class Program:
                 )  # fmt: skip
         except OSError as error:
             raise ComponentError(name, f"cannot start {command[0]}: {error.strerror or error}") from error
-        self._end = weakref.finalize(
-            self, _kill, self._process, is_wrapper
-        )  # at the latest when it is collected, or at exit
+        # at the latest when it is collected, or at exit
+        self._end = weakref.finalize(self, _kill, self._process, is_wrapper=is_wrapper)
 
     @property
     def pid(self) -> int:
@@ -180,7 +181,7 @@ class Program:
         kept = [line for line in text.splitlines() if line.strip()]
         return "\n".join(kept[-lines:])
 
-    def set_stopped(self, stopped: bool) -> None:
+    def set_stopped(self, *, stopped: bool) -> None:
         """Stop the process (SIGSTOP) if `stopped`, else continue it (SIGCONT). Does nothing once it has ended."""
         if self.running:
             self._process.send_signal(signal.SIGSTOP if stopped else signal.SIGCONT)
@@ -231,13 +232,63 @@ class Watchdog:
                 if not self._stopped and time.monotonic() - self._kicked_s > self._after_s:
                     self._stopped = True
                     for program in self._programs:
-                        program.set_stopped(True)
+                        program.set_stopped(stopped=True)
 
 
-def _kill(process: subprocess.Popen[bytes], is_wrapper: bool) -> None:
+def _kill(process: subprocess.Popen[bytes], *, is_wrapper: bool) -> None:
     if process.poll() is None:
         if is_wrapper:
             os.killpg(process.pid, signal.SIGKILL)  # it leads a session of its own
         else:
             process.kill()
     process.wait()
+
+
+MAX_BYTES: Final = 1 << 20
+"""No more of the output is read."""
+
+_LOOK_S: Final = 0.005
+
+
+class ProgramOutput(NamedTuple):
+    """How a program ended ("exit 0", "signal SIGSEGV"), and its output, standard error included."""
+
+    ended: str
+    text: str
+
+
+def run_once(program: Path, *arguments: str, deadline_s: float, who: str = "") -> ProgramOutput:
+    """Run `program` with `arguments` in an empty folder, which is removed afterwards; its output.
+
+    Raises `ComponentError` in the name of `who` (the program, if not given) if it cannot be started, or has not ended
+    after `deadline_s` of wall time; it is killed then, with what it has started.
+    """
+    who = who or str(program)
+    until = time.monotonic() + deadline_s
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        try:
+            child = Program(who, [str(program), *arguments], folder, is_wrapper=True)
+        except ComponentError as error:
+            raise ComponentError(who, *_why(program, error.__cause__)) from None
+        try:
+            while child.running:
+                if time.monotonic() > until:
+                    call = f"`{' '.join(arguments)}`"
+                    raise ComponentError(who, f"did not answer {call} within {deadline_s:g} s of wall time")
+                time.sleep(_LOOK_S)
+        finally:
+            child.kill()
+        with (folder / OUTPUT).open("rb") as output:
+            return ProgramOutput(child.ended, output.read(MAX_BYTES).decode("utf-8", "replace"))
+
+
+def _why(program: Path, error: BaseException | None) -> tuple[str, str]:
+    """The reason why the program did not start, and a hint."""
+    if isinstance(error, FileNotFoundError) and program.exists():
+        hint = "On a system with musl (Alpine) programs built for glibc do not run."
+        return "the loader that it names is not on this machine", hint
+    problem = (isinstance(error, OSError) and error.strerror) or str(error)
+    return f"cannot be started: {problem.lower()}", (
+        "Is its folder mounted with noexec?" if isinstance(error, PermissionError) else ""
+    )

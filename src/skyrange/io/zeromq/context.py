@@ -1,21 +1,32 @@
-"""ZeroMQ context of one event loop, with the authenticator that decides which peers may connect.
+"""ZeroMQ context of one event loop: which peers may connect, and how many.
 
 pyzmq's authenticator is the ZAP handler of the context (https://rfc.zeromq.org/spec/27). Each socket that binds has a
 ZAP domain of its own, and with it the keys of the peers that may connect. A socket without keys lets everybody in, but
 has a domain too, since libzmq then refuses the ZMTP versions 1 and 2, to which nearly any bytes are frames.
+
+libzmq itself accepts as many connections as there are descriptors.
+The socket's monitor tells of each connection that libzmq accepted, with its descriptor. Above the limit a connection is
+shut down, and libzmq closes it. A connection is *pending* until it has sent as much as its handshake takes; then it has
+shown its key, or is one of loopback, where there are none. While pending ones are too many, the oldest is shut
+down: a peer of the range is not pending for more than a moment, and connects again if it was.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import socket
+import struct
 import threading
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 import zmq
 from zmq.auth.asyncio import AsyncioAuthenticator
+
+from skyrange.io.addresses import is_loopback
 
 AT_ONCE = 64
 """Messages that are taken from one socket before others have their turn."""
@@ -110,3 +121,103 @@ def watch_socket(
     loop.add_reader(number, look)
     loop.call_soon(look)
     return stop
+
+
+MAX_PENDING: Final = 64
+"""Connections that have not completed their handshake."""
+MAX_PENDING_OF_PEER: Final = 16
+"""Those of one address beyond loopback."""
+MAX_WITHOUT_KEY: Final = 128
+"""All connections of a socket without keys, where everybody completes the handshake."""
+_CURVE_BYTES: Final = 500
+"""Fewer than greeting, HELLO and INITIATE of CURVE have together (https://rfc.zeromq.org/spec/26): 64, 202 and 259."""
+_NULL_BYTES: Final = 65
+"""More than a greeting (https://rfc.zeromq.org/spec/23)."""
+_BYTES_RECEIVED: Final = 128
+"""Offset of `tcpi_bytes_received` in Linux's `struct tcp_info` (linux/tcp.h, since 4.1)."""
+
+
+@dataclass(slots=True)
+class ConnectionLimit:
+    """The open connections of one socket, in the order of their acceptance."""
+
+    with_keys: bool
+    shut_down: int = 0
+    """Connections that were shut down because there were too many."""
+    _open: dict[int, str] = field(default_factory=dict)
+    """The peer's address by descriptor."""
+    _pending: dict[int, str] = field(default_factory=dict)
+
+    def add(self, descriptor: int) -> None:
+        """A connection was accepted; shut down one if there are too many."""
+        host = _peer_of(descriptor)
+        if host is None:  # it has ended already
+            return
+        self._open[descriptor] = host
+        self._pending[descriptor] = host
+        of_peer = Counter(self._pending.values())[host]
+        if len(self._pending) > MAX_PENDING or (of_peer > MAX_PENDING_OF_PEER and not is_loopback(host)):
+            self._forget_completed()
+            self._shut_down_pending(host)
+        if not self.with_keys and len(self._open) > MAX_WITHOUT_KEY and descriptor in self._open:
+            self._shut_down(descriptor)
+
+    def remove(self, descriptor: int) -> None:
+        """A connection has ended."""
+        self._open.pop(descriptor, None)
+        self._pending.pop(descriptor, None)
+
+    def _forget_completed(self) -> None:
+        enough = _CURVE_BYTES if self.with_keys else _NULL_BYTES
+        for descriptor in [one for one in self._pending if _received_bytes(one) >= enough]:
+            del self._pending[descriptor]
+
+    def _shut_down_pending(self, host: str) -> None:
+        """Shut down the oldest pending connections, of `host` if that has too many, until few enough are left."""
+        own = [one for one, peer in self._pending.items() if peer == host]
+        if not is_loopback(host):
+            for descriptor in own[: max(len(own) - MAX_PENDING_OF_PEER, 0)]:
+                self._shut_down(descriptor)
+        for descriptor in list(self._pending)[: max(len(self._pending) - MAX_PENDING, 0)]:
+            self._shut_down(descriptor)
+
+    def _shut_down(self, descriptor: int) -> None:
+        self.remove(descriptor)
+        self.shut_down += 1
+        connection = socket.socket(fileno=descriptor)  # no descriptor more, which there may not be
+        try:
+            connection.shutdown(socket.SHUT_RDWR)
+        except OSError:  # it has ended
+            pass
+        finally:
+            connection.detach()
+
+
+def _peer_of(descriptor: int) -> str | None:
+    try:
+        connection = socket.socket(fileno=descriptor)
+    except (OSError, ValueError):
+        return None
+    try:
+        return str(connection.getpeername()[0])
+    except (OSError, IndexError):
+        return None
+    finally:
+        connection.detach()
+
+
+def _received_bytes(descriptor: int) -> int:
+    """The bytes that a connection has received; as many as there can be where the system does not tell (Linux does)."""
+    try:
+        connection = socket.socket(fileno=descriptor)
+    except OSError:
+        return 0
+    try:
+        facts = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _BYTES_RECEIVED + 8)
+        return int(struct.unpack_from("=Q", facts, _BYTES_RECEIVED)[0])
+    except (AttributeError, struct.error):
+        return 1 << 62
+    except OSError:
+        return 0
+    finally:
+        connection.detach()

@@ -20,7 +20,7 @@ import zmq
 import zmq.auth
 
 from skyrange.core.errors import InputError
-from skyrange.core.input_files import open_input, read_input
+from skyrange.core.files import open_input, read_input
 
 PUBLIC_SUFFIX = ".key"
 SECRET_SUFFIX = ".key_secret"  # noqa: S105 (the end of a name)

@@ -20,10 +20,10 @@ import zmq
 
 from skyrange.codec.mavlink.deframer import Piece
 from skyrange.core.errors import InputError
-from skyrange.io.addresses import OnNote, check_guarded, format_address, ignore_note, with_address, worth_noting
+from skyrange.core.whole_numbers import worth_noting
+from skyrange.io.addresses import OnNote, check_guarded, format_address, ignore_note, with_address
 from skyrange.io.mavlink.transports import LOOPBACK, Address, OnPiece
-from skyrange.io.zeromq.connection_limit import ConnectionLimit
-from skyrange.io.zeromq.context import AT_ONCE, ZmqContext, watch_socket
+from skyrange.io.zeromq.context import AT_ONCE, ConnectionLimit, ZmqContext, watch_socket
 from skyrange.io.zeromq.curve_keys import Keys
 
 MAX_BYTES = 65_536
@@ -89,6 +89,7 @@ class ZmqTransport:
         self,
         on_piece: OnPiece,
         address: Address,
+        *,
         binds: bool,
         keys: Keys | None,
         on_note: OnNote,
@@ -96,7 +97,7 @@ class ZmqTransport:
         queue: int,
     ) -> None:
         """Called by `bind` and `connect`."""
-        check_guarded("ZeroMQ", address, keys is not None, "Give both sides keys (`skyrange keys`).")
+        check_guarded("ZeroMQ", address, guarded=keys is not None, remedy="Give both sides keys (`skyrange keys`).")
         if keys is not None and not binds and len(keys.peers) != 1:
             raise InputError.one(
                 "ZeroMQ", format_address(address), f"{len(keys.peers)} peers' keys", "that of the peer that binds there"
@@ -156,7 +157,7 @@ class ZmqTransport:
         Raises `OSError` with an address that cannot be had, `InputError` with one beyond loopback without keys.
         `max_bytes` and `queue` have to fit the longest payload and burst: their product bounds the memory.
         """
-        return cls(on_piece, local, True, keys, on_note, max_bytes, queue)
+        return cls(on_piece, local, binds=True, keys=keys, on_note=on_note, max_bytes=max_bytes, queue=queue)
 
     @classmethod
     async def connect(
@@ -173,7 +174,7 @@ class ZmqTransport:
 
         Otherwise as `bind`; `keys.peers` holds the key of the peer that binds there, and no other.
         """
-        return cls(on_piece, remote, False, keys, on_note, max_bytes, queue)
+        return cls(on_piece, remote, binds=False, keys=keys, on_note=on_note, max_bytes=max_bytes, queue=queue)
 
     @property
     def address(self) -> Address:

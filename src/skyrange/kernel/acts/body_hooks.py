@@ -16,8 +16,7 @@ from skyrange.contracts.components import BodyHook, Disturbances, World
 from skyrange.core.errors import InputError, Problem, attribute_error
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
-from skyrange.kernel.acts.act_states import ActState, takes_effect
-from skyrange.kernel.acts.hook_acts import ActCounter, check_faults
+from skyrange.kernel.acts.act_states import ActCounter, ActState, check_faults, takes_effect
 
 
 class BodyHookInjector:

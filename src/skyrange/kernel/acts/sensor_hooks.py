@@ -23,8 +23,7 @@ from skyrange.core.arrays import as_read_only
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.kernel.acts.act_states import ActState, note_withheld, takes_effect
-from skyrange.kernel.acts.hook_acts import ActCounter, check_faults
+from skyrange.kernel.acts.act_states import ActCounter, ActState, check_faults, note_withheld, takes_effect
 
 _ARRAYS = tuple(field.name for field in fields(Sensors))
 _arrays_of = attrgetter(*_ARRAYS)

@@ -13,8 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyrange.core.errors import InputError
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MIB, read_input
+from skyrange.core.files import MIB, atomic_write, read_input
 from skyrange.parity.attacks.flights import (
     AttackAgreement,
     ComparedAttack,

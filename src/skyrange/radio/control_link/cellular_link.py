@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.contracts.links import OpenChannel, Uniforms
 from skyrange.contracts.medium import Floats
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.contracts.links import OpenChannel, RadioSite, Uniforms
 from skyrange.core.time import Time
 from skyrange.radio.control_link.interference import Interference

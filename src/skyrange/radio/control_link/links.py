@@ -16,6 +16,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port, hash64
 from skyrange.core.time import NS_PER_MS, Time
+from skyrange.core.whole_numbers import worth_noting
 from skyrange.radio.control_link.cellular_link import NO_CELL, CellularLink
 from skyrange.radio.control_link.channel_changes import ChannelChanges, FollowingJammers
 from skyrange.radio.control_link.foreign_radio import ForeignRadio
@@ -308,7 +309,7 @@ class ControlLinks:
         if link.params.protected:
             self._refused[link.name] += 1
             count = self._refused[link.name]
-            if count & (count - 1) == 0:  # 1, 2, 4, 8 …
+            if worth_noting(count):
                 out.note("event.management_frame_refused", link.name, {**what, "count": count}, (frame.ref,))
             return
         if frame.at_ns >= link.down_until:

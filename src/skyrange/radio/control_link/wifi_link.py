@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from hashlib import blake2b
 from typing import Any, Final, NamedTuple
 
-from skyrange.contracts.channel_orders import ChannelOrder, End
 from skyrange.contracts.channel_plans import EndReport, FrameOutcome
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.contracts.links import OpenChannel, Uniforms
+from skyrange.contracts.mailboxes import ChannelOrder, End
 from skyrange.contracts.medium import Floats
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 from skyrange.radio.control_link.interference import Interference

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from skyrange.core.errors import InputError
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MIB, parse_json, read_input
+from skyrange.core.files import MIB, atomic_write, parse_json, read_input
 from skyrange.radio.propagation.loss_table import LossGrid, LossTable, loss_table
 
 VERSION: Final = 1

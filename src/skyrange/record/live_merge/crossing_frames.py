@@ -8,10 +8,9 @@ from typing import Any
 
 import pyarrow as pa
 
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.core.time import NEVER, NS_PER_S, Time
-from skyrange.record.live_merge.frame_ids import UNRECORDED, LinkDirection
-from skyrange.record.live_merge.frame_matching import TOLERANCE_NS, FrameMatcher, SentFrame
+from skyrange.record.live_merge.frame_matching import TOLERANCE_NS, UNRECORDED, FrameMatcher, LinkDirection, SentFrame
 from skyrange.record.live_merge.node_record import FRAME_COLUMNS, INCOMING, NodeRecord
 from skyrange.record.read.time_order import merge_sorted
 
@@ -133,7 +132,7 @@ class CrossingMatcher:
             yield self._take_batch()
         for direction_key, matching in self._matching.items():
             for frame, overtaken in matching.remaining():
-                self._add_missing(direction_key, frame, overtaken)
+                self._add_missing(direction_key, frame, overtaken=overtaken)
             self.counts["ambiguous"] += matching.ambiguous
         yield self._take_batch()
 
@@ -141,13 +140,13 @@ class CrossingMatcher:
         direction_key = row[:2]
         matching = self._matching.get(direction_key)
         if matching is None:
-            matching = self._matching[direction_key] = FrameMatcher(self._directions[direction_key].reliable)
+            matching = self._matching[direction_key] = FrameMatcher(reliable=self._directions[direction_key].reliable)
         number = (row[_INDEX["part"]] << 48) | order  # parts are numbered in order of time
         frame = SentFrame(number, row[_INDEX["sent_ns"]], left, row[_INDEX["payload"]], row)
         if frame.sent_ns <= self._spans.end(self._directions[direction_key].dst) + TOLERANCE_NS:
             matching.add_sent(frame)
         else:
-            self._add_missing(direction_key, frame, False)
+            self._add_missing(direction_key, frame, overtaken=False)
 
     def _add_received(self, row: tuple[Any, ...]) -> None:
         direction_key = row[:2]
@@ -171,9 +170,9 @@ class CrossingMatcher:
     def _sweep(self, now: Time) -> None:
         for direction_key, matching in self._matching.items():
             for frame in matching.expired(now - TOLERANCE_NS):
-                self._add_missing(direction_key, frame, False)
+                self._add_missing(direction_key, frame, overtaken=False)
 
-    def _add_missing(self, direction_key: LinkDirection, frame: SentFrame[tuple[Any, ...]], overtaken: bool) -> None:
+    def _add_missing(self, direction_key: LinkDirection, frame: SentFrame[tuple[Any, ...]], *, overtaken: bool) -> None:
         spec = self._directions[direction_key]
         lost = self._spans.recorded(spec.dst, frame.left_ns) and (
             overtaken or self._spans.recorded(spec.dst, frame.left_ns + spec.grace_ns)

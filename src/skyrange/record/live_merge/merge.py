@@ -2,28 +2,33 @@
 
 Frames that crossed between nodes are matched first and spooled separately. Then the recorder of the whole run writes
 everything in order of time, under its true ids. Memory is bounded: rows are read in batches, several times.
+
+The same recovers the record of a range whose supervisor was killed, from the parts that it left behind.
 """
 
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import pyarrow as pa
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
+from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
-from skyrange.core.errors import SkyrangeError
+from skyrange.core.errors import InputError, SkyrangeError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER
+from skyrange.record.folder import PARTS
 from skyrange.record.live_merge.crossing_frames import ROWS, CrossingMatcher, RecordingSpans, direction_specs
-from skyrange.record.live_merge.frame_ids import FrameIdMap
-from skyrange.record.live_merge.node_record import INCOMING, NodeRecord
+from skyrange.record.live_merge.frame_matching import FrameIdMap
+from skyrange.record.live_merge.node_record import INCOMING, NodeRecord, attached_files
+from skyrange.record.manifest import MANIFEST, RUNNING, read_manifest
 from skyrange.record.read.time_order import merge_sorted, sort_by_time
 from skyrange.record.spool import SPOOL, Spool, read_spool
 from skyrange.record.write.recorder import Recorder
@@ -149,10 +154,10 @@ def _frames(parts: Sequence[NodeRecord], folder: Path, id_maps: Sequence[FrameId
                 serial,
                 src,
                 dst,
-                sent,
-                payload,
-                None if parent is None else names.resolve_text(parent),
-                tuple(map(names.resolve_text, causes)) if causes else (),
+                sent_ns=sent,
+                payload=payload,
+                parent=None if parent is None else names.resolve_text(parent),
+                causes=tuple(map(names.resolve_text, causes)) if causes else (),
             )
             end_journey(frame, Fate(fate), NEVER if arrived is None else arrived)
             yield frame
@@ -210,3 +215,29 @@ def _with_true_ids(rows: pa.Table, id_maps: Sequence[FrameIdMap]) -> pa.Table:
         place = rows.column_names.index(name)
         rows = rows.set_column(place, rows.field(place), [[getattr(id_, name) for id_ in true]])
     return rows
+
+
+ACTIVE_S: Final = 5.0
+"""A part that was written within this time may still be in use: recorders write every second."""
+_OF_THE_WHOLE: Final = {"format", "status", "skyrange", "versions", "platform", "record", "counts", "error", "spooled"}
+"""Entries that the new record's manifest sets itself."""
+
+
+def recover_run(run: Path, out: Path) -> None:
+    """Merge the parts in a live run's folder `run` into one record in `out`, a folder that does not exist or is empty.
+
+    The parts are not changed. The status of the record is `failed`, because the range did not end by itself. Raises
+    `InputError` if `run` has no parts or if they are still being written.
+    """
+    manifest = read_manifest(run)
+    parts = sorted(path.parent for path in (run / PARTS).glob(f"*/{MANIFEST}"))
+    if not parts:
+        hint = "A live range leaves parts behind if it was killed, or if the disk was too full to merge them."
+        raise InputError.one("merge", str(run), f"no parts in {PARTS}", "the folder of a live range with parts", hint)
+    newest = max(path.stat().st_mtime for part in parts for path in part.rglob("*"))
+    if manifest["status"] == RUNNING and time.time() - newest < ACTIVE_S:
+        raise InputError.one("merge", str(run), "still written to", "a range that has ended", "Stop it with Ctrl-C.")
+    header: dict[str, Any] = {key: value for key, value in manifest.items() if key not in _OF_THE_WHOLE}
+    why = {"error": manifest.get("error", "the supervisor was killed")}
+    settings = {key: value for key, value in manifest.get("record", {}).items() if key != "level"}  # which is full
+    merge(parts, out, header, status="failed", extra=why, files=attached_files(run), **settings)

@@ -12,13 +12,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.core.errors import InputError
 from skyrange.core.files import DRAFT
 from skyrange.core.time import NEVER, Time
 from skyrange.record.folder import PARTS
-from skyrange.record.live_merge.frame_ids import FrameIdMap, LinkDirection
-from skyrange.record.live_merge.frame_matching import TOLERANCE_NS
+from skyrange.record.live_merge.frame_matching import TOLERANCE_NS, FrameIdMap, LinkDirection
 from skyrange.record.manifest import MANIFEST
 from skyrange.record.read.run import load
 from skyrange.record.read.tables import Tables
@@ -142,7 +141,7 @@ class NodeRecord:
         if self.rows.get(name):
             yield from sort_by_time(lambda: self._numbered(name), key, ("row",))
 
-    def frames(self, crossing: bool) -> Iterator[pa.Table]:
+    def frames(self, *, crossing: bool) -> Iterator[pa.Table]:
         """The frames that crossed the node's border, or those that did not.
 
         Serials continue those of earlier parts. Columns are `FRAME_COLUMNS`, `payload`, `part`, `row`. Frames that
@@ -152,9 +151,9 @@ class NodeRecord:
         """
         if self.rows.get("frames"):
             key = ("key_ns", ("how", "order")) if crossing else ("sent_ns", ("link", "direction", "sender", "serial"))
-            yield from sort_by_time(lambda: self._classify_frames(crossing), *key)
+            yield from sort_by_time(lambda: self._classify_frames(crossing=crossing), *key)
 
-    def _classify_frames(self, crossing: bool) -> Iterator[pa.Table]:
+    def _classify_frames(self, *, crossing: bool) -> Iterator[pa.Table]:
         left = -NEVER
         for table in self._numbered("frames"):
             how = np.zeros(table.num_rows, dtype=np.int8)

@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.core.time import Time, from_seconds
 from skyrange.record.message_groups import GROUPS, group_messages
 from skyrange.record.read.station_frames import payload_column

@@ -12,20 +12,18 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.core.files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
 from skyrange.core.ids import FrameId
-from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
 from skyrange.core.time import to_seconds
 from skyrange.record.folder import check_folder_name
-from skyrange.record.levels import FULL, keeps, level_of
 from skyrange.record.manifest import RUNNING, origin_of, read_manifest, start_unix_ns_of
 from skyrange.record.notes import CRASH, OUTCOME, outcomes_of_events, vehicle_ids
-from skyrange.record.part_files import table_files
 from skyrange.record.read.features import count_features, features_period_ns, merge_features
 from skyrange.record.read.observations import derive_observations, observations_table
 from skyrange.record.read.tables import Tables
 from skyrange.record.read.telemetry import FOLDER, count_messages, is_message, message_batches, read_message
-from skyrange.record.schema import TABLES, arrow_schema
-from skyrange.record.spool import SPOOL
+from skyrange.record.schema import FULL, TABLES, arrow_schema, keeps, level_of
+from skyrange.record.spool import SPOOL, table_files
 
 
 class RecordedFrame(NamedTuple):
@@ -122,7 +120,7 @@ class RunRecord:
 
     @property
     def level(self) -> str:
-        """The level at which it was recorded: full, study or summary (`record.levels`)."""
+        """The level at which it was recorded: full, study or summary (`record.schema`)."""
         return level_of(self.manifest)
 
     def keeps(self, name: str) -> bool:

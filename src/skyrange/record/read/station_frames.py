@@ -26,8 +26,7 @@ from skyrange.codec.mavlink.message_columns import (
     payload_dtype,
     unpack_group,
 )
-from skyrange.contracts.frames.frame import Fate
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Fate, Ints, Payloads
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import endpoint, operator_of
 from skyrange.record.dictionaries import dictionary_array, unify_dictionaries

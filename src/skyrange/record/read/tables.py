@@ -7,17 +7,65 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError
-from skyrange.record.levels import FULL, require_table
-from skyrange.record.part_files import SpoolFile, shard_folders, spool_files, table_files, table_shards
-from skyrange.record.read.payload_window import PayloadWindow
-from skyrange.record.read.shards import interleave, time_key
-from skyrange.record.schema import NAME, TEXT, Column, arrow_schema, columns_of, truth_columns
-from skyrange.record.spool import read_stream
+from skyrange.record.read.time_order import interleave, time_key
+from skyrange.record.schema import (
+    FULL,
+    NAME,
+    PAYLOAD_WINDOW,
+    TEXT,
+    Column,
+    arrow_schema,
+    columns_of,
+    require_table,
+    truth_columns,
+)
+from skyrange.record.spool import SpoolFile, read_stream, shard_folders, spool_files, table_files, table_shards
+
+
+class PayloadWindow:
+    """Payloads by id. Rows are added in ascending order of their ids, and dropped when no frame can refer to them."""
+
+    def __init__(self) -> None:
+        self.newest = -1
+        """The greatest id so far."""
+        self._held: list[pa.RecordBatch] = []
+        self._table: pa.Table | None = None
+        """What is held, in one piece; None when it has changed."""
+
+    def add(self, batch: pa.RecordBatch) -> None:
+        """Add rows of `payloads`."""
+        if batch.num_rows:
+            self._held.append(batch)
+            self._table = None
+            self.newest = int(batch.column("payload_id")[-1].as_py())
+
+    def take(self, ids: NDArray[np.int64]) -> pa.Array:
+        """The payloads of `ids` up to the first that is missing."""
+        if not len(ids) or not self._held:
+            return pa.array([], pa.binary())
+        if self._table is None:
+            self._table = pa.Table.from_batches(self._held).combine_chunks()
+        known = self._table.column("payload_id").to_numpy()
+        places = np.minimum(np.searchsorted(known, ids), len(known) - 1)
+        missing = np.flatnonzero(known[places] != ids)
+        places = places[: missing[0]] if len(missing) else places
+        column = self._table.column("payload").take(pa.array(places))
+        return column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+
+    def drop_before_window(self, newest: int) -> None:
+        """Drop the payloads of earlier windows than that of id `newest`, to which a frame has referred."""
+        start = newest - newest % PAYLOAD_WINDOW  # later frames do not refer to earlier windows
+        if self._held and self._held[0].column("payload_id")[-1].as_py() < start:
+            self._held = [batch for batch in self._held if batch.column("payload_id")[-1].as_py() >= start]
+            self._table = None
+
 
 _SENT = "sent_ns"
 _Shard = Path | list[Path]
@@ -108,10 +156,10 @@ class Tables:
         shards, key = self._shards(name), time_key(whole)
         if len(shards) < 2 or key is None:
             for shard in shards:
-                yield from self._decoded(shard, name, schema, encoded)
+                yield from self._decoded(shard, name, schema, encoded=encoded)
             return
         keyed = schema if key in schema.names else schema.append(whole.field(key))
-        streams = [_tabled(self._decoded(shard, name, keyed, encoded)) for shard in shards]
+        streams = [_tabled(self._decoded(shard, name, keyed, encoded=encoded)) for shard in shards]
         for table in interleave(streams, key):
             yield from table.select(schema.names).combine_chunks().to_batches()
 
@@ -124,7 +172,7 @@ class Tables:
         """What each process has recorded of a table."""
         return self._roots() if self.spooled else table_shards((self.folder / f"{name}.parquet").absolute())
 
-    def _decoded(self, shard: _Shard, name: str, schema: pa.Schema, encoded: bool) -> Iterator[pa.RecordBatch]:
+    def _decoded(self, shard: _Shard, name: str, schema: pa.Schema, *, encoded: bool) -> Iterator[pa.RecordBatch]:
         names = names_of(schema) if encoded else []
         schema = encoded_schema(schema) if encoded else schema
         if isinstance(shard, Path):
@@ -214,7 +262,7 @@ class Tables:
         whole = arrow_schema(name)
         first = pa.schema([whole.field(0)], metadata=whole.metadata)
         shards = self._shards(name)
-        return sum(batch.num_rows for shard in shards for batch in self._decoded(shard, name, first, False))
+        return sum(batch.num_rows for shard in shards for batch in self._decoded(shard, name, first, encoded=False))
 
     def frames_with_payloads(
         self, columns: Sequence[str] | None = None, *, encoded: bool = False
@@ -228,24 +276,26 @@ class Tables:
         shards, held = self._shards("frames"), self._shards("payloads")
         if len(shards) < 2:
             for shard, stored in zip(shards, held, strict=False):
-                yield from self._frames_of(shard, stored, columns, encoded)
+                yield from self._frames_of(shard, stored, columns, encoded=encoded)
             return
         keyed = None if columns is None else list(dict.fromkeys([*columns, _SENT]))
-        streams = [self._frames_of(shard, stored, keyed, encoded) for shard, stored in zip(shards, held, strict=True)]
+        streams = [
+            self._frames_of(shard, stored, keyed, encoded=encoded) for shard, stored in zip(shards, held, strict=True)
+        ]
         for table in interleave(streams, _SENT):
             yield table if columns is None else table.select([*columns, "payload"])
 
     def _frames_of(
-        self, shard: _Shard, held: _Shard, columns: Sequence[str] | None, encoded: bool
+        self, shard: _Shard, held: _Shard, columns: Sequence[str] | None, *, encoded: bool
     ) -> Iterator[pa.Table]:
         """The frames of one shard, whose payloads are in `held`."""
         schema = self.schema("frames")
         if columns is not None:
             wanted = list(dict.fromkeys([*columns, "payload_id"]))
             schema = pa.schema([schema.field(column) for column in wanted], metadata=schema.metadata)
-        stored = self._decoded(held, "payloads", arrow_schema("payloads"), False)
+        stored = self._decoded(held, "payloads", arrow_schema("payloads"), encoded=False)
         window = PayloadWindow()
-        for batch in self._decoded(shard, "frames", schema, encoded):
+        for batch in self._decoded(shard, "frames", schema, encoded=encoded):
             ids = batch.column("payload_id").to_numpy()
             newest = int(ids.max(initial=-1))
             while window.newest < newest and (more := next(stored, None)) is not None:

@@ -12,11 +12,11 @@ import pyarrow.compute as pc
 
 from skyrange.codec.mavlink.frames import LAYOUTS
 from skyrange.codec.mavlink.message_columns import MessageGroup, message_columns, payload_dtype
-from skyrange.contracts.frames.payloads import Ints
-from skyrange.record.part_files import table_files
+from skyrange.contracts.frames import Ints
 from skyrange.record.read.station_frames import StationFrames, name_of, read_station_frames, text_column
 from skyrange.record.read.tables import BATCH_ROWS, Tables, encoded_schema
 from skyrange.record.schema import BAD_DATA, TEXT, Column, arrow_schema, telemetry_columns
+from skyrange.record.spool import table_files
 
 FOLDER: Final = "telemetry"
 """The folder of the tables of a run that ended: `telemetry/ATTITUDE.parquet`."""

@@ -10,8 +10,7 @@ import numpy as np
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import World
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame, FrameBlock
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.time import NS_PER_S, Time

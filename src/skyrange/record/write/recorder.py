@@ -18,28 +18,22 @@ import pyarrow as pa
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import ReceivedSensors, World
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame, FrameBlock
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import ComponentError, InputError
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import expand_user
 from skyrange.core.time import Time, to_seconds
 from skyrange.record.digests import Digests
-from skyrange.record.file_hashes import describe_bytes
-from skyrange.record.folder import make_folder, put_file, remove_folder, unwritable_error
-from skyrange.record.levels import FULL, LEVELS, SUMMARY
+from skyrange.record.folder import describe_bytes, make_folder, put_file, remove_folder, unwritable_error
 from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, describe_platform, epoch_of, write_manifest
 from skyrange.record.notes import outcomes, vehicle_ids
-from skyrange.record.part_files import shard_folder
-from skyrange.record.schema import FORMAT
-from skyrange.record.spool import SPOOL, Spool, write_error
+from skyrange.record.schema import FORMAT, FULL, LEVELS, SUMMARY
+from skyrange.record.spool import SPOOL, Spool, shard_folder, write_error
 from skyrange.record.write.files.finalisation import Shard, finalise, finish_shard
 from skyrange.record.write.files.part_writer import PART_ROWS, PartWriter, ignore_unfinished
-from skyrange.record.write.rates import check_rates, common_period_ns
-from skyrange.record.write.recording_state import RecordingState
-from skyrange.record.write.rows.receptions import ForeignSource, ReceptionSource
-from skyrange.record.write.waiting_rows import WaitingRows
+from skyrange.record.write.recording_state import RecordingState, check_rates, common_period_ns
+from skyrange.record.write.waiting_rows import ForeignSource, ReceptionSource, WaitingRows
 
 _BATCH_ROWS = 4_096  # frames encoded together: enough to vectorise, few enough to keep the garbage collector idle
 _BLOCK_ROWS = 16_384  # the same for blocks, which are few objects: two or three megabytes
@@ -58,6 +52,7 @@ class Recorder:
         manifest: dict[str, Any],
         state: RecordingState,
         spool: Spool,
+        *,
         spool_bytes: int,
         flush_s: float,
         writer: PartWriter | None,
@@ -105,7 +100,7 @@ class Recorder:
 
         `header` holds the manifest's entries about the scenario (name, seed, start_utc, origin, operators, vehicles,
         links, …). Truth and sensors are recorded at `truth_hz` and `sensors_hz` of simulated time; 0 records none.
-        `level` says which tables are kept (`record.levels`); at `study` frames are counted in intervals of
+        `level` says which tables are kept (`record.schema`); at `study` frames are counted in intervals of
         1 / `features_hz` seconds.
         With `csv` it ends with CSV files and tlogs of what ground stations received and sent, if it keeps frames.
         Rows are written every `flush_s` of wall time or every `spool_bytes`, which is also how many bytes of payloads
@@ -136,10 +131,12 @@ class Recorder:
         except (TypeError, ValueError) as error:
             remove_folder(folder, made)
             raise InputError.one("header", "manifest", str(error), "values that JSON can hold") from error
-        state = RecordingState.start(header, level, truth_hz, sensors_hz, features_hz, spool_bytes)
+        state = RecordingState.start(
+            header, level, truth_hz=truth_hz, sensors_hz=sensors_hz, features_hz=features_hz, window_bytes=spool_bytes
+        )
         spool = Spool(folder)
         writer = PartWriter(folder, manifest, spool, part_rows) if part_rows else None
-        return cls(folder, manifest, state, spool, spool_bytes, flush_s, writer, made)
+        return cls(folder, manifest, state, spool, spool_bytes=spool_bytes, flush_s=flush_s, writer=writer, made=made)
 
     @classmethod
     def join(
@@ -164,11 +161,19 @@ class Recorder:
             (root / SPOOL).mkdir(parents=True)
         except OSError as error:
             raise write_error(root, error) from error
-        state = RecordingState.start(header, level, truth_hz, sensors_hz, features_hz, spool_bytes, shard)
+        state = RecordingState.start(
+            header,
+            level,
+            truth_hz=truth_hz,
+            sensors_hz=sensors_hz,
+            features_hz=features_hz,
+            window_bytes=spool_bytes,
+            shard=shard,
+        )
         spool = Spool(root)
         manifest = {**header, "record": {"level": level}}
         writer = PartWriter(root, manifest, spool)
-        return cls(path, manifest, state, spool, spool_bytes, flush_s, writer, shard=shard)
+        return cls(path, manifest, state, spool, spool_bytes=spool_bytes, flush_s=flush_s, writer=writer, shard=shard)
 
     def leave(self) -> dict[str, Any]:
         """End a shard: write all its files; returns what `take_over` of shard 0 needs, as plain data."""
@@ -347,7 +352,9 @@ class Recorder:
         state, manifest = deepcopy(self._state), deepcopy(self._manifest)
         spool = Spool(folder, self._spool.segment)
         writer = self._writer.fork(folder, manifest, spool) if self._writer is not None else None
-        return Recorder(folder, manifest, state, spool, self._spool_bytes, self._flush_s, writer)
+        return Recorder(
+            folder, manifest, state, spool, spool_bytes=self._spool_bytes, flush_s=self._flush_s, writer=writer
+        )
 
     def __deepcopy__(self, memo: object) -> Recorder:
         raise TypeError("a Recorder owns a folder: use fork(path)")

@@ -1,17 +1,41 @@
-"""State of a recorder beside its rows: numbering, digests, counts, outcomes, and when truth and sensors are due."""
+"""State of a recorder beside its rows: numbering, digests, counts, outcomes, and the rates of truth and sensors."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import gcd
 from typing import Any, Final
 
-from skyrange.core.time import NEVER, Time
+from skyrange.core.errors import InputError, Problem
+from skyrange.core.time import NEVER, Time, from_seconds, to_seconds
 from skyrange.record.digests import Digests
-from skyrange.record.levels import RECORDED, STUDY, SUMMARY
-from skyrange.record.write.rates import period_ns
+from skyrange.record.schema import RECORDED, STUDY, SUMMARY
 from skyrange.record.write.rows.frame_encoder import FrameEncoder
-from skyrange.record.write.study.study_rows import StudyRows
+from skyrange.record.write.study import StudyRows
+
+
+def check_rates(truth_hz: float, sensors_hz: float, features_hz: float) -> None:
+    """Raise `InputError` for a rate outside 0 to 1000 Hz; features cannot be left out by a rate of 0."""
+    rates = {"record.truth_hz": truth_hz, "record.sensors_hz": sensors_hz}
+    expected = "a rate in Hz from 0 (not recorded) to 1000"
+    problems = [Problem(where, repr(rate), expected) for where, rate in rates.items() if not 0 <= rate <= 1000]
+    if not 0 < features_hz <= 1000:
+        problems.append(Problem("record.features_hz", repr(features_hz), "a rate in Hz above 0, up to 1000"))
+    if problems:
+        raise InputError("recorder", problems)
+
+
+def common_period_ns(truth_ns: Time, sensors_ns: Time) -> Time:
+    """The longest period whose multiples include those of both; a period of `NEVER` (not recorded) is ignored."""
+    wanted = [period for period in (truth_ns, sensors_ns) if period != NEVER]
+    return gcd(*wanted) if wanted else NEVER
+
+
+def period_ns(rate_hz: float) -> Time:
+    """The period of a rate in Hz; `NEVER` for 0."""
+    return min(from_seconds(min(1.0 / rate_hz, to_seconds(NEVER))), NEVER) if rate_hz else NEVER
+
 
 SHARD_PAYLOADS: Final = 1 << 48
 """Numbers of payloads that each shard may use."""
@@ -42,7 +66,7 @@ class RecordingState:
 
     @classmethod
     def start(
-        cls, header: Mapping[str, Any], level: str, truth_hz: float, sensors_hz: float, features_hz: float,
+        cls, header: Mapping[str, Any], level: str, *, truth_hz: float, sensors_hz: float, features_hz: float,
         window_bytes: int, shard: int = 0,
     ) -> RecordingState:  # fmt: skip
         """The state of a shard at the start; `window_bytes` is that of `FrameEncoder`, all else of `Recorder.open`."""

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from skyrange.codec.drip import encode_sam, since_2019_s, split_with_parity
 from skyrange.codec.f3411 import Authentication, MessagePack, encode
 from skyrange.codec.remote_id.link_payload import Transport
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.time import NEVER, Time
 from skyrange.remoteid.broadcast_profiles import TRANSPORTS, Broadcast
 from skyrange.remoteid.drip.sender import PAGE_NS, Kind, Sender

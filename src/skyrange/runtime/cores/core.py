@@ -15,7 +15,7 @@ import numpy as np
 
 from skyrange.assembly.aircraft import describe_engines
 from skyrange.assembly.build import BuiltScenario, build
-from skyrange.contracts.frames.blocks import DirectedLinkName, LinkTable
+from skyrange.contracts.frames import DirectedLinkName, LinkTable
 from skyrange.contracts.links import LinkSpec
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import Port, endpoint, vehicle_id
@@ -24,13 +24,18 @@ from skyrange.kernel import Kernel, Transit, Wiring
 from skyrange.radio.oracle import ENDPOINT as ORACLE
 from skyrange.radio.oracle import Oracle
 from skyrange.record import Recorder
-from skyrange.runtime.cores.acts import keep_own_acts
-from skyrange.runtime.cores.division import Crossing, Division, Endpoints, find_barriers, find_service_times
+from skyrange.runtime.cores.division import (
+    Crossing,
+    Division,
+    Endpoints,
+    find_barriers,
+    find_service_times,
+    keep_own_acts,
+)
 from skyrange.runtime.cores.exchange import CoreFailedError, Member, Topic
-from skyrange.runtime.cores.fleet_motion import FleetMotion
 from skyrange.runtime.cores.frame_messages import pack_transits, unpack_transits
 from skyrange.runtime.cores.oracle_replica import OracleReplica, arrive_ahead
-from skyrange.runtime.cores.separation import Approach, Separation
+from skyrange.runtime.cores.separation import Approach, FleetMotion, Separation
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.world.airframes import AIRFRAMES
@@ -128,7 +133,7 @@ class Core:
         )
         oracle = self.built.oracle
         ahead = all(part["ahead"] for part in parts)
-        replica = None if oracle is None else self._replicate(oracle, ahead)
+        replica = None if oracle is None else self._replicate(oracle, ahead=ahead)
         wiring = self.built.wiring
         if self.member.number:
             wiring = keep_own_acts(wiring, self._division.binding.divisible)
@@ -179,7 +184,7 @@ class Core:
             if reason:
                 raise CoreFailedError(f"core {core}", reason)
 
-    def advance(self, until: Time, stop: bool) -> bool:
+    def advance(self, until: Time, *, stop: bool) -> bool:
         """Run to the next barrier, no later than `until`; returns whether the first core has asked to stop there.
 
         Raises `ApproachError` on all cores alike.
@@ -190,16 +195,16 @@ class Core:
             barrier = min((kernel.now // self.period_ns + 1) * self.period_ns, until)
             outbound = kernel.advance(barrier, self._inbound)
             self._inbound = []
-            self._post(barrier, outbound, stop)
+            self._post(barrier, outbound, stop=stop)
             order, last = 0, barrier == until
             # at the end all of it, because of the frames that are under way
             while len(self._posted) > (0 if last or order & _STOP else self.lag):
-                order |= self._collect(last)
+                order |= self._collect(last=last)
             return bool(order & _STOP)
         finally:
             self.wall_s += time.perf_counter() - began
 
-    def _post(self, now: Time, outbound: list[Transit], stop: bool) -> None:
+    def _post(self, now: Time, outbound: list[Transit], *, stop: bool) -> None:
         """Give the other cores frames and positions at a barrier."""
         member = self.member
         world = self.built.wiring.world
@@ -220,7 +225,7 @@ class Core:
         member.post(Topic.BARRIER, now, b"".join([head, motion, *packed]))
         self._posted.append(now)
 
-    def _collect(self, last: bool) -> int:
+    def _collect(self, *, last: bool) -> int:
         """Take over what all cores posted at the earliest barrier that is left; returns what they order. After the last
         barrier nobody flies on, so no aircraft can come too near.
         """
@@ -273,7 +278,7 @@ class Core:
     def _gather(self, topic: Topic, now: Time, value: Any) -> list[bytes]:
         return self.member.gather(topic, now, json.dumps(value).encode())
 
-    def _replicate(self, oracle: Oracle, ahead: bool) -> OracleReplica:
+    def _replicate(self, oracle: Oracle, *, ahead: bool) -> OracleReplica:
         radio = self._scenario.radio
         operators = {} if radio is None else {one.id: one.operator for one in radio.receivers}
         radios = [
@@ -282,7 +287,7 @@ class Core:
             if self._is_own(endpoint(operators[one.name], "gcs") if one.name in operators else f"{one.name}.companion")
         ]
         table = _number_links(self.built.wiring.links, {port: place for place, port in enumerate(oracle.ports)})
-        return OracleReplica(oracle, self.member, FleetMotion(self._fleet), table, radios, ahead)
+        return OracleReplica(oracle, self.member, FleetMotion(self._fleet), table, radios, ahead=ahead)
 
     def _is_own(self, end: str) -> bool:
         """Whether an endpoint is on this core and on no other."""

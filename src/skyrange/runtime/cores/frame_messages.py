@@ -10,9 +10,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 
-from skyrange.contracts.frames.blocks import FrameBlock, LinkTable
-from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Fate, Frame, FrameBlock, LinkTable, Payloads
 from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.ids import FrameId, Port
 from skyrange.kernel import Transit
@@ -42,8 +40,8 @@ def unpack_transits(data: bytes) -> Iterator[Transit]:
     for row, payload in _unpack_rows(data, 9) if data else ():
         arrival, link, name, direction, sender, serial, src, dst, sent_ns, _, parent, causes = row
         frame = Frame(
-            name, direction, sender, serial, src, dst, sent_ns, payload,
-            None if parent is None else FrameId(*parent), tuple(FrameId(*cause) for cause in causes),
+            name, direction, sender, serial, src, dst, sent_ns=sent_ns, payload=payload,
+            parent=None if parent is None else FrameId(*parent), causes=tuple(FrameId(*cause) for cause in causes),
         )  # fmt: skip
         yield Transit(arrival, link, frame)
 
@@ -141,7 +139,14 @@ def _unpack_blocks(data: bytes, at: int, links: LinkTable) -> Iterator[FrameBloc
     for when in np.unique(arrived).tolist():
         chosen = np.flatnonzero(arrived == when)
         yield FrameBlock(
-            links, numbers[chosen], serials[chosen], int(sent[chosen[0]]), when, Fate.DELIVERED, payloads, chosen
+            links,
+            numbers[chosen],
+            serials[chosen],
+            int(sent[chosen[0]]),
+            when,
+            Fate.DELIVERED,
+            payloads=payloads,
+            rows=chosen,
         )
 
 

@@ -21,7 +21,7 @@ import numpy as np
 import pyarrow as pa
 
 from skyrange.contracts.components import Floats, World
-from skyrange.contracts.frames.blocks import LinkTable
+from skyrange.contracts.frames import LinkTable
 from skyrange.contracts.links import Channel
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.medium import Receptions
@@ -32,8 +32,8 @@ from skyrange.kernel import Wiring
 from skyrange.radio.oracle import ENDPOINT, STEP_NS, Oracle
 from skyrange.runtime.cores.division import find_service_times
 from skyrange.runtime.cores.exchange import Member, Topic
-from skyrange.runtime.cores.fleet_motion import FleetMotion
 from skyrange.runtime.cores.frame_messages import list_transmissions, merge_inboxes, pack_inbox, unpack_inbox
+from skyrange.runtime.cores.separation import FleetMotion
 
 _SIZE: Final = struct.Struct("<q")
 
@@ -78,7 +78,14 @@ class OracleReplica:
     """An oracle as a truth subscriber of one core's kernel (contract: `contracts.components.TruthSubscriber`)."""
 
     def __init__(
-        self, oracle: Oracle, member: Member, motion: FleetMotion, links: LinkTable, radios: Sequence[str], ahead: bool
+        self,
+        oracle: Oracle,
+        member: Member,
+        motion: FleetMotion,
+        links: LinkTable,
+        radios: Sequence[str],
+        *,
+        ahead: bool,
     ) -> None:
         """`links` are those of every kernel; `radios` those here, ground receivers of the operators here included.
         `motion` is for this replica alone. `ahead` is whether on all cores all `arrive_ahead`.

@@ -18,8 +18,8 @@ from skyrange.core.time import Time, to_seconds
 from skyrange.runtime.cores.core import ApproachError, Core
 from skyrange.runtime.cores.division import Division
 from skyrange.runtime.cores.exchange import CoreFailedError, Exchange, Member
-from skyrange.runtime.garbage_collection import collect_seldom
 from skyrange.runtime.interrupt import Interruptible
+from skyrange.runtime.memory import collect_seldom
 from skyrange.runtime.pace import Pace
 from skyrange.runtime.run import OnProgress, open_record, summarise_timings
 from skyrange.scenario.model.scenario import Scenario
@@ -57,7 +57,9 @@ def run_on_cores(
             process.start()
         member = exchange.join(0)
         try:
-            return _lead(scenario, division, asked, member, out, Pace(speed), interrupt, on_progress)
+            return _lead(
+                scenario, division, asked, member, out, pace=Pace(speed), interrupt=interrupt, on_progress=on_progress
+            )
         except CoreFailedError as error:
             raise _explain(error, processes) from error
         finally:
@@ -70,7 +72,7 @@ def run_on_cores(
 
 
 def _lead(
-    scenario: Scenario, division: Division, asked: int, member: Member, out: Path | None, pace: Pace,
+    scenario: Scenario, division: Division, asked: int, member: Member, out: Path | None, *, pace: Pace,
     interrupt: Interruptible, on_progress: OnProgress | None,
 ) -> Path:  # fmt: skip
     """The first core's part, which opens and closes the record."""
@@ -81,7 +83,7 @@ def _lead(
         with collect_seldom():
             stopped = False
             while core.kernel.now < end and not stopped:
-                stopped = core.advance(end, interrupt.requested)
+                stopped = core.advance(end, stop=interrupt.requested)
                 if core.kernel.now >= 0:
                     pace.wait(core.kernel.now)
                 if on_progress is not None and core.kernel.now >= shown:
@@ -190,7 +192,7 @@ def _fly(core: Core) -> None:
     end = core.built.duration_ns
     try:
         with collect_seldom():
-            while core.kernel.now < end and not core.advance(end, False):
+            while core.kernel.now < end and not core.advance(end, stop=False):
                 pass
             core.leave()
     except ApproachError:

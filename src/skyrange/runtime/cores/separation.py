@@ -16,7 +16,6 @@ import numpy as np
 
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.runtime.cores.fleet_motion import FleetMotion
 from skyrange.world.airframes import Airframe
 from skyrange.world.collision.broad_phase import (
     HEIGHT,
@@ -28,6 +27,37 @@ from skyrange.world.collision.broad_phase import (
     list_near_pairs,
     shape_row,
 )
+
+
+class FleetMotion:
+    """What is known of all aircraft: `vehicles` core by core, and their motion in that order."""
+
+    def __init__(self, vehicles: Sequence[Sequence[str]]) -> None:
+        """`vehicles` are those of each core, in the order of its world."""
+        self.vehicles: Sequence[str] = tuple(vehicle for part in vehicles for vehicle in part)
+        self.core = np.repeat(np.arange(len(vehicles)), [len(part) for part in vehicles])
+        """(n,): the core of each aircraft."""
+        self._sizes = [len(part) for part in vehicles]
+        self._position = np.zeros((len(self.vehicles), 3))
+        self._velocity = np.zeros((len(self.vehicles), 3))
+
+    @staticmethod
+    def pack(position: Floats, velocity: Floats) -> bytes:
+        """The motion of one core's aircraft, (n, 3) each, as bytes."""
+        return position.tobytes() + velocity.tobytes()
+
+    def update(self, parts: Sequence[bytes]) -> None:
+        """Take over what `pack` packed on each core."""
+        begin = 0
+        for part, size in zip(parts, self._sizes, strict=True):
+            end = begin + size
+            self._position[begin:end], self._velocity[begin:end] = np.frombuffer(part).reshape(2, size, 3)
+            begin = end
+
+    def motion(self) -> tuple[Floats, Floats]:
+        """Position of the gear and velocity, (n, 3) each, which the next update refills."""
+        return self._position, self._velocity
+
 
 ACCELERATION_MPS2: Final = 200.0
 """More than thrust, gravity and drag in a wind of 60 m/s together give any of the airframes."""

@@ -1,22 +1,26 @@
-"""A live range: what was asked for, checked before anything starts, and the state of every node while it flies."""
+"""A live range: what was asked for, checked before anything starts, and the state of every node while it flies.
+
+Where a ground station is outside the range, aircraft send telemetry from boot on, without a request. ArduCopter's rates
+at boot are 0, and MAVSDK requests nothing by itself: it would wait for a position for ever.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from skyrange.assembly.build import BuiltScenario, build
 from skyrange.contracts.links import Act, Channel
 from skyrange.core.errors import InputError, Problem
-from skyrange.core.ids import vehicle_id
+from skyrange.core.ids import endpoint, vehicle_id
 from skyrange.core.time import NS_PER_S
+from skyrange.gcs.telemetry.streams import OPERATOR
 from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.record import Recorder
-from skyrange.record.levels import FULL
-from skyrange.runtime.live.boot_telemetry import set_boot_rates
+from skyrange.record.schema import FULL
 from skyrange.runtime.live.deployment import LOOPBACK, Deployment, Group, assign_components, component_of
 from skyrange.runtime.live.node.viewers import Watched, assign_viewer_ports
 from skyrange.runtime.live.supervisor.namespaces import Namespaces, namespaces
@@ -24,7 +28,35 @@ from skyrange.runtime.live.system import Process, RealSystem, System
 from skyrange.runtime.live.transport.addresses import Crossing, crossings
 from skyrange.runtime.live.transport.control import Message
 from skyrange.runtime.run import open_record
+from skyrange.scenario.model.operators import Operator
 from skyrange.scenario.model.scenario import OnDeath, Scenario
+from skyrange.vehicle.builtin.parameters.renames import canonical_name
+from skyrange.vehicle.builtin.telemetry.streams import STREAMS
+
+_KINDS: Final = frozenset(("builtin", "ardupilot"))
+"""Autopilots with ArduPilot's stream rates as parameters."""
+BOOT_RATES: Final = {STREAMS[stream][0]: float(rate_hz) for stream, rate_hz in OPERATOR.streams}
+"""Parameters (`SR0_…`, Hz) that start the streams which QGroundControl would request."""
+
+
+def set_boot_rates(scenario: Scenario, outside: Collection[str]) -> Scenario:
+    """The scenario with `BOOT_RATES` for the aircraft of ground stations in `outside`; parameters that it sets stay."""
+    operators = tuple(
+        _with_rates(operator) if endpoint(operator.id, "gcs") in outside else operator
+        for operator in scenario.operators
+    )
+    return scenario.model_copy(update={"operators": operators})
+
+
+def _with_rates(operator: Operator) -> Operator:
+    vehicles = []
+    for vehicle in operator.vehicles:
+        own = {canonical_name(name) for name in vehicle.params}
+        more = {name: rate_hz for name, rate_hz in BOOT_RATES.items() if name not in own}
+        chosen = vehicle.model_copy(update={"params": {**more, **vehicle.params}})
+        vehicles.append(chosen if vehicle.autopilot in _KINDS else vehicle)
+    return operator.model_copy(update={"vehicles": tuple(vehicles)})
+
 
 State = Literal["starting", "here", "bound", "ready", "flying", "done", "dead"]
 MAX_STARTS = 4

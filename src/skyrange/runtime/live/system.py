@@ -15,11 +15,9 @@ from skyrange.io.mavlink.transports import Address, OnPiece
 from skyrange.io.processes.program import reserve_files
 from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.runtime.live.clock import Clock, MonotonicClock
-from skyrange.runtime.live.config import NodeConfig
-from skyrange.runtime.live.supervisor.launch import start_node
-from skyrange.runtime.live.transport.addresses import Crossing, check_free, check_own_addresses
+from skyrange.runtime.live.config import NodeConfig, start_node
+from skyrange.runtime.live.transport.addresses import Credentials, Crossing, check_free, check_own_addresses
 from skyrange.runtime.live.transport.control import ControlClient, ControlServer, ZmqControlClient, ZmqControlServer
-from skyrange.runtime.live.transport.credentials import Credentials
 from skyrange.runtime.live.transport.links import Transport, connect, listen
 from skyrange.runtime.warm_up import warm_up
 from skyrange.scenario.model.scenario import Scenario

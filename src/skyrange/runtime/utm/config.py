@@ -13,7 +13,7 @@ from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import ID_PATTERN
 from skyrange.core.whole_numbers import parse_whole
 from skyrange.scenario.named_files import read_text
-from skyrange.scenario.toml_reader import parse_toml
+from skyrange.scenario.toml_files import parse_toml
 from skyrange.scenario.validation.error_messages import input_error
 from skyrange.utm.authority import AlternativeParams, AuthorityParams
 

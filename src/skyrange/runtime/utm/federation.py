@@ -16,7 +16,7 @@ from skyrange.codec.json_errors import describe
 from skyrange.contracts.mailboxes import Departure
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port, endpoint, link_name
-from skyrange.io.http.bodies import read_bounded
+from skyrange.io.http.limited_server import read_bounded
 from skyrange.runtime.utm.tokens import TokenClient, parse_request
 from skyrange.utm.federated.exchanges import Peer
 

@@ -14,13 +14,12 @@ import aiohttp
 
 from skyrange.contracts.mailboxes import Departure, Note
 from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.files import read_input
 from skyrange.core.ids import Port, endpoint
-from skyrange.core.input_files import read_input
 from skyrange.core.time import Time
 from skyrange.io.addresses import check_guarded, with_address
-from skyrange.runtime.garbage_collection import collect_seldom
+from skyrange.runtime.memory import collect_seldom
 from skyrange.runtime.utm.agent_host import UNIX, AgentHost
-from skyrange.runtime.utm.authorization import Authorization
 from skyrange.runtime.utm.config import (
     AuthorityConfig,
     DssConfig,
@@ -30,12 +29,12 @@ from skyrange.runtime.utm.config import (
     UssConfig,
     host_of,
 )
-from skyrange.runtime.utm.database.engine import open_engine
 from skyrange.runtime.utm.database.journal import AuthorityJournal, Changes, DssJournal, UssJournal
+from skyrange.runtime.utm.database.tables import open_engine
 from skyrange.runtime.utm.federation import Inbound, OpenDirectory, Outbound
 from skyrange.runtime.utm.flight_planning import FlightPlanning
 from skyrange.runtime.utm.operators import Operators
-from skyrange.runtime.utm.tokens import TokenClient, TokenRequests, read_private_key, read_public_key
+from skyrange.runtime.utm.tokens import Authorization, TokenClient, TokenRequests, read_private_key, read_public_key
 from skyrange.runtime.utm.web import Routes, WebService
 from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.authority import Authority
@@ -86,7 +85,7 @@ async def _serve(configs: Sequence[ServiceConfig], on_ready: Callable[[str, str]
 async def run_service(config: ServiceConfig) -> AsyncIterator[tuple[str, AgentHost | None]]:
     """The service while the context lasts: its URL, and what steps its agent."""
     address = config.address
-    check_guarded(config.name, address, config.tls is not None, "Give it certificates (table tls).")
+    check_guarded(config.name, address, guarded=config.tls is not None, remedy="Give it certificates (table tls).")
     ssl_in, ssl_out = _contexts(config)
     log = open(config.log, "a", encoding="utf-8") if config.log is not None else None  # noqa: SIM115 - closed below
     session = aiohttp.ClientSession(
@@ -159,7 +158,7 @@ def _host_agent(
     outbound = Outbound(session, client, {_DSS: config.uss.dss_url.rstrip("/")}, deliver)
     names = [*config.uss.operators, *([TEST_OPERATOR] if config.uss.flight_planning else [])]
     operators = Operators(names, deliver, lambda: host.now())
-    uss = _make_uss(config, config.uss, checker, operators, here, inbound.port, changes)
+    uss = _make_uss(config, config.uss, checker, operators, here=here, inbound=inbound.port, changes=changes)
 
     def send(departure: Departure) -> None:
         if departure.port == inbound.port:
@@ -207,6 +206,7 @@ def _make_uss(
     settings: UssConfig,
     checker: TokenChecker,
     operators: Operators,
+    *,
     here: str,
     inbound: Port,
     changes: Changes | None,

@@ -16,13 +16,12 @@ from aiohttp import web
 from skyrange.codec.f3548.frames import MAX_FRAME_BYTES
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Time
-from skyrange.io.http.bodies import read_bounded
-from skyrange.io.http.limited_server import LimitedServer
+from skyrange.io.http.limited_server import LimitedServer, read_bounded
 from skyrange.runtime.utm import flight_planning
-from skyrange.runtime.utm.authorization import Authorization
 from skyrange.runtime.utm.federation import Inbound, parse_body, parse_path
 from skyrange.runtime.utm.flight_planning import FlightPlanning, answer_version
 from skyrange.runtime.utm.operators import Operators
+from skyrange.runtime.utm.tokens import Authorization
 from skyrange.utm.federated.tokens import TokenChecker, TokenError
 from skyrange.utm.messages import PATH, Request, decode_request_body
 

@@ -150,7 +150,7 @@ class AttackTable(ActTable):
 
     @field_validator("honest")
     @classmethod
-    def _not_a_sham_too(cls, honest: bool, info: ValidationInfo) -> bool:
+    def _not_a_sham_too(cls, honest: bool, info: ValidationInfo) -> bool:  # noqa: FBT001 - of pydantic
         if honest and info.data.get("sham"):
             raise wrong("true", "false with sham = true: one arm at a time")
         return honest

@@ -1,16 +1,17 @@
-"""Link rules of a scenario: changes to the channels of links by name or pattern, in order."""
+"""Rules of a scenario by name or pattern: channels of links, processing limits of endpoints, and machines."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import ipaddress
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from skyrange.contracts.links import Channel
-from skyrange.core.ids import link_name, vehicle_id
+from skyrange.core.ids import APPROVAL, endpoint, link_name, vehicle_id
 from skyrange.core.time import NS_PER_MS
 from skyrange.radio.control_link.params import CellularParams, WifiParams
 from skyrange.scenario.model.base import Model, Number, Whole, wrong
@@ -124,7 +125,7 @@ def resolve_over_air(rules: Iterable[Link], name: str) -> WifiParams | CellularP
     return found
 
 
-def link_names(operators: Iterable[Operator], radio: bool = False) -> list[str]:
+def link_names(operators: Iterable[Operator], *, radio: bool = False) -> list[str]:
     """The names of all links of these operators and their vehicles; with `radio`, those to the medium too."""
     names = []
     for operator in operators:
@@ -133,3 +134,61 @@ def link_names(operators: Iterable[Operator], radio: bool = False) -> list[str]:
         for vehicle in operator.vehicles:
             names += [link_name(kind, vehicle_id(operator.id, vehicle.id)) for kind in kinds]
     return names
+
+
+ONBOARD = ("companion", "proxy", "autopilot")
+"""Endpoints; every aircraft has one of each."""
+
+
+class Processing(Model):
+    """Limit of every endpoint whose name matches. Each has one queue for the frames of all links that end there. This
+    is a model: every frame takes the same time, whatever it contains. An endpoint without a limit processes frames at
+    once.
+    """
+
+    match: str = Field(
+        min_length=1,
+        description="Endpoint such as 'blue/b1.autopilot', 'blue/b1.companion', 'blue/b1.proxy', 'blue.gcs' or "
+        "'approval', or a pattern with *, such as '*.autopilot'.",
+    )
+    frames_per_s: Number = Field(ge=0.001, le=1e6, description="Frames that it processes in a second.")
+    queue_frames: Whole = Field(
+        ge=1,
+        le=1_000_000,
+        description="Frames that may wait until they are processed; a frame that finds the queue full is lost.",
+    )
+
+
+def endpoint_names(operators: Iterable[Operator]) -> Iterator[str]:
+    """The names of all endpoints that can have a limit: those of these operators and their vehicles, and approval."""
+    yield APPROVAL
+    for operator in operators:
+        yield endpoint(operator.id, "gcs")
+        for vehicle in operator.vehicles:
+            yield from (endpoint(vehicle_id(operator.id, vehicle.id), role) for role in ONBOARD)
+
+
+def find_matches(table: Processing, names: Iterable[str]) -> list[str]:
+    """Those of `names` to which a table applies."""
+    return [name for name in names if fnmatchcase(name, table.match)]
+
+
+def _address(text: str) -> str:
+    try:
+        address = ipaddress.ip_address(text)
+    except ValueError:
+        raise wrong(text, "an IP address", "Host names are not resolved; write an IP address.") from None
+    if address.is_unspecified or address.is_multicast:
+        raise wrong(text, "the IP address of one machine, not an unspecified or multicast one")
+    return str(address)
+
+
+Hosts = Annotated[
+    dict[Annotated[str, Field(min_length=1, max_length=128)], Annotated[str, AfterValidator(_address)]],
+    Field(
+        description="IP addresses of the machines of a live range, by component. A key is the name of a component, "
+        "such as blue.gcs, blue/b1.companion, blue/b1.proxy, approval or world (which has all autopilots), or a "
+        "pattern with *; a later key overrides an earlier one. A component that no key matches runs on the machine of "
+        "the world. Default: all components run on the machine that starts the range.",
+    ),
+]

@@ -27,14 +27,11 @@ from skyrange.core.geodesy import Origin as Datum
 from skyrange.core.time import Epoch
 from skyrange.radio.control_link.params import BaseStation, CellularParams, WifiParams
 from skyrange.scenario.model.attacks import ActTable, AttackTable, FaultTable, When
-from skyrange.scenario.model.autopilots import Autopilots
 from skyrange.scenario.model.base import FileName, Model, Number, Whole, items, refuse, wrong
 from skyrange.scenario.model.constraints import ConstraintTable
-from skyrange.scenario.model.defences import DefenceCost, DefenceTable
-from skyrange.scenario.model.detectors import DetectorTable
-from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
-from skyrange.scenario.model.hosts import Hosts
-from skyrange.scenario.model.links import Link, resolve_channel, resolve_over_air
+from skyrange.scenario.model.defences import DefenceCost, DefenceTable, DetectorTable
+from skyrange.scenario.model.fleet import Autopilots, Fleet, Start, Vehicle
+from skyrange.scenario.model.links import Hosts, Link, Processing, resolve_channel, resolve_over_air
 from skyrange.scenario.model.operators import Operator, ReplanningRules, VolumeMargins, name_operators
 from skyrange.scenario.model.plan import (
     Fence,
@@ -49,7 +46,6 @@ from skyrange.scenario.model.plan import (
     route,
     square,
 )
-from skyrange.scenario.model.processing import Processing
 from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, Verify
 from skyrange.scenario.validation.cross_checks import cross_check
 from skyrange.scenario.validation.plugin_params import checked, describe, describe_by_kind, normalized, params_of

@@ -11,9 +11,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from skyrange.core.errors import InputError, nearest
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import expand_user
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.scenario.toml_reader import load_file
+from skyrange.scenario.toml_files import load_file
 
 FOLDER = Path(__file__).parent
 

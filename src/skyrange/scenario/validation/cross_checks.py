@@ -14,9 +14,8 @@ from skyrange.core.errors import Problem, nearest
 from skyrange.core.ids import vehicle_id
 from skyrange.scenario.model.attacks import check_act_vehicles
 from skyrange.scenario.model.fleet import MAX_SYSTEM_ID
-from skyrange.scenario.model.links import link_names
+from skyrange.scenario.model.links import endpoint_names, find_matches, link_names
 from skyrange.scenario.model.operators import Operator
-from skyrange.scenario.model.processing import endpoint_names, find_matches
 
 _NONE: tuple[Any, ...] = (None, (), [])
 
@@ -124,7 +123,7 @@ def _addressed_twice(where: str, vehicles: Sequence[Any]) -> Iterator[Problem]:
 
 
 def _find_rule_problems(scenario: Any) -> Iterator[Problem]:
-    names = link_names(scenario.operators, scenario.radio is not None)
+    names = link_names(scenario.operators, radio=scenario.radio is not None)
     for index, rule in enumerate(scenario.links):
         if not any(fnmatchcase(name, rule.match) for name in names):
             hint = nearest(rule.match, names) or f"An example of a link's name is {names[-1]!r}." if names else ""

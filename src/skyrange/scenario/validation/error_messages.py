@@ -1,17 +1,172 @@
-"""Validation errors as problems of a scenario: path of the key, value, expected value, and a hint."""
+"""Validation errors as problems of a scenario: path of the key, its field, value, expected value, unit, hint."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.whole_numbers import parse_whole
-from skyrange.scenario.validation import units
-from skyrange.scenario.validation.field_path import field_at, model_of, type_at
+
+UNIT_NAMES = {
+    "m": "metres",
+    "mps": "m/s",
+    "s": "seconds",
+    "ms": "milliseconds",
+    "deg": "degrees",
+    "hz": "Hz",
+    "bps": "bit/s",
+    "bytes": "bytes",
+}
+"""Unit suffixes of the keys of a scenario."""
+
+_TO_OURS = {
+    ("ft", "m"): 0.3048,
+    ("feet", "m"): 0.3048,
+    ("km", "m"): 1000.0,
+    ("cm", "m"): 0.01,
+    ("mm", "m"): 0.001,
+    ("mi", "m"): 1609.344,
+    ("kmh", "mps"): 1 / 3.6,
+    ("kph", "mps"): 1 / 3.6,
+    ("kts", "mps"): 1852 / 3600,
+    ("kt", "mps"): 1852 / 3600,
+    ("knots", "mps"): 1852 / 3600,
+    ("mph", "mps"): 0.44704,
+    ("ms", "s"): 1e-3,
+    ("us", "s"): 1e-6,
+    ("ns", "s"): 1e-9,
+    ("min", "s"): 60.0,
+    ("h", "s"): 3600.0,
+    ("s", "ms"): 1e3,
+    ("us", "ms"): 1e-3,
+    ("ns", "ms"): 1e-6,
+    ("rad", "deg"): 180 / math.pi,
+    ("kbps", "bps"): 1e3,
+    ("mbps", "bps"): 1e6,
+    ("khz", "hz"): 1e3,
+    ("kb", "bytes"): 1e3,
+}
+"""Exact factors of the international foot, statute and nautical mile (1959 agreement; BIPM SI brochure, table 8)."""
+
+_SUFFIXES = sorted({*UNIT_NAMES, *(unit for unit, _ in _TO_OURS)}, key=len, reverse=True)
+_QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z/°]*)\s*$")
+_SPELLINGS = {"m/s": "mps", "km/h": "kmh", "°": "deg", "sec": "s", "metres": "m", "meters": "m", "foot": "ft"}
+
+
+def split_unit(key: str) -> tuple[str, str]:
+    """A key's stem and unit suffix, "" if it has none: `alt_m` is ("alt", "m")."""
+    stem, _, last = key.rpartition("_")
+    return (stem, last.lower()) if stem and last.lower() in _SUFFIXES else (key, "")
+
+
+def suggest_key(key: str, value: object, known: Iterable[str]) -> tuple[str, str] | None:
+    """The known key that differs from `key` only in the unit, and a hint that converts `value`; None without one."""
+    stem, unit = split_unit(key)
+    for candidate in known:
+        other_stem, other_unit = split_unit(candidate)
+        if candidate != key and other_unit and stem.lower() == other_stem.lower():
+            return candidate, _as(value, unit, candidate, other_unit)
+    return None
+
+
+def suggest_number(text: str, key: str) -> str:
+    """A hint for a number in quotes at `key`; "" if the text is not a number."""
+    match = _QUANTITY.match(text)
+    if match is None:
+        return ""
+    number, unit = float(match[1]), _SPELLINGS.get(match[2].lower(), match[2].lower())
+    ours = split_unit(key)[1]
+    if not unit or unit == ours:
+        return f"Write {key} = {match[1]}" + (
+            f" without quotes, in {UNIT_NAMES[ours]}." if ours else " without quotes."
+        )
+    if not ours:
+        return "Write a number without quotes and without a unit."
+    return _as(number, unit, key, ours)
+
+
+def _as(value: object, unit: str, key: str, ours: str) -> str:
+    factor = _TO_OURS.get((unit, ours))
+    if unit == "" or unit == ours:
+        factor = 1.0 if unit else None
+    if factor is not None and isinstance(value, (int, float)) and not isinstance(value, bool):
+        return f"Write {key} = {value * factor:.10g}, in {UNIT_NAMES[ours]}."
+    return f"Write {key}, in {UNIT_NAMES[ours]}."
+
+
+def model_of(annotation: Any) -> type[BaseModel] | None:
+    """The model class of this type; None if it is not a model."""
+    for option in _options(annotation):
+        if isinstance(option, type) and issubclass(option, BaseModel):
+            return option
+    return None
+
+
+def element_of(annotation: Any) -> Any | None:
+    """The type of the elements; None if this is not a sequence of any length."""
+    for option in _options(annotation):
+        if get_origin(option) is tuple and get_args(option)[1:] == (...,):
+            return get_args(option)[0]
+    return None
+
+
+def value_of(annotation: Any) -> Any | None:
+    """The type of the values; None if this is not a table with free keys."""
+    for option in _options(annotation):
+        if get_origin(option) is dict:
+            return get_args(option)[1]
+    return None
+
+
+def type_below(annotation: Any, key: str | int) -> Any | None:
+    """The type one level below, at the name of a field, the index of an element or the key of a table; else None."""
+    if isinstance(key, int):
+        return element_of(annotation)
+    model = model_of(annotation)
+    if model is not None:
+        field = model.model_fields.get(key)
+        return None if field is None else field.annotation
+    return value_of(annotation)
+
+
+def type_at(root: Any, keys: Iterable[str | int]) -> Any | None:
+    """The type at a path below `root`; None if the path leaves the model."""
+    for key in keys:
+        if root is None:
+            return None
+        root = type_below(root, key)
+    return root
+
+
+def field_at(root: Any, keys: tuple[str | int, ...]) -> FieldInfo | None:
+    """The field at the end of a path; if the path ends inside the value of a field, that field."""
+    found = None
+    for depth, key in enumerate(keys):
+        model = model_of(root)
+        if model is not None and isinstance(key, str) and key in model.model_fields:
+            found = model.model_fields[key]
+        root = type_below(root, keys[depth])
+        if root is None:
+            break
+    return found
+
+
+def _options(annotation: Any) -> list[Any]:
+    """The alternatives of a type, without annotations."""
+    while get_origin(annotation) is Annotated:
+        annotation = get_args(annotation)[0]
+    if get_origin(annotation) in (Union, UnionType):
+        return [option for part in get_args(annotation) for option in _options(part)]
+    return [annotation]
+
 
 Loc = tuple[str | int, ...]
 Between = Callable[[Any], list[Problem]]
@@ -139,7 +294,7 @@ def _unknown_key(detail: ErrorDetails, model: type[BaseModel], data: Any) -> tup
     inside = model_of(type_at(model, loc[:-1]))
     known = list(inside.model_fields) if inside is not None else []
     key, value = str(loc[-1]), detail["input"]
-    unit = units.suggest_key(key, value, known)
+    unit = suggest_key(key, value, known)
     hint = unit[1] if unit else nearest(key, known)
     shown = f"{key} = {_shown(value)}"
     return Problem(spell_path(loc, data), shown, "a known key", hint), unit[0] if unit else ""
@@ -155,7 +310,7 @@ def _fault(detail: ErrorDetails, model: type[BaseModel], data: Any) -> Problem:
     ctx = detail.get("ctx", {})
     hint = ""
     if kind in ("float_type", "int_type") and isinstance(value, str) and loc:
-        hint = units.suggest_number(value, str(next(key for key in reversed(loc) if isinstance(key, str))))
+        hint = suggest_number(value, str(next(key for key in reversed(loc) if isinstance(key, str))))
     if kind == "literal_error":
         options = [option.strip(" '") for option in ctx["expected"].replace(" or ", ", ").split(",")]
         return Problem(where, _shown(value), " or ".join(map(repr, options)), nearest(str(value), options))

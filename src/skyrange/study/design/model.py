@@ -9,17 +9,16 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from skyrange.core.errors import InputError, Problem, nearest
-from skyrange.core.input_files import MAX_TEXT_BYTES, expand_user, read_input
+from skyrange.core.files import MAX_TEXT_BYTES, expand_user, read_input
 from skyrange.dataset.families import FAMILIES
 from skyrange.detect.learned.model_file import GRADIENT_BOOSTING, ISOLATION_FOREST, Algorithm
-from skyrange.record.levels import FULL, STUDY, keeps
-from skyrange.record.schema import TABLES
+from skyrange.record.schema import FULL, STUDY, TABLES, keeps
 from skyrange.scenario.model.base import Id, Model, Number, Whole, items, refuse
 from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.scenario.named_files import locate_files as locate_named_files
 from skyrange.scenario.overrides import apply_overrides, locate_assignment
 from skyrange.scenario.shipped import source_of
-from skyrange.scenario.toml_reader import parse_toml
+from skyrange.scenario.toml_files import parse_toml
 from skyrange.scenario.validation.error_messages import input_error
 from skyrange.study.columns import reserved_names
 from skyrange.study.design.factors import BUILDINGS, CITY, SCENARIO, WHOLE_KEYS, Factor, is_city_file, names_files

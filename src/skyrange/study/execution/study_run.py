@@ -12,7 +12,7 @@ from time import monotonic
 from typing import Final, NamedTuple
 
 from skyrange.core.errors import ShortfallError
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import expand_user
 from skyrange.runtime.cores.division import available_cpus
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.runtime.warm_up import warm_up

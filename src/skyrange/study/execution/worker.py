@@ -11,7 +11,7 @@ from typing import Final
 
 from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
 from skyrange.record import RunRecord, load
-from skyrange.record.part_files import table_files
+from skyrange.record.spool import table_files
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.design.blocks import Block, scenario_in
 from skyrange.study.design.model import RESULTS, LearnedTable, Study

@@ -17,8 +17,7 @@ from typing import Any, Final
 
 from skyrange.assembly.build import build
 from skyrange.core.errors import InputError, Problem, ShortfallError, SkyrangeError
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import atomic_write, expand_user
 from skyrange.io.processes.program import end_with_parent
 from skyrange.record.folder import make_new_folder
 from skyrange.runtime.run import free_folder

@@ -10,12 +10,12 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from skyrange.contracts.plugins.registry import DEFENCES
 from skyrange.core.errors import InputError, Problem, nearest
-from skyrange.core.input_files import MAX_TEXT_BYTES, expand_user, read_input
+from skyrange.core.files import MAX_TEXT_BYTES, expand_user, read_input
 from skyrange.scenario.model.base import Id, Model, Whole, items, refuse
 from skyrange.scenario.model.defences import DefenceCost, DefenceTable
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.scenario.toml_reader import parse_toml
+from skyrange.scenario.toml_files import parse_toml
 from skyrange.scenario.validation.error_messages import input_error
 from skyrange.scenario.validation.plugin_params import known
 

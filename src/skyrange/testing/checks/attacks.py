@@ -13,7 +13,7 @@ from skyrange.assembly.build import build
 from skyrange.attack.contract import Attack, AttackPlugin
 from skyrange.attack.declaration import Acting
 from skyrange.contracts.links import Act, Schedule
-from skyrange.contracts.plugins.declaration import plugin_of
+from skyrange.contracts.plugins.form import plugin_of
 from skyrange.core.errors import SkyrangeError
 from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds
 from skyrange.fault.contract import FaultPlugin

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from skyrange.contracts.alerts import Alert, find_problem
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
-from skyrange.contracts.frames.payloads import Payloads
-from skyrange.contracts.monitors import Monitor, ObservedFrame, ObservedFrames
+from skyrange.contracts.frames import Payloads
+from skyrange.contracts.monitors import DetectorContext, DetectorPlugin, Monitor, ObservedFrame, ObservedFrames
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port
@@ -96,10 +95,10 @@ def collect_frames(
         np.array([place[frame.port] for frame in frames], dtype=np.int64),
         np.array([frame.received for frame in frames], dtype=np.bool_),
         np.array([frame.at for frame in frames], dtype=np.int64),
-        Payloads.of([frame.payload for frame in frames]),
-        known,
-        np.array([number[frame.src] for frame in frames], dtype=np.int64),
-        np.array([number[frame.dst] for frame in frames], dtype=np.int64),
+        payloads=Payloads.of([frame.payload for frame in frames]),
+        names=known,
+        src=np.array([number[frame.src] for frame in frames], dtype=np.int64),
+        dst=np.array([number[frame.dst] for frame in frames], dtype=np.int64),
     )
 
 

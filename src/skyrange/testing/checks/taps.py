@@ -120,7 +120,7 @@ class TapCase:
         for number, payload in enumerate(chosen):
             direction, (src, dst) = ("fwd", _ENDS) if number % 2 == 0 else ("rev", _ENDS[::-1])
             sent = number * self.until // max(1, len(chosen))
-            made.append(Frame(self.link, direction, src, number // 2, src, dst, sent, payload))
+            made.append(Frame(self.link, direction, src, number // 2, src, dst, sent_ns=sent, payload=payload))
         return made
 
 

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import World
-from skyrange.contracts.frames.blocks import FrameBlock
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames import Fate, Frame, FrameBlock
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.mailboxes import Arrival, Note
 from skyrange.contracts.verdicts import Label

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import Payloads
 from skyrange.contracts.mailboxes import Block, Departure, Note, Outbox
 from skyrange.core.ids import FrameId, Port
 from skyrange.testing.rules import Broken, need, short

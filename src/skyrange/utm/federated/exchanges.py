@@ -21,6 +21,7 @@ from skyrange.contracts.mailboxes import Arrival, Outbox, Turn
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, NS_PER_MS, Time
+from skyrange.core.whole_numbers import worth_noting
 from skyrange.utm.contract import make_uuid
 from skyrange.utm.federated.tokens import Claims, TokenChecker, TokenError
 
@@ -215,7 +216,7 @@ class Server:
     def count_bad(self, reason: str, ref: FrameId, out: Outbox) -> None:
         """Count a frame that nobody can answer, or that was refused."""
         self.bad_requests += 1
-        if self.bad_requests & (self.bad_requests - 1) == 0:  # powers of two: a flood must not fill the record
+        if worth_noting(self.bad_requests):
             out.note("decision.uss_bad_request", self.name, {"count": self.bad_requests, "reason": reason}, (ref,))
 
 

@@ -20,6 +20,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port, hash64, operator_of
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time, to_seconds
+from skyrange.core.whole_numbers import worth_noting
 from skyrange.utm.approval_service import answer_end, apply_constraint, decide_request, tell_overruled
 from skyrange.utm.authority import Authority
 from skyrange.utm.contract import Constraint, Publication
@@ -165,7 +166,7 @@ class HashgraphNode:
             self._learn_all(turn.now, peer, message.body.events)
         except (DecodeError, GraphError) as error:
             self.bad_gossip += 1
-            if self.bad_gossip & (self.bad_gossip - 1) == 0:
+            if worth_noting(self.bad_gossip):
                 data: dict[str, Scalar] = {"count": self.bad_gossip, "reason": str(error)[:200], "peer": peer}
                 turn.note("decision.bad_gossip", self.name, data)
             return

@@ -167,7 +167,7 @@ class NativeFleet(ProcessFleet):
         """Stop a process's time, or let it continue."""
         clock = self._clocks[row]
         clock.stopped, clock.received_s = stopped, wall_s()
-        self._instances[row].sitl.program.set_stopped(stopped)
+        self._instances[row].sitl.program.set_stopped(stopped=stopped)
 
     def _speed(self, row: int, speed: float) -> None:
         one = self._instances[row]

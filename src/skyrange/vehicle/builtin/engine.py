@@ -26,6 +26,7 @@ from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, hash64, link_name
 from skyrange.core.time import NEVER, NS_PER_S, NS_PER_US, Epoch, Time
+from skyrange.core.whole_numbers import worth_noting
 from skyrange.vehicle.builtin import commands, loop
 from skyrange.vehicle.builtin.arming import open_drone_id
 from skyrange.vehicle.builtin.arming.arming import auto_disarm_time, disarm
@@ -292,7 +293,7 @@ class BuiltinFleet(EngineBase):
             message = decode(arrival.payload)
         except DecodeError as error:
             count = vehicle.bad_frames = vehicle.bad_frames + 1
-            if count & (count - 1) == 0:  # powers of two: a flood must not fill the record
+            if worth_noting(count):
                 fleet.note("event.bad_frame", vehicle, {"count": count, "error": str(error)[:200]}, (arrival.ref,))
             return
         peer = (message.get_srcSystem(), message.get_srcComponent())

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from skyrange.codec.mavlink import dialect
 from skyrange.codec.mavlink.message_columns import FleetPacker
 from skyrange.contracts.mailboxes import Outbox
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from skyrange.contracts.components import Floats, Sensors
 from skyrange.contracts.mailboxes import Note
-from skyrange.contracts.tick_batches import BatchStop
+from skyrange.contracts.tick_batches import TickProgress
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.vehicle.builtin.estimation.estimator import step_strapdown
@@ -21,8 +21,8 @@ from skyrange.world.multirotor import advance
 from skyrange.world.sensing.sensor_errors import sample
 from skyrange.world.world import World
 
-_STOPS = tuple(BatchStop)
-_COMPLETE, _WORLD, _ENGINE, _SERVICE = (int(stop) for stop in BatchStop)
+_STOPS = tuple(TickProgress)
+_COMPLETE, _WORLD, _ENGINE, _SERVICE = (int(stop) for stop in TickProgress)
 
 
 @compiled
@@ -43,7 +43,7 @@ def run_ticks(
 ) -> tuple[int, int, int, float]:
     """Run at most `count` ticks, and with `service` the world's part of one more, which discharges the batteries.
 
-    Returns how many were begun, a `BatchStop`, the events that the bodies flagged in the last, and how far aircraft
+    Returns how many were begun, a `TickProgress`, the events that the bodies flagged in the last, and how far aircraft
     have travelled for the search of contacts. `search` is `World.contact_search`; `bodies`, `moved`, `power` and
     `sensing` are `World.batch_state`; `navigation`, `control` and `outputs` are `BuiltinFleet.batch_state`.
     """
@@ -114,14 +114,14 @@ class FleetTickBatch:
         """All but the arguments, which refer to the arrays of the world and of the fleet."""
         return {**self.__dict__, "_arguments": None, "_gains": None}
 
-    def run(self, first: Time, count: int, service: bool) -> tuple[int, BatchStop]:
+    def run(self, first: Time, count: int, *, service: bool) -> tuple[int, TickProgress]:
         """Run at most `count` ticks, and with `service` the world's part of the next.
 
         0 where air, poses or gains have to change first.
         """
         world, fleet = self._world, self._fleet
         if not world.only_moves(first) or not fleet.only_flies:
-            return 0, BatchStop.COMPLETE
+            return 0, TickProgress.COMPLETE
         gains = fleet.gains
         if self._arguments is None or gains is not self._gains:
             self._gains = gains

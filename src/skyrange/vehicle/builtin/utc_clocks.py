@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.time import NS_PER_US, Epoch, Time
 
 _NONE: Final = np.zeros(0, dtype=np.int64)

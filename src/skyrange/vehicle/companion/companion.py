@@ -22,14 +22,15 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import SignedConnection, SignedConnections
 from skyrange.codec.remote_id.link_payload import RidHeader, pack, unpack_rows
 from skyrange.codec.remote_id.open_drone_id import to_mavlink
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.alerts import Scalar
+from skyrange.contracts.frames import Ints, Payloads
 from skyrange.contracts.mailboxes import Columns, Inbox, Outbox
 from skyrange.contracts.references import FrameRefTable
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.core.whole_numbers import has_one_worth_noting
 from skyrange.remoteid.autopilot_belief import Beliefs, clock_us, is_fresh
 from skyrange.remoteid.broadcaster import (
     ARM_STATUS_TEXTS,
@@ -385,7 +386,7 @@ class Companion:
         counts = np.column_stack((self.tracks.counts, self._bad + table["bad"]))
         for row, column in np.argwhere(counts != self._counts).tolist():
             count = counts.item(row, column)
-            if count.bit_length() > self._counts.item(row, column).bit_length():
+            if has_one_worth_noting(self._counts.item(row, column), count):
                 out.note(_COUNTS[column], self.specs[row].vehicle, {"count": count})
         self._counts = counts
 

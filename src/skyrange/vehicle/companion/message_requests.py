@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 MAV_STATE_ACTIVE: Final = int(mav.MAV_STATE_ACTIVE)

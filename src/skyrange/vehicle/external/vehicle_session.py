@@ -15,6 +15,7 @@ from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
+from skyrange.core.whole_numbers import worth_noting
 from skyrange.io.mavlink.connections import MavlinkConnection
 from skyrange.vehicle.contract import VehicleSpec
 from skyrange.vehicle.external.interlock import Interlock
@@ -90,7 +91,7 @@ class VehicleSession:
             self._events.on_upload(arrival.payload)
             return
         count = self.interlock.refused[refusal]
-        if count & (count - 1) == 0:
+        if worth_noting(count):
             self.note("event.interlock", {**refusal._asdict(), "count": count}, (arrival.ref,))
 
     def request_messages(self, now_s: float) -> None:
@@ -163,7 +164,7 @@ class VehicleSession:
 
     def _count_foreign(self, system: int) -> None:
         count = self._strangers[system] = self._strangers.get(system, 0) + 1
-        if count & (count - 1) == 0:
+        if worth_noting(count):
             self.note("event.foreign_system", {"system_id": system, "expected": self.spec.system_id, "count": count})
 
     # ---------------------------------------------------------------- how it is

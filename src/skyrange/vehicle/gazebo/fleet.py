@@ -22,8 +22,7 @@ from skyrange.contracts.components import BodyInputs, Contacts, Finished, Poses,
 from skyrange.contracts.mailboxes import Inbox
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.io.gazebo.master_port import take_port
-from skyrange.io.gazebo.simulator import GazeboSimulator
+from skyrange.io.gazebo import GazeboSimulator, take_port
 from skyrange.vehicle.ardupilot.lockstep_fleet import LockstepFleet
 from skyrange.vehicle.ardupilot.process_fleet import QUANTUM_NS
 from skyrange.vehicle.ardupilot.program.arducopter_binary import find_binary

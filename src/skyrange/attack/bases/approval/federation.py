@@ -8,7 +8,7 @@ from typing import ClassVar
 from skyrange.attack.bases.approval.links import OnApproval, service_links
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.errors import DecodeError, InputError, nearest
 from skyrange.utm.contract import AIRSPACE, DSS
 

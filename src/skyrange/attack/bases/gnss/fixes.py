@@ -16,7 +16,7 @@ from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.params import Victims
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.params import Enu
-from skyrange.contracts.plugins.fields import param, reads_fields
+from skyrange.contracts.plugins.form import param, reads_fields
 from skyrange.core.time import NEVER, NS_PER_S, Time
 
 FIX_2D: Final = 2

@@ -18,7 +18,7 @@ from skyrange.attack.bases.gnss.receiver_noise import JammedReceiver, error_grow
 from skyrange.attack.contract import Attack, AttackContext, Place
 from skyrange.contracts.components import Floats, Sensors
 from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.core.time import from_seconds

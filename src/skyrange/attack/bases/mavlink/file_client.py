@@ -15,7 +15,7 @@ from skyrange.codec.mavlink import Message, file_transfer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.file_transfer import Error, Transfer
 from skyrange.contracts.params import Whole
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.time import NS_PER_MS, Time
 
 RETRY_NS: Final = 500 * NS_PER_MS

@@ -21,8 +21,7 @@ from skyrange.codec.mavlink import Message, Packer, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Whole
-from skyrange.contracts.plugins.fields import param
-from skyrange.contracts.plugins.form import place_of
+from skyrange.contracts.plugins.form import param, place_of
 from skyrange.contracts.verdicts import Verdicts
 from skyrange.core.errors import InputError, nearest
 from skyrange.core.geodesy import Origin

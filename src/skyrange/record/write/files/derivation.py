@@ -20,9 +20,16 @@ import pyarrow.parquet as pq
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.record.dictionaries import unify_dictionaries
-from skyrange.record.part_files import OPEN
-from skyrange.record.read.observations import derive_observations, describe_observations
-from skyrange.record.read.payload_window import PayloadWindow
+from skyrange.record.read.observations import (
+    FRAME_COLUMNS,
+    KEPT_NS,
+    Transmissions,
+    decoded_rows,
+    derive_observations,
+    describe_observations,
+    is_transmission,
+    latest_frame_ns,
+)
 from skyrange.record.read.station_frames import (
     StationLinks,
     decode_station_frames,
@@ -30,20 +37,11 @@ from skyrange.record.read.station_frames import (
     select_received,
     sort_received,
 )
-from skyrange.record.read.tables import Tables, combine_batches, encoded_schema, parquet_options
+from skyrange.record.read.tables import PayloadWindow, Tables, combine_batches, encoded_schema, parquet_options
 from skyrange.record.read.telemetry import FOLDER
-from skyrange.record.read.transmissions import (
-    FRAME_COLUMNS,
-    KEPT_NS,
-    Transmissions,
-    decoded_rows,
-    is_transmission,
-    latest_frame_ns,
-)
 from skyrange.record.schema import arrow_schema
-from skyrange.record.spool import SPOOL
-from skyrange.record.write.files.table_files import WIDE_GROUP_ROWS
-from skyrange.record.write.files.telemetry_files import TelemetryFiles
+from skyrange.record.spool import OPEN, SPOOL
+from skyrange.record.write.files.table_files import WIDE_GROUP_ROWS, TelemetryFiles
 
 BLOCK_ROWS: Final = 65_536
 """Frames at ground stations that are decoded together."""

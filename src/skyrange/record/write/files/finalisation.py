@@ -15,13 +15,11 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from skyrange.record.file_hashes import describe_files
-from skyrange.record.levels import RECORDED, level_of
-from skyrange.record.part_files import OPEN, part_path, shard_folder, spool_files
+from skyrange.record.folder import describe_files
 from skyrange.record.read.tables import Tables
 from skyrange.record.read.telemetry import FOLDER
-from skyrange.record.schema import TABLES
-from skyrange.record.spool import SPOOL, write_error
+from skyrange.record.schema import RECORDED, TABLES, level_of
+from skyrange.record.spool import OPEN, SPOOL, part_path, shard_folder, spool_files, write_error
 from skyrange.record.write.files.operator_files import OPERATORS, write_operator_files
 from skyrange.record.write.files.part_writer import PartWriter
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pyarrow import csv
 
 from skyrange.codec.mavlink.message_columns import message_columns
-from skyrange.contracts.frames.payloads import Bytes, Ints
+from skyrange.contracts.frames import Bytes, Ints
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import ID_PATTERN, operator_of
 from skyrange.record.manifest import epoch_of

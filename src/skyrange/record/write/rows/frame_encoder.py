@@ -15,9 +15,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.blocks import FrameBlock, LinkTable
-from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Fate, Frame, FrameBlock, Ints, LinkTable, Payloads
 from skyrange.core.ids import FrameId, hash64
 from skyrange.record.digests import Words
 from skyrange.record.message_groups import group_messages

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.contracts.frames import Bytes, Ints, Payloads
 from skyrange.core.compiled import compiled
 from skyrange.record.digests import Words, hash_bytes
 from skyrange.record.schema import PAYLOAD_WINDOW
@@ -24,7 +24,7 @@ PAYLOAD_SPOOL = pa.schema([("payload_id", pa.int64()), ("payload", pa.binary())]
 
 
 @compiled
-def _assign_ids(
+def _assign_ids(  # noqa: PLR0917 - compiled
     data: Bytes, starts: Ints, sizes: Ints, begin: int, window_bytes: int,
     slots: NDArray[np.int32], hashes: Words, store: Bytes, ends: Ints, state: Ints, ids: Ints, words: Words,
 ) -> int:  # fmt: skip

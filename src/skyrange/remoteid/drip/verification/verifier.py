@@ -11,10 +11,11 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from skyrange.codec.drip import EntityTag, since_2019_s
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.alerts import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, NS_PER_US, Time, to_seconds
+from skyrange.core.whole_numbers import worth_noting
 from skyrange.remoteid.drip.verification.observed_sender import is_located
 from skyrange.remoteid.drip.verification.observer import Observer
 from skyrange.remoteid.drip.verification.verdicts import (
@@ -217,7 +218,7 @@ class Verifier:
         if track.state is sender.state:
             return
         self._told[row] = count = self._told[row] + 1
-        if count <= MAX_TOLD or count & (count - 1) == 0:
+        if count <= MAX_TOLD or worth_noting(count):
             tag, first_ns = track.tag, sender.first_ns
             change = VerdictChange(row, address, track.state, sender.state, tag, first_ns, now, count, cause)
             self._changes.append(change)

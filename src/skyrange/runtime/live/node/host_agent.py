@@ -26,8 +26,7 @@ from skyrange.record.folder import PARTS
 from skyrange.runtime.live.clock import ClockSample, quickest_sample
 from skyrange.runtime.live.config import NodeConfig
 from skyrange.runtime.live.system import Process, RealSystem, System
-from skyrange.runtime.live.transport.control import ControlClient, Message
-from skyrange.runtime.live.transport.file_chunks import list_files, read_chunk, write_chunk
+from skyrange.runtime.live.transport.control import ControlClient, Message, list_files, read_chunk, write_chunk
 
 HOST_PREFIX: Final = "@"
 """What a machine's name at the control socket begins with; a node's never does."""

@@ -2,6 +2,10 @@
 
 What the kernel hands out for other nodes is written to the link's transport when it would have come out of the link's
 channel; what a transport hands in arrives when it was read. Only payloads cross, so a peer may be any program.
+
+A node takes in from its links all that a range sends itself, and of a flood what it can bear. What comes from one link
+beyond that is dropped and counted, so that a flood on one link harms no other, and nothing that waits grows without
+end.
 """
 
 from __future__ import annotations
@@ -9,7 +13,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from heapq import heappop, heappush
 from pathlib import Path
@@ -18,7 +22,7 @@ from typing import Any, Final
 from skyrange.assembly.build import BuiltScenario
 from skyrange.codec.mavlink.deframer import Piece
 from skyrange.contracts.components import Observer
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import MIN_LATENCY_NS
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
@@ -28,13 +32,65 @@ from skyrange.kernel.directed_link import Transit
 from skyrange.record import Recorder
 from skyrange.runtime.live.clock import RangeClock
 from skyrange.runtime.live.config import NodeConfig
-from skyrange.runtime.live.node.ingress import IngressRateLimiter
 from skyrange.runtime.live.node.viewers import LiveViewers
 from skyrange.runtime.live.system import System
 from skyrange.runtime.live.taps.tap_server import TapServer
-from skyrange.runtime.live.transport.addresses import Crossing
-from skyrange.runtime.live.transport.credentials import Credentials
+from skyrange.runtime.live.transport.addresses import Credentials, Crossing
 from skyrange.runtime.live.transport.links import Transport
+
+FRAMES_HZ: Final = 2_000.0
+"""Sustained frame rate of one link; an aircraft at operator load has 105."""
+BYTES_HZ: Final = float(1 << 21)
+"""Sustained byte rate of one link."""
+BURST_S: Final = 2.0
+"""So many seconds of both rates may come at once: five seconds of telemetry after a pause, what a hundred ground
+receivers received."""
+MAX_WAITING_BYTES: Final = 1 << 26
+"""Of all links together."""
+
+
+@dataclass(slots=True)
+class _TokenBucket:
+    """What a link may still hand in."""
+
+    at_ns: Time
+    frames: float = FRAMES_HZ * BURST_S
+    bytes: float = BYTES_HZ * BURST_S
+
+
+@dataclass(slots=True)
+class IngressRateLimiter:
+    """Payloads that were received and wait for the node's next turn."""
+
+    dropped: int = 0
+    waiting: list[tuple[Time, str, bytes]] = field(default_factory=list)
+    """When each was read, on which directed link, and its bytes."""
+    _bytes: int = 0
+    _buckets: dict[str, _TokenBucket] = field(default_factory=dict)
+
+    def admit(self, at: Time, link: str, data: bytes) -> None:
+        """Keep what was read at `at` on the directed link `link`, or drop it."""
+        left = self._buckets.get(link)
+        if left is None:
+            left = self._buckets[link] = _TokenBucket(at)
+        past_s = max(at - left.at_ns, 0) / NS_PER_S
+        left.at_ns = at
+        left.frames = min(left.frames + past_s * FRAMES_HZ, FRAMES_HZ * BURST_S)
+        left.bytes = min(left.bytes + past_s * BYTES_HZ, BYTES_HZ * BURST_S)
+        if left.frames < 1 or left.bytes < len(data) or self._bytes + len(data) > MAX_WAITING_BYTES:
+            self.dropped += 1
+            return
+        left.frames -= 1
+        left.bytes -= len(data)
+        self._bytes += len(data)
+        self.waiting.append((at, link, data))
+
+    def drain(self) -> list[tuple[Time, str, bytes]]:
+        """Take all that waits, in order."""
+        waiting, self.waiting = self.waiting, []
+        self._bytes = 0
+        return waiting
+
 
 SLICE_NS: Final[Time] = 50 * NS_PER_MS
 """The most that a node catches up at once, so that its transports are served while it is behind."""
@@ -251,7 +307,7 @@ class Node:
         self._arrived[link] = serial + 1
         name, _, direction = link.rpartition(":")
         src, dst = self._kernel.link_ends(link)
-        return Transit(arrival, link, Frame(name, direction, src, serial, src, dst, arrival, data))
+        return Transit(arrival, link, Frame(name, direction, src, serial, src, dst, sent_ns=arrival, payload=data))
 
     def _send(self, frame: Frame) -> None:
         self._recorder.on_frame(frame)  # in flight, as far as is known here

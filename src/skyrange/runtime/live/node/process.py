@@ -19,13 +19,13 @@ from skyrange.contracts.plugins.registry import load_files
 from skyrange.core.errors import InputError, SkyrangeError
 from skyrange.record import Recorder
 from skyrange.record.folder import PLUGINS
-from skyrange.runtime.garbage_collection import collect_seldom
 from skyrange.runtime.live.config import NodeConfig
 from skyrange.runtime.live.node.node import Node
 from skyrange.runtime.live.system import RealSystem, System
 from skyrange.runtime.live.transport.control import ControlClient
+from skyrange.runtime.memory import collect_seldom
 from skyrange.runtime.warm_up import with_builtin_medium
-from skyrange.scenario.toml_reader import load_file
+from skyrange.scenario.toml_files import load_file
 
 ENGINE_DEADLINE_S: Final = 5.0
 """Wall seconds after which a radio engine that does not answer is dead: the whole range waits for it."""

@@ -10,8 +10,8 @@ from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.io.addresses import format_address
 from skyrange.record.folder import PARTS
 from skyrange.record.live_merge.merge import gather
+from skyrange.runtime.live.config import part_of
 from skyrange.runtime.live.range import LiveRange
-from skyrange.runtime.live.supervisor.launch import part_of
 
 FELL_BEHIND_NS: Final = NS_PER_S // 2
 COUNTED: Final = ("sent", "received", "unheard", "early", "dropped", "garbage", "refused")

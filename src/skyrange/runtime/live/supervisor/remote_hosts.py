@@ -16,8 +16,7 @@ from skyrange.record.folder import PARTS
 from skyrange.runtime.live.clock import Clock, ClockOffset, ClockSample
 from skyrange.runtime.live.config import NodeConfig
 from skyrange.runtime.live.node.host_agent import HOST_PREFIX, SILENT_S
-from skyrange.runtime.live.transport.control import ControlServer, Message
-from skyrange.runtime.live.transport.file_chunks import split_chunks, write_chunk
+from skyrange.runtime.live.transport.control import ControlServer, Message, split_chunks, write_chunk
 
 FETCH_S: Final = 20.0
 """Seconds in which a machine has to hand over a chunk of a record."""

@@ -21,15 +21,14 @@ from skyrange.io.mavlink.transports import Address
 from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.record.folder import PARTS
 from skyrange.runtime.interrupt import Interruptible
-from skyrange.runtime.live.config import NodeConfig
+from skyrange.runtime.live.config import NodeConfig, part_of
 from skyrange.runtime.live.deployment import LOOPBACK, WORLD
 from skyrange.runtime.live.node.host_agent import HOST_PREFIX
 from skyrange.runtime.live.range import MAX_STARTS, LiveRange, OnUpdate, State, SupervisedNode
-from skyrange.runtime.live.supervisor.launch import part_of
 from skyrange.runtime.live.supervisor.merge import merge_parts
 from skyrange.runtime.live.supervisor.remote_hosts import RemoteHost, RemoteHosts
+from skyrange.runtime.live.transport.addresses import Credentials, issue_credentials
 from skyrange.runtime.live.transport.control import Message
-from skyrange.runtime.live.transport.credentials import Credentials, issue_credentials
 
 LEAD_NS: Final = 300_000_000
 """From the message `start` to time 0."""

@@ -14,7 +14,7 @@ from typing import Any, Final, Literal, Protocol
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from skyrange.codec.mavlink.deframer import Deframer
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
+from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.contracts.links import LinkEnds
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
@@ -136,7 +136,7 @@ class ExternalTap:
     def _hold_ns(self) -> Time:
         return round(self.terms.hold_ms * NS_PER_MS)
 
-    def take(self, now: Time, frame: Frame, outgoing: bool, *, deaf: bool = False) -> dict[str, Any] | None:
+    def take(self, now: Time, frame: Frame, *, outgoing: bool, deaf: bool = False) -> dict[str, Any] | None:
         """Take a frame at the border; what to ask the program, `None` where the frame has been dealt with.
 
         A program that is `deaf`, as it does not read what it was asked before, is not asked.
@@ -186,7 +186,7 @@ class ExternalTap:
             self.counts.unanswered += 1
             self._fail(now, held)
 
-    def set_present(self, now: Time, there: bool) -> None:
+    def set_present(self, now: Time, *, there: bool) -> None:
         """Set whether a program is there: when it comes or goes, what waits for its verdict gets none."""
         if there == self.present:
             return
@@ -305,7 +305,9 @@ class ExternalTap:
     ) -> Frame:
         serial = self.serials.get(direction, 0)
         self.serials[direction] = serial + 1
-        return Frame(self.spec.name, direction, self.name, serial, src, dst, now, payload, parent)
+        return Frame(
+            self.spec.name, direction, self.name, serial, src, dst, sent_ns=now, payload=payload, parent=parent
+        )
 
     def _delayed(self, now: Time, held: _Held) -> None:
         if now - held.taken_ns > NOTICED_NS:

@@ -19,8 +19,8 @@ from skyrange.core.whole_numbers import parse_whole
 from skyrange.record.folder import PARTS
 from skyrange.record.manifest import MANIFEST
 from skyrange.runtime.live.clock import Clock, MonotonicClock
+from skyrange.runtime.live.config import CONFIG_FILE
 from skyrange.runtime.live.deployment import LOOPBACK
-from skyrange.runtime.live.supervisor.launch import CONFIG_FILE
 from skyrange.runtime.live.taps.external_tap import TapTerms
 from skyrange.runtime.live.taps.tap_server import MAX_LINE_BYTES, MAX_WAITING_BYTES, SOCKET, line_of, socket_path
 

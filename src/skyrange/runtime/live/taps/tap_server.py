@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.core.errors import nearest
 from skyrange.core.time import NEVER, Time
 from skyrange.runtime.live.taps.external_tap import ExternalTap, Record, TapTerms
@@ -93,7 +93,7 @@ class TapServer:
         tap = self._taps[frame.link]
         writer = self._writers.get(frame.link)
         deaf = writer is None or writer.transport.get_write_buffer_size() > MAX_WAITING_BYTES
-        asked = tap.take(now, frame, outgoing, deaf=deaf)
+        asked = tap.take(now, frame, outgoing=outgoing, deaf=deaf)
         if asked is not None and writer is not None:
             writer.write(line_of(asked))
 
@@ -160,7 +160,7 @@ class TapServer:
         finally:
             if self._writers.get(name) is writer and not self._closed:
                 del self._writers[name]
-                tap.set_present(self._at(), False)
+                tap.set_present(self._at(), there=False)
                 tap.note(self._at(), "detached")
                 self._wake()
 
@@ -171,7 +171,7 @@ class TapServer:
     def _handle_line(self, tap: ExternalTap, line: bytes) -> str:
         """Act on a line of a tap process; what is wrong with it, "" for nothing."""
         if line.strip() in (b'{"program":true}', b'{"program":false}'):
-            tap.set_present(self._at(), b"true" in line)
+            tap.set_present(self._at(), there=b"true" in line)
             return ""
         if self._now() is None:
             return "the range does not fly yet"

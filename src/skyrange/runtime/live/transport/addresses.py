@@ -1,15 +1,24 @@
-"""Addresses of the links between processes: the published ports, +10 for each aircraft or operator."""
+"""Addresses and credentials of the links between processes: ports +10 for each aircraft or operator, keys, a token.
+
+CURVE key pairs and the bearer token are made when a live range starts, and are valid for it alone. A node gets them in
+its configuration: in a file that only its owner can read, and on another machine under that machine's own key. Links on
+the loopback are open, as in life; MAVLink has no keys but those of its signatures.
+"""
 
 from __future__ import annotations
 
 import errno
+import secrets
 import socket
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal
+
+import zmq
 
 from skyrange.contracts.links import LinkEnds, LinkSpec
 from skyrange.core.errors import InputError, Problem
+from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.runtime.live.deployment import LOOPBACK, Deployment
 
 STEP: Final = 10
@@ -123,3 +132,25 @@ def check_free(places: Sequence[Crossing]) -> None:
                 problems.append(Problem(where, error.strerror or str(error), "an address that is free", hint))
     if problems:
         raise InputError("live", problems)
+
+
+@dataclass(frozen=True, slots=True)
+class Credentials:
+    """What a node authenticates itself with."""
+
+    control: Keys
+    """For the supervisor's control socket."""
+    links: Keys
+    """For ZeroMQ links between machines: one pair, which all nodes have."""
+    token: str = field(repr=False)
+    """The bearer token for an approval on another machine."""
+
+
+def issue_credentials(server: bytes) -> Credentials:
+    """New credentials for a range whose control socket has the public key `server` (Z85)."""
+    (public, secret), (shared, shared_secret) = zmq.curve_keypair(), zmq.curve_keypair()
+    return Credentials(
+        Keys(public, secret, frozenset({server})),
+        Keys(shared, shared_secret, frozenset({shared})),
+        secrets.token_urlsafe(24),
+    )

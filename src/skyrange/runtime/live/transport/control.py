@@ -3,26 +3,28 @@
 A node sends `hello`, `bound` (it has flown on trial, and holds its addresses), `ready` (booted and connected), `status`
 twice a second, `attack` when the trigger of one holds in the world, `done`. The supervisor sends `warm_up` to the first
 node of each machine, and to the others once those are bound; `connect` once all are bound; `start` with the clock's
-zero once all are ready; `clock` when that is known better; `attack` as the world said; `stop`. The messages of
-machines are in `remote_hosts`. A message may carry bytes, a part of a file. Nothing that is received is evaluated;
-anything but such an object is dropped and counted, and nobody without a key of the range is let in.
+zero once all are ready; `clock` when that is known better; `attack` as the world said; `stop`. The messages of machines
+are in `remote_hosts`. A message may carry bytes, a part of a file in a transfer by chunks. Nothing that is received is
+evaluated; anything but such an object is dropped and counted, and nobody without a key of the range is let in.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
 from typing import Any, Final, Protocol
 
 import zmq
 import zmq.asyncio
 from zmq.utils.monitor import recv_monitor_message
 
+from skyrange.core.errors import ComponentError
 from skyrange.io.addresses import format_address, with_address
 from skyrange.io.mavlink.transports import LOOPBACK, Address
-from skyrange.io.zeromq.connection_limit import ConnectionLimit
-from skyrange.io.zeromq.context import AllowedKeys, authenticator_of
+from skyrange.io.zeromq.context import AllowedKeys, ConnectionLimit, authenticator_of
 from skyrange.io.zeromq.curve_keys import Keys
 
 Message = dict[str, Any]
@@ -243,3 +245,39 @@ def _configure(socket: Any, keys: Keys, address: Address) -> None:
     socket.set(zmq.HEARTBEAT_IVL, _HEARTBEAT_MS)
     socket.set(zmq.HANDSHAKE_IVL, _HANDSHAKE_MS)
     socket.curve_publickey, socket.curve_secretkey = keys.public, keys.secret
+
+
+def split_chunks(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """The chunks of a file, each with its offset; an empty file has one chunk."""
+    for offset in range(0, max(len(data), 1), CHUNK_BYTES):
+        yield offset, data[offset : offset + CHUNK_BYTES]
+
+
+def list_files(folder: Path) -> list[tuple[str, int]]:
+    """All files below `folder`: relative name and size in bytes."""
+    found = (path for path in sorted(folder.rglob("*")) if path.is_file() and not path.is_symlink())
+    return [(path.relative_to(folder).as_posix(), path.stat().st_size) for path in found]
+
+
+def read_chunk(folder: Path, name: str, offset: int) -> bytes:
+    """A chunk of a file below `folder`, empty beyond its end. `ComponentError` as `path_inside`; `OSError`."""
+    with path_inside(folder, name).open("rb") as file:
+        file.seek(offset)
+        return file.read(CHUNK_BYTES)
+
+
+def write_chunk(folder: Path, name: str, offset: int, data: bytes) -> None:
+    """Write a chunk at its offset. `ComponentError` as `path_inside`; `OSError`."""
+    path = path_inside(folder, name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("r+b" if offset else "wb") as file:
+        file.seek(offset)
+        file.write(data)
+
+
+def path_inside(folder: Path, name: str) -> Path:
+    """The path of a name that another machine sent; `ComponentError` where it would lie outside `folder`."""
+    parts = PurePosixPath(name).parts
+    if not parts or PurePosixPath(name).is_absolute() or ".." in parts or "\0" in name or "\\" in name:
+        raise ComponentError("live", f"a file named {name!r} was announced, which would lie outside of {folder}")
+    return folder.joinpath(*parts)

@@ -13,8 +13,7 @@ from skyrange.io.http.transports import HttpClientTransport, HttpServerTransport
 from skyrange.io.mavlink.transports import OnPiece, TcpTransport, UdpTransport, listen_tcp
 from skyrange.io.zeromq.transport import Counts as ZmqCounts
 from skyrange.io.zeromq.transport import ZmqTransport
-from skyrange.runtime.live.transport.addresses import Crossing
-from skyrange.runtime.live.transport.credentials import Credentials
+from skyrange.runtime.live.transport.addresses import Credentials, Crossing
 
 MAX_BYTES: Final = {"oracle": 1 << 20}
 """Longest message over ZeroMQ by kind of link: what ground receivers received in a step, as JSON, is the longest."""

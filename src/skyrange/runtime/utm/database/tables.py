@@ -1,13 +1,33 @@
-"""Tables of the databases of UTM services, as the newest migration leaves them.
+"""Tables of the databases of UTM services, as the newest migration leaves them, and connections to them.
 
 Times are nanoseconds since 1970 UTC, heights metres above the ellipsoid; cells and volumes are JSON.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from importlib.resources import as_file, files
+from typing import Any, Final
 
-from sqlalchemy import BigInteger, Boolean, Column, Float, Integer, MetaData, String, Table, Text
+from alembic import command
+from alembic.config import Config
+from sqlalchemy import (
+    BigInteger,
+    Boolean,
+    Column,
+    Engine,
+    Float,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    Text,
+    create_engine,
+    event,
+    make_url,
+)
+from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
+
+from skyrange.core.errors import InputError
 
 METADATA: Final = MetaData()
 _ID = 64
@@ -90,3 +110,41 @@ USS_INTENTS: Final = Table(
 )
 """Intents that a USS manages: the reference that the DSS has, and what its operator claims. One that has ended, perhaps
 not yet at the DSS, has the state Ended."""
+
+
+def open_engine(url: str, who: str) -> Engine:
+    """An engine for the database at a URL, with its tables up to date. Raises `InputError`."""
+    shown = repr(url)
+    try:
+        shown = repr(make_url(url).render_as_string(hide_password=True))
+        engine = create_engine(url)
+        if engine.dialect.name == "sqlite":
+            event.listen(engine, "connect", _make_durable)
+        migrate(engine)
+    except ImportError as error:
+        raise InputError.one(
+            who, "database", shown, "a URL of a database whose driver is installed", str(error)
+        ) from error
+    except (ArgumentError, NoSuchModuleError) as error:
+        raise InputError.one(who, "database", shown, "a URL such as sqlite:///north.db", str(error)) from error
+    except SQLAlchemyError as error:
+        reason = str(getattr(error, "orig", None) or error)
+        raise InputError.one(who, "database", shown, "a database that can be opened", reason) from error
+    return engine
+
+
+def migrate(engine: Engine) -> None:
+    """Bring the tables to the newest version."""
+    with as_file(files("skyrange.runtime.utm.database") / "migrations") as folder, engine.begin() as connection:
+        config = Config()
+        config.set_main_option("script_location", str(folder).replace("%", "%%"))
+        config.attributes["connection"] = connection
+        command.upgrade(config, "head")
+
+
+def _make_durable(connection: Any, record: Any) -> None:
+    """A commit of SQLite that has returned outlasts a power cut; readers do not block it."""
+    cursor = connection.cursor()
+    cursor.execute("PRAGMA journal_mode=WAL")
+    cursor.execute("PRAGMA synchronous=FULL")
+    cursor.close()

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from skyrange.core.errors import ComponentError, InputError
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import expand_user
 from skyrange.vehicle.ardupilot.program.elf_check import why_not_executable
 
 VARIABLE: Final = "SKYRANGE_ARDUCOPTER"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink.message_columns import MessageTable
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_MS, NS_PER_US
 from skyrange.vehicle.builtin.fleet import Fleet

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
 from skyrange.codec.mavlink.message_columns import MessageTable
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.compiled import compiled
 from skyrange.core.projection import geodetic_of
 from skyrange.vehicle.builtin.fleet import Fleet

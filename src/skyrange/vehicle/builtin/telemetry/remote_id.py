@@ -13,7 +13,7 @@ import numpy as np
 from skyrange.codec.f3411 import values
 from skyrange.codec.mavlink import dialect
 from skyrange.codec.mavlink.message_columns import MessageTable
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.time import GPS_LEAP_S, NS_PER_MS, NS_PER_S
 from skyrange.vehicle.builtin.fleet import Fleet
 from skyrange.vehicle.builtin.telemetry import columns

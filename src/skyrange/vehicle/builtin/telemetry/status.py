@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
 from skyrange.codec.mavlink.message_columns import MessageTable
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_MS
 from skyrange.vehicle.builtin.fleet import Fleet, MissionState

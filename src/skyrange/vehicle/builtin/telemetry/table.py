@@ -9,7 +9,7 @@ import numpy as np
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.frames import LAYOUTS
 from skyrange.codec.mavlink.message_columns import MessageTable, payload_dtype
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
 from skyrange.vehicle.builtin.telemetry import motion, remote_id, sensors, status
 from skyrange.vehicle.builtin.telemetry.columns import Available, Builder

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Final
 
 from skyrange.core.errors import ComponentError, InputError, Problem
-from skyrange.core.input_files import expand_user
-from skyrange.io.processes.single_run import run_once
+from skyrange.core.files import expand_user
+from skyrange.io.processes.program import run_once
 from skyrange.vehicle.gazebo.program.gazebo_commands import (
     OLDEST,
     Flavour,

@@ -9,7 +9,7 @@ from typing import Final
 
 from skyrange.core.engine_sources import engine_folder, source_digest, source_files
 from skyrange.core.errors import InputError
-from skyrange.core.input_files import MIB, expand_user, read_input
+from skyrange.core.files import MIB, expand_user, read_input
 from skyrange.vehicle.gazebo.program.gazebo_commands import Flavour, Gazebo
 
 VARIABLE: Final = "SKYRANGE_GAZEBO_PLUGIN"

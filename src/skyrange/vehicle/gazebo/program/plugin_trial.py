@@ -6,8 +6,7 @@ from html import escape
 from pathlib import Path
 from typing import Final
 
-from skyrange.io.gazebo.loading import wait_for_plugin
-from skyrange.io.gazebo.master_port import take_port
+from skyrange.io.gazebo import take_port, wait_for_plugin
 from skyrange.vehicle.gazebo.program.gazebo_commands import Gazebo
 from skyrange.vehicle.gazebo.program.plugin_library import LOADED, PLUGIN_NAME
 

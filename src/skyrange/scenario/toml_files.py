@@ -1,21 +1,37 @@
-"""Scenarios from TOML: reading, overrides, named files and validation; all problems are reported at once."""
+"""Scenarios from and to TOML: reading, overrides, named files and validation; all problems are reported at once."""
 
 from __future__ import annotations
 
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
+from datetime import UTC
 from pathlib import Path
 from typing import Any
 
+import tomli_w
 from pydantic import ValidationError
 
+from skyrange.city.building_files import load_buildings
 from skyrange.core.errors import InputError, Problem
-from skyrange.scenario.buildings import replace_city
+from skyrange.core.files import expand_user
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.scenario.named_files import locate_files, read_text
+from skyrange.scenario.named_files import locate_files, read_text, rename_files
 from skyrange.scenario.overrides import apply_overrides
 from skyrange.scenario.validation.error_messages import explain_errors
+
+
+def replace_city(data: Mapping[str, Any], file: str | Path) -> dict[str, Any]:
+    """A scenario's table with the city replaced by a file of buildings and the origin moved to the middle of it.
+
+    The heights of the old origin do not apply at the new one, so `origin.alt_msl_m` and `origin.geoid_m` become 0; set
+    them if they matter. Raises InputError for an invalid file.
+    """
+    path = expand_user(file).absolute()
+    _, middle = load_buildings(path)
+    origin = {"lat": round(middle.lat_deg, 7), "lon": round(middle.lon_deg, 7)}
+    return {**data, "origin": origin, "city": {"buildings": str(path)}}
+
 
 MAX_DEPTH = 64
 """Tables and lists inside each other; a scenario needs nine."""
@@ -122,3 +138,25 @@ def _syntax_fault(message: str, text: str) -> Problem:
     line, column = (int(found[1]), int(found[2])) if found else (len(lines), len(lines[-1]) + 1)
     shown = lines[line - 1].strip() if 0 < line <= len(lines) else ""
     return Problem(f"line {line}, column {column}", shown or "(empty)", "valid TOML", f"{problem or message}.")
+
+
+def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:
+    """TOML text from which `load_text` builds an equal scenario.
+
+    `files` maps the names of files in the scenario to the names of their copies, relative to the folder of the text.
+    """
+    data = scenario.data()
+    data["start_utc"] = data["start_utc"].astimezone(UTC)  # TOML has no offsets of seconds
+    for operator in data["operators"]:
+        for key in ("params", "fleets"):
+            if not operator[key]:  # in a built scenario the vehicles contain them
+                del operator[key]
+        for vehicle in operator["vehicles"]:
+            if not vehicle["params"]:
+                del vehicle["params"]
+    for key in ("links", "processing", "attacks", "detectors", "approvals", "hosts"):
+        if not data[key]:
+            del data[key]
+    if "radio" in data and not data["radio"]["params"]:
+        del data["radio"]["params"]
+    return tomli_w.dumps(rename_files(data, files) if files else data, indent=2)

@@ -1,10 +1,13 @@
-"""A Gazebo process with skyrange's plugin: its start, and one exchange for each tick of the range's world."""
+"""Gazebo as a child process: port, the loading of its plugin, and one exchange for each tick of the range's world."""
 
 from __future__ import annotations
 
+import contextlib
+import re
+import socket
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,10 +23,80 @@ from skyrange.codec.gazebo_protocol import (
     pack,
     unpack_header,
 )
-from skyrange.core.errors import ComponentError, DecodeError
-from skyrange.io.gazebo.loading import find_load_failure
+from skyrange.core.errors import ComponentError, DecodeError, InputError
 from skyrange.io.processes.program import Program
 from skyrange.io.processes.program_socket import ProgramSocket, start_with_socket
+
+WORLD: Final = "world.sdf"
+_LOAD_LOOK_S: Final = 0.05
+_COLOURS: Final = re.compile(r"\x1b\[[0-9;]*m")
+_NO_LIBRARY: Final = "error while loading shared libraries"
+_FAILURE: Final = re.compile(
+    r"^.*(?:Failed to load (?:system )?plugin|Error while loading the library|Error parsing XML"
+    r"|Failed to find plugin \[|Unable to load the \[.*\] library|No physics plugins|Failed to load .*physics engine"
+    r"|Unable to read .*file|Unable to start server).*$",
+    re.MULTILINE,
+)
+"""What Gazebo says of a plugin, physics engine, world, or port that it cannot use; without the first two it goes on."""
+
+
+def find_load_failure(text: str) -> str:
+    """The first line of Gazebo's output which says that it cannot load a plugin or its world; "" if there is none."""
+    found = _FAILURE.search(_COLOURS.sub("", text))
+    return found[0].strip() if found else ""
+
+
+def wait_for_plugin(
+    who: str, title: str, command: Callable[[Path], tuple[str, ...]], world: str, loaded: str, deadline_s: float
+) -> None:
+    """Start a Gazebo named `title` with the SDF text `world`, wait until it prints `loaded`, and kill it.
+
+    `command` returns its command line for a file of the world. Raises `ComponentError` in the name of `who` if it does
+    not start, ends early, says that it cannot load something, or has not printed `loaded` after `deadline_s` of wall
+    time.
+    """
+    with tempfile.TemporaryDirectory(prefix="skyrange-gazebo-") as name:
+        folder = Path(name)
+        file = folder / WORLD
+        file.write_text(world)
+        program = Program(who, ("env", f"HOME={folder}", *command(file)), folder, is_wrapper=True)  # its logs go there
+        try:
+            _wait(who, title, program, loaded, deadline_s)
+        finally:
+            program.kill()
+
+
+def _wait(who: str, title: str, program: Program, loaded: str, deadline_s: float) -> None:
+    until = time.monotonic() + deadline_s
+    while True:
+        ended = program.ended
+        said = _COLOURS.sub("", program.last_words(_LINES))
+        if loaded in said:
+            return
+        failure = find_load_failure(said)
+        if failure:
+            raise ComponentError(who, f"{title} does not load it: {failure}")
+        last = " | ".join(said.splitlines()[-3:]) or "it printed nothing"
+        if ended:
+            hint = "Set LD_LIBRARY_PATH to the folder of its libraries" if _NO_LIBRARY in said else ""
+            raise ComponentError(who, f"{title} ended ({ended}) before it had loaded it: {last}", hint)
+        if time.monotonic() > until:
+            raise ComponentError(who, f"{title} has not loaded it within {deadline_s:g} s of wall time: {last}")
+        time.sleep(_LOAD_LOOK_S)
+
+
+def take_port(wanted: int, where: str) -> int:
+    """The TCP port `wanted`, or a free one for 0. Raises `InputError` in the name of the key `where` if it is used."""
+    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_STREAM)) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", wanted))
+        except OSError as error:
+            hint = "Another Gazebo may be running. Omit the port to have a free one chosen."
+            expected = f"a free port ({error.strerror})"
+            raise InputError.one("gazebo", where, str(wanted), expected, hint) from None
+        return int(probe.getsockname()[1])
+
 
 START_S: Final = 120.0
 """Wall seconds in which Gazebo has to load its world: a city of thousands of meshes takes half a minute."""

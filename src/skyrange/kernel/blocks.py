@@ -1,29 +1,40 @@
-"""The fast path: a block of frames followed over fused routes with a few array operations.
+"""Blocks of frames: the fast path over fused routes, and where it meets time and the frames that travel singly.
 
 A directed link begins a *path* when everything on the way is declared, untapped and steady. Then all frames that leave
 at one instant have the same times on every hop, and only their serials differ. The wiring decides which links share a
 path; frames on all others travel singly, and the record does not tell which it was. On a *staged* hop an agent sends
 beside what is forwarded: there blocks wait until their time before they continue.
+
+A delivery of blocks is an event. Rows whose directed link has single frames waiting continue singly beside those.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any
+from heapq import heappush
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.blocks import Causes, DirectedLinkName, FrameBlock, LinkTable
-from skyrange.contracts.frames.frame import Fate
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Causes, DirectedLinkName, Fate, Frame, FrameBlock, Ints, LinkTable, Payloads
 from skyrange.contracts.links import RowFilter
 from skyrange.contracts.mailboxes import Parents
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import Port
-from skyrange.core.time import Time, ceil_to
-from skyrange.kernel.directed_link import DirectedLink, Mailbox
+from skyrange.core.time import NEVER, Time, ceil_to
+from skyrange.kernel.directed_link import DirectedLink, Mailbox, RouteQueue
+from skyrange.kernel.event_heap import (
+    DELIVER_BLOCKS,
+    DELIVERY,
+    RESUME_BLOCKS,
+    WAKEUP,
+    Event,
+    schedule_mailbox,
+    schedule_route,
+)
+from skyrange.kernel.monitors import Monitors
 
 Select = Callable[[bytes], bool]
 
@@ -45,7 +56,7 @@ class _Hop:
     __slots__ = ("boxed", "latency_ns", "link_of", "next", "select_rows", "service_ns", "staged")
 
     def __init__(
-        self, latency_ns: Time, service_ns: Time, select: Select | None, boxed: bool, staged: bool, size: int
+        self, latency_ns: Time, service_ns: Time, *, select: Select | None, boxed: bool, staged: bool, size: int
     ) -> None:
         self.latency_ns = latency_ns
         self.service_ns = service_ns
@@ -62,7 +73,7 @@ class BlockDelivery:
 
     __slots__ = ("arrival", "hops", "pending", "to_mailboxes")
 
-    def __init__(self, arrival: Time, hops: list[FrameBlock], to_mailboxes: bool, pending: list[PendingHop]) -> None:
+    def __init__(self, arrival: Time, hops: list[FrameBlock], *, to_mailboxes: bool, pending: list[PendingHop]) -> None:
         self.arrival = arrival
         self.hops = hops
         self.to_mailboxes = to_mailboxes
@@ -145,52 +156,68 @@ class FastPath:
         path: int,
         links: Ints,
         payloads: Payloads,
+        *,
         parent_links: Ints | None,
         parent_serials: Ints | None,
         causes: Causes | None,
         sent_counts: Ints,
     ) -> list[BlockDelivery]:
         """Send `payloads` on `links` (numbers, all of one path); returns where and when each of them comes out."""
-        deliveries: list[BlockDelivery] = []
-        _follow(
-            self._paths[path], self.link_table, now, links, payloads, None, parent_links, parent_serials, causes, [],
-            sent_counts, deliveries,
-        )  # fmt: skip
-        return deliveries
+        way = _Way(self.link_table, sent_counts, [])
+        cargo = _Cargo(links, payloads, None, parent_links, parent_serials, causes)
+        _follow(way, self._paths[path], now, cargo, [])
+        return way.deliveries
 
     def resume(self, pending: PendingHop, sent_counts: Ints) -> list[BlockDelivery]:
         """Send on what has waited until its time."""
-        deliveries: list[BlockDelivery] = []
+        way = _Way(self.link_table, sent_counts, [])
         block, rows = pending.block, pending.rows
         carried = rows if block.rows is None else block.rows[rows]
-        _follow(
-            pending.hop, self.link_table, pending.sent, pending.starts, block.payloads, carried,
-            block.link_numbers[rows], block.serial[rows], None, [], sent_counts, deliveries,
-        )  # fmt: skip
-        return deliveries
+        cargo = _Cargo(pending.starts, block.payloads, carried, block.link_numbers[rows], block.serial[rows])
+        _follow(way, pending.hop, pending.sent, cargo, [])
+        return way.deliveries
 
 
-def _follow(
-    hop: _Hop,
-    table: LinkTable,
-    now: Time,
-    starts: Ints,
-    payloads: Payloads,
-    rows: Ints | None,
-    parent_links: Ints | None,
-    parent_serials: Ints | None,
-    causes: Causes | None,
-    hops: list[FrameBlock],
-    sent_counts: Ints,
-    deliveries: list[BlockDelivery],
-) -> None:
-    """Send frames over a hop and, where they need not wait, over all hops behind it; `causes` are of the first."""
+class _Way(NamedTuple):
+    """What all hops of one sending share: the links, how many frames each has sent, and where the blocks come out."""
+
+    table: LinkTable
+    sent_counts: Ints
+    deliveries: list[BlockDelivery]
+
+
+class _Cargo(NamedTuple):
+    """Frames that begin a hop at one instant, one row each, as in `FrameBlock`."""
+
+    starts: Ints
+    """(n,) the directed link that begins each frame's path."""
+    payloads: Payloads
+    rows: Ints | None
+    parent_links: Ints | None
+    parent_serials: Ints | None
+    causes: Causes | None = None
+    """Of the first hop of a path only."""
+
+
+def _follow(way: _Way, hop: _Hop, now: Time, cargo: _Cargo, hops: list[FrameBlock]) -> None:
+    """Send frames over a hop and, where they need not wait, over all hops behind it; `hops` are those before it."""
+    starts, payloads, rows = cargo.starts, cargo.payloads, cargo.rows
     link = hop.link_of[starts]
-    serial = _take_serials(link, sent_counts)
+    serial = _take_serials(link, way.sent_counts)
     arrival = now + hop.latency_ns
     block = FrameBlock(
-        table, link, serial, now, arrival, Fate.DELIVERED, payloads, rows, parent_links, parent_serials, causes
-    )  # fmt: skip
+        way.table,
+        link,
+        serial,
+        now,
+        arrival,
+        Fate.DELIVERED,
+        payloads=payloads,
+        rows=rows,
+        parent_link_numbers=cargo.parent_links,
+        parent_serial=cargo.parent_serials,
+        causes=cargo.causes,
+    )
     hops.append(block)
     if hop.staged:
         pending = []
@@ -201,25 +228,23 @@ def _follow(
             if len(chosen):
                 sent = ceil_to(arrival, onward.service_ns)
                 pending.append(PendingHop(sent, onward, starts[chosen], block, chosen))
-        deliveries.append(BlockDelivery(arrival, hops, False, pending))
+        way.deliveries.append(BlockDelivery(arrival, hops, to_mailboxes=False, pending=pending))
         return
     branched = False
     for onward in hop.next:
         sent = ceil_to(arrival, onward.service_ns)
         if onward.select_rows is None:
-            _follow(onward, table, sent, starts, payloads, rows, link, serial, None, hops, sent_counts, deliveries)
+            _follow(way, onward, sent, _Cargo(starts, payloads, rows, link, serial), hops)
         else:
             (chosen,) = onward.select_rows(block.carried()).nonzero()
             if len(chosen) == 0:
                 continue
-            _follow(
-                onward, table, sent, starts[chosen], payloads, chosen if rows is None else rows[chosen],
-                link[chosen], serial[chosen], None, hops, sent_counts, deliveries,
-            )  # fmt: skip
+            carried = chosen if rows is None else rows[chosen]
+            _follow(way, onward, sent, _Cargo(starts[chosen], payloads, carried, link[chosen], serial[chosen]), hops)
         branched = True
         hops = []  # the first branch reports the hops before it
     if not branched:
-        deliveries.append(BlockDelivery(arrival, hops, hop.boxed, []))
+        way.deliveries.append(BlockDelivery(arrival, hops, to_mailboxes=hop.boxed, pending=[]))
 
 
 def _select_rows_by(select: Select) -> Callable[[Payloads], NDArray[np.bool_]]:
@@ -264,7 +289,7 @@ def _path_shape(link: DirectedLink) -> Any:
 
 def _build_hop(link: DirectedLink, service_ns: Time, select: Select | None, size: int) -> _Hop:
     boxed, staged = link.mailbox is not None, link.staged is not None
-    hop = _Hop(link.channel.latency_ns, service_ns, select, boxed, staged, size)
+    hop = _Hop(link.channel.latency_ns, service_ns, select=select, boxed=boxed, staged=staged, size=size)
     hop.next = [
         _build_hop(target, route.service_ns, route.select, size) for route, target in link.fused or link.staged or ()
     ]
@@ -276,3 +301,116 @@ def _add_start(hop: _Hop, start: int, link: DirectedLink) -> None:
     hop.link_of[start] = link.number
     for below, (_, target) in zip(hop.next, link.fused or link.staged or (), strict=True):
         _add_start(below, start, target)
+
+
+def _arrival_order(frame: Frame) -> tuple[Time, str, int]:
+    """The order in which frames come out of one channel."""
+    return frame.arrived_ns, frame.sender, frame.serial
+
+
+class BlockForwarder:
+    """All blocks under way in one kernel."""
+
+    def __init__(self, heap: list[Event], links: Sequence[DirectedLink], queues: dict[str, RouteQueue]) -> None:
+        """`links` by number; `heap` and `queues`, the frames that wait at routes by name, are those of single frames.
+
+        Call `open_paths` once the links are wired.
+        """
+        self._heap = heap
+        self._links = links
+        self._queues = queues
+        self._fast_path = FastPath([], {})
+        self._monitors: Monitors | None = None
+        self._events = 0
+
+    def open_paths(self, ports: dict[Port, int], monitors: Monitors, *, fuse: bool) -> None:
+        """Work out the paths of blocks; `ports` has the place of every owned port among its owner's."""
+        self._fast_path = FastPath(self._links if fuse else [], ports)
+        self._monitors = monitors if monitors.slots else None
+
+    def choose_paths(self, links: Ints, parents: Parents | None) -> tuple[Ints, Ints | None]:
+        """(n,) the path of each row, -1 for a row that travels singly; and the directed link of each parent."""
+        fast = self._fast_path
+        paths = fast.path_of[links] if len(fast.path_of) else np.full(len(links), -1, dtype=np.int64)
+        parent_links = fast.find_parent_links(parents) if parents is not None else None
+        if parent_links is not None:  # columns know frames of the links' own sources; a tap's frame is none of them
+            paths = np.where(np.isin(links, links[parent_links < 0]), -1, paths)  # whole links, to keep their order
+        return paths, parent_links
+
+    def send(
+        self,
+        now: Time,
+        path: int,
+        links: Ints,
+        payloads: Payloads,
+        *,
+        parent_links: Ints | None = None,
+        parent_serials: Ints | None = None,
+        causes: Causes | None = None,
+    ) -> None:
+        """Send `payloads[i]` from the source of directed link `links[i]`, all of one path."""
+        counts = self._links[0].sent_counts
+        deliveries = self._fast_path.send(
+            now,
+            path,
+            links,
+            payloads,
+            parent_links=parent_links,
+            parent_serials=parent_serials,
+            causes=causes,
+            sent_counts=counts,
+        )
+        self._schedule(deliveries)
+
+    def deliver(self, now: Time, delivery: BlockDelivery) -> None:
+        """Put what has arrived into its mailboxes, or have it sent on."""
+        for pending in delivery.pending:  # before any route queue of that moment: "" is less than their names
+            self._events += 1
+            heappush(self._heap, ((pending.sent << 3) | WAKEUP, "", "", self._events, RESUME_BLOCKS, pending))
+        if not delivery.to_mailboxes:
+            return
+        block, fast = delivery.hops[-1], self._fast_path
+        owners = fast.mailbox_of[block.link_numbers]
+        for owner, rows in group_rows(owners):
+            box = fast.mailboxes[owner]
+            box.blocks.append(block if rows is None else block.take(rows))
+            schedule_mailbox(self._heap, now, box)
+
+    def resume(self, now: Time, pending: PendingHop) -> None:
+        """Send blocks on; rows whose link has single frames waiting at this moment wait with them, in their order."""
+        busy = {queue.hop.link.number for queue in self._queues.values() if queue.frames}
+        if busy:
+            links = pending.links
+            held = np.isin(links, list(busy))
+            if held.any():
+                self._queue_singly(now, pending.take(held), links[held])
+                pending = pending.take(~held)
+        if len(pending.rows):
+            self._schedule(self._fast_path.resume(pending, self._links[0].sent_counts))
+
+    def _queue_singly(self, now: Time, pending: PendingHop, links: Ints) -> None:
+        """Have rows of a block wait as single frames beside those that wait already."""
+        queues = {queue.hop.link.number: queue for queue in self._queues.values()}
+        frames = pending.block.take(pending.rows).frames()
+        for link, frame in zip(links.tolist(), frames, strict=True):
+            queue = queues[link]
+            queue.frames.append(frame)
+            queue.frames.sort(key=_arrival_order)
+            schedule_route(self._heap, now, queue)
+
+    def _schedule(self, deliveries: Sequence[BlockDelivery]) -> None:
+        for delivery in deliveries:
+            if self._monitors is not None:
+                self._monitors.take_blocks(delivery.hops)
+            self._events += 1  # only so that no two events are equal: the order of deliveries shows nowhere
+            heappush(self._heap, ((delivery.arrival << 3) | DELIVERY, "", "", self._events, DELIVER_BLOCKS, delivery))
+
+
+def cut_off(now: Time, delivery: BlockDelivery) -> list[FrameBlock]:
+    """The hops that had begun when the run ended at `now`; those that had not arrived stay in flight."""
+    found = [block for block in delivery.hops if block.sent_ns <= now]
+    for block in found:
+        if block.arrived_ns > now:
+            block.arrived_ns = NEVER
+            block.fate = Fate.IN_FLIGHT
+    return found

@@ -1,4 +1,4 @@
-"""Attacks that exclude each other, and defences that do: they alter or decide the same at times that overlap."""
+"""Conflicts of attacks, faults and defences: with each other while they overlap, and with what a vehicle flies by."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 from skyrange.attack.exclusive import Exclusive, common
+from skyrange.contracts.components import SensorHook
 from skyrange.core.errors import Problem
+from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NEVER, Time, from_seconds, to_seconds
 from skyrange.scenario.model.attacks import ActTable
 from skyrange.scenario.model.defences import DefenceTable
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.vehicle.contract import AutopilotPlugin
 
 Window = tuple[Time, Time]
 """Start and end in nanoseconds; the end does not belong to it."""
@@ -43,3 +47,19 @@ def window_of(table: ActTable | DefenceTable, duration_ns: Time) -> Window:
 
 def _words(window: Window) -> str:
     return f"from {to_seconds(window[0]):g} s to {to_seconds(window[1]):g} s"
+
+
+def list_own_sensors(scenario: Scenario) -> list[str]:
+    """The vehicles that fly by sensors of their own: those with physics of their own, or outside the range."""
+    kinds = {vehicle.autopilot for _, vehicle in scenario.fleet}
+    own = {kind for kind in kinds if not AutopilotPlugin.find(kind).reads_sensors(scenario.autopilots.params_of(kind))}
+    return [vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet if vehicle.autopilot in own]
+
+
+def find_unread(faults: Sequence[SensorHook], own_sensors: Sequence[str], where: str) -> list[Problem]:
+    """What is wrong with parts that act on sensors which the range does not have."""
+    unread = sorted({one for fault in faults for one in fault.vehicles if one in own_sensors})
+    if not unread:
+        return []
+    hint = "Name other aircraft: these have physics and sensors of their own."
+    return [Problem(where, ", ".join(unread), "an aircraft that flies by the range's sensors", hint)]

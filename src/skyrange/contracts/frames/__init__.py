@@ -1,1 +1,0 @@
-"""Frames: singly, in blocks, their payloads as columns, and references to them."""
