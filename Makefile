@@ -61,6 +61,7 @@ check: check-quick ## `make check-quick`, unused names, and known vulnerabilitie
 
 check-quick: $(VENV)/.tested ## ruff, mypy, and the rules of tracked files and of imports
 	$(BIN)/ruff check .
+	$(BIN)/ruff check --preview --select PLR0917 src tools
 	$(BIN)/ruff format --check .
 	$(BIN)/python -m tools.tracked_files
 	$(BIN)/mypy

@@ -443,56 +443,53 @@ if not TYPE_CHECKING:
         __name__,
         {
             "skyrange.attack.bases.approval": "OnApproval",
-            "skyrange.attack.bases.fixes": "FalseFixes Offset OnFixes OnReceivers offset_fixes",
-            "skyrange.attack.bases.forged_remote_id": "claim_identity",
             "skyrange.attack.bases.frame_acts": "delay drop duplicate",
-            "skyrange.attack.bases.in_air": "InAir",
-            "skyrange.attack.bases.mavlink.injection": "Injection InjectionOnLinks",
-            "skyrange.attack.bases.mavlink.message_acts": "alter_field hold_field",
+            "skyrange.attack.bases.gnss.fixes": "FalseFixes Offset OnFixes OnReceivers offset_fixes",
+            "skyrange.attack.bases.links": "LinkNames LinkTap OnLinks OnPath PathPlace on_path_place",
+            "skyrange.attack.bases.mavlink.injection": (
+                "Injection InjectionOnLinks Clear Script Step Upload Item=MissionItem"
+            ),
             "skyrange.attack.bases.mavlink.message_fields": "Fields=MavlinkFields move_place put",
-            "skyrange.attack.bases.mavlink.messages": "OnMessages",
+            "skyrange.attack.bases.mavlink.messages": "alter_field hold_field OnMessages",
             "skyrange.attack.bases.mavlink.orders": "AUTOPILOT STATION Order geodetic mode_order",
             "skyrange.attack.bases.mavlink.params": "CopterMode copter_mode",
-            "skyrange.attack.bases.mavlink.script": "Clear Script Step Upload Item=MissionItem",
             "skyrange.attack.bases.mavlink.telemetry": "AlteredTelemetry",
-            "skyrange.attack.bases.on_path": "LinkNames LinkTap OnLinks OnPath PathPlace on_path_place",
-            "skyrange.attack.bases.sensor_acts": "alter_reading hold_reading",
-            "skyrange.attack.bases.sensors": "AddsSignal OnSensors Signal",
+            "skyrange.attack.bases.remote_id": "claim_identity",
+            "skyrange.attack.bases.sensors": "alter_reading hold_reading AddsSignal OnSensors Signal",
             "skyrange.attack.bases.transmission": "Jamming Noise Periodic Reception Transmission",
-            "skyrange.attack.campaigns.adversary": "Adversary CampaignStage Observation",
-            "skyrange.attack.campaigns.knowledge": "Knowledge",
+            "skyrange.attack.bases.wifi_links": "InAir",
+            "skyrange.attack.campaigns.adversary": "Adversary CampaignStage Observation Knowledge",
             "skyrange.attack.campaigns.python_class": "CampaignBase",
             "skyrange.attack.contract": "Aircraft AirLink Attack AttackContext Controls Place ThreatModel Transmitter",
             "skyrange.attack.declaration": "Composite attack",
             "skyrange.attack.exclusive": "Exclusive",
-            "skyrange.attack.places": "place_param",
+            "skyrange.attack.params": "place_param Victims",
             "skyrange.attack.radio": "Broadcaster down_link transmitter up_link",
             "skyrange.attack.tapped_links": "CONTROL_LINKS EVERY_LINK Repetition",
             "skyrange.attack.techniques": "technique_by",
-            "skyrange.attack.victims": "Victims",
             "skyrange.city.city": "City",
             "skyrange.codec.f3411": "BasicId Location MessagePack decode=decode_remote_id encode=encode_remote_id",
             "skyrange.codec.f3411.conformance": "deviations=find_remote_id_deviations",
             "skyrange.codec.mavlink": (
-                "Message=MavlinkMessage Packer=MavlinkPacker decode_anew=decode_mavlink dialect=mavlink message_id "
-                "message_name=name_mavlink"
+                "Message=MavlinkMessage Packer=MavlinkPacker decode_anew=decode_mavlink dialect=mavlink "
+                "message_id message_name=name_mavlink"
             ),
             "skyrange.contracts.alerts": "Alert",
             "skyrange.contracts.claims": "ClaimedTrack",
             "skyrange.contracts.components": (
-                "Agent BodyAct BodyHook BodyInputs Contacts Disturbances Engine EngineBase Finished Floats "
-                "InstanceStatus Observer Poses SensorAct SensorHook Sensors SimulatorEngine Source Tap WallEngine "
-                "World"
+                "Agent BodyAct BodyHook BodyInputs Contacts Disturbances Engine EngineBase Finished "
+                "Floats InstanceStatus Observer Poses SensorAct SensorHook Sensors SimulatorEngine Source "
+                "Tap WallEngine World"
             ),
             "skyrange.contracts.frames": "Fate Frame FrameBlock Ints",
             "skyrange.contracts.links": (
-                "Act Channel LinkSpec NetworkPlace OpenChannel OwnRadio RadioSite Route Schedule TapPlacement "
-                "VariableChannel"
+                "Act Channel LinkSpec NetworkPlace OpenChannel OwnRadio RadioSite Route Schedule "
+                "TapPlacement VariableChannel"
             ),
             "skyrange.contracts.mailboxes": "Arrival Departure Inbox Note Outbox",
             "skyrange.contracts.medium": (
-                "ANY_CHANNEL EmitterTable Heard Medium MediumBase OnAir ProgramStatus RadioSpec RadioTable "
-                "ReceptionOutcome ScanSchedule ScanStep Sent TransmissionFate TxBatch Waveform"
+                "ANY_CHANNEL EmitterTable Heard Medium MediumBase OnAir ProgramStatus RadioSpec "
+                "RadioTable ReceptionOutcome ScanSchedule ScanStep Sent TransmissionFate TxBatch Waveform"
             ),
             "skyrange.contracts.monitors": "DetectorContext Monitor MonitorPlacement ObservedFrame ObservedFrames",
             "skyrange.contracts.params": "Enu Number Params Whole items refuse",
@@ -508,37 +505,32 @@ if not TYPE_CHECKING:
             "skyrange.defence.bases.channels": "ChannelDefence",
             "skyrange.defence.bases.fix_checks": "FixCheck",
             "skyrange.defence.bases.link_ends": "EndTap SpeakingTap",
-            "skyrange.defence.contract": "Defence DefenceContext",
-            "skyrange.defence.declaration": "defence",
+            "skyrange.defence.contract": "Defence DefenceContext defence",
             "skyrange.defence.path_rules": "Compares ExpectsOrder Holds Passes PathEnd PathRule Sends Signs",
-            "skyrange.detect.bases.messages": "MessageDetector",
-            "skyrange.detect.bases.receptions": "ReceptionDetector",
-            "skyrange.detect.bases.scores": "ScoreDetector",
-            "skyrange.detect.bases.telemetry": "TelemetryDetector",
+            "skyrange.detect.bases": "MessageDetector ReceptionDetector ScoreDetector TelemetryDetector",
             "skyrange.detect.declaration": "Detector detector",
+            "skyrange.detect.messages": "read_messages",
             "skyrange.detect.receptions": "read_receptions",
             "skyrange.detect.series": "Series Steps series",
             "skyrange.detect.streams": "table",
-            "skyrange.detect.telemetry": "read_messages",
-            "skyrange.fault.bodies": "OnBodies",
-            "skyrange.fault.contract": "FaultContext FaultParts",
-            "skyrange.fault.declaration": "fault",
-            "skyrange.radio.builtin.environment": "RadioEnvironment",
+            "skyrange.fault.bases": "OnBodies",
+            "skyrange.fault.contract": "FaultContext FaultParts fault",
+            "skyrange.radio.builtin.params": "RadioEnvironment",
             "skyrange.radio.contract": "MediumContext MediumPlugin",
             "skyrange.radio.external.medium": "ExternalMedium",
             "skyrange.utm.approval_service": "FlightApproval policy_plugin",
             "skyrange.utm.contract": (
-                "Alternative ApprovalContext ApprovalDecision ApprovalPlugin ApprovalPolicy ApprovalService "
-                "OperationalIntent intent_id"
+                "Alternative ApprovalContext ApprovalDecision ApprovalPlugin ApprovalPolicy "
+                "ApprovalService OperationalIntent intent_id"
             ),
             "skyrange.utm.messages": (
                 "Request=ApprovalRequest Response=ApprovalResponse decode_request=decode_approval_request "
                 "decode_response=decode_approval_response encode=encode_approval"
             ),
-            "skyrange.utm.request_order": "RequestOrder RequestQueue WaitingRequest",
+            "skyrange.utm.request_book": "RequestOrder RequestQueue WaitingRequest",
             "skyrange.vehicle.avoidance.contract": (
-                "Avoidance AvoidanceAction AvoidanceContext AvoidanceDecision AvoidanceLimits AvoidancePlugin "
-                "Episode Own Tracks"
+                "Avoidance AvoidanceAction AvoidanceContext AvoidanceDecision AvoidanceLimits "
+                "AvoidancePlugin Episode Own Tracks"
             ),
             "skyrange.vehicle.contract": "AutopilotContext AutopilotPlugin VehicleSpec",
             "skyrange.world.airframes": "AIRFRAMES Airframe",

@@ -14,7 +14,7 @@ from skyrange.runtime.live.config import file_name_of
 from skyrange.runtime.live.range import LiveRange, prepare_range
 from skyrange.runtime.live.supervisor.supervisor import supervise
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from tests.live_ranges import VirtualNetwork, VirtualProcess, VirtualSystem
 
 JITTER_S = 5e-4

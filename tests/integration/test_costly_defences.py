@@ -9,7 +9,7 @@ import pytest
 
 from skyrange.metrics.links import measure_transit_ms
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 from skyrange.study.runs import fly
 
 PLAN = {"square": {"side_m": 30, "alt_m": 15}}

@@ -29,7 +29,7 @@ from skyrange.dataset.members import Member, read_members
 from skyrange.dataset.progress import begin_build
 from skyrange.dataset.views import ViewSettings, run_views
 from skyrange.record import RunRecord, load
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.study.measurement import measure_acts
 from skyrange.study.runs import fly
 from skyrange.twins.arms import Arm, scenario_of

@@ -10,7 +10,7 @@ from skyrange.metrics.aircraft import measure, read_ticks
 from skyrange.metrics.safety import NEAR_M, find_landings_s
 from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.twins.effects import COLUMNS, ArmOutcomes, effect_rows
 from tests.ardupilot import needs_arducopter
 from tests.flights import shared_run

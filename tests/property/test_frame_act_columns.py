@@ -12,9 +12,7 @@ from hypothesis import strategies as st
 import skyrange.plugin as sky
 from skyrange.attack.bases.frame_acts import RowVerdicts
 from skyrange.attack.bases.links import OnLinks
-from skyrange.contracts.frames.blocks import DirectedLinkName, FrameBlock, LinkTable
-from skyrange.contracts.frames.frame import Fate
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import DirectedLinkName, Fate, FrameBlock, LinkTable, Payloads
 from skyrange.contracts.verdicts import Delay, Drop, Inject
 from skyrange.core.chance import Chance
 from skyrange.core.time import NEVER, NS_PER_S, Time

@@ -16,7 +16,7 @@ from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, load
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_files import load_text
 from skyrange.twins.arms import SELECTIONS, Arm, acting_attacks, baseline_of, plan_arms, scenario_of
 from skyrange.twins.attribution import (
     Authors,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from skyrange.assembly.build import build
 from skyrange.contracts.channel_plans import EndReport, FrameOutcome
-from skyrange.contracts.mailboxes import Outbox
+from skyrange.contracts.mailboxes import ChannelOrder, Outbox
 from skyrange.contracts.medium import RadioTable
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError

@@ -20,9 +20,7 @@ from hypothesis import strategies as st
 from skyrange.assembly.build import build
 from skyrange.bench import cores as bench_cores
 from skyrange.bench.fleet import FleetOptions, fleet_scenario
-from skyrange.contracts.frames.blocks import DirectedLinkName, FrameBlock, LinkTable
-from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames import DirectedLinkName, Fate, Frame, FrameBlock, LinkTable, Payloads
 from skyrange.contracts.links import Channel, LinkSpec, ProcessingLimit
 from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.errors import ComponentError

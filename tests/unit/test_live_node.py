@@ -23,8 +23,7 @@ from skyrange.runtime.live.node.node import PAUSE_NS, SLICE_NS, Node
 from skyrange.runtime.live.node.process import run_node
 from skyrange.runtime.live.transport.addresses import Crossing, crossings, issue_credentials
 from skyrange.runtime.live.transport.control import ControlClient, Message
-from skyrange.runtime.live.transport.credentials import issue_credentials
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.toml_files import load_data
 from tests.live_ranges import VirtualSystem
 
 SCENARIO = {

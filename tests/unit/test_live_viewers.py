@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from skyrange.cli.output.viewer_notices import tell_when_up
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
+from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.core.errors import InputError
 from skyrange.runtime.live.node.viewers import LiveViewers, assign_viewer_ports
 from skyrange.runtime.live.range import prepare_range

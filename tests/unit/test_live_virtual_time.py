@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from skyrange.runtime.garbage_collection import collect_seldom
+from skyrange.runtime.memory import collect_seldom
 from tests.live_ranges import DeadlockError, VirtualNetwork, VirtualSystem
 
 Runs = Callable[[Coroutine[Any, Any, Any]], Any]

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrange.twins import attribution as relations
 from skyrange.twins.attribution import (
     Attacks,
     Relation,
     complete,
+    relations,
     subsets,
 )
 

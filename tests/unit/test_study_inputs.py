@@ -19,7 +19,7 @@ from skyrange.core.errors import InputError
 from skyrange.detect.learned.model_file import write_model
 from skyrange.radio_map.mapping import MapLayout
 from skyrange.scenario.overrides import read_assignment, set_key
-from skyrange.scenario.toml_reader import load_file, load_text
+from skyrange.scenario.toml_files import load_file, load_text
 from skyrange.study.design.blocks import list_blocks, scenario_in
 from skyrange.study.design.model import Study, change_study, parse_study
 from skyrange.study.folder import create_folder, digest_of, list_inputs, require_same

@@ -281,7 +281,7 @@ def radio_engines(
     from skyrange.city.downtown import downtown_grid
     from skyrange.cli.output.progress import step_progress
     from skyrange.core.errors import InputError, nearest
-    from skyrange.core.input_files import expand_user
+    from skyrange.core.files import expand_user
     from skyrange.runtime.run import free_folder
     from tools.agreement.radio import page as report
     from tools.agreement.radio.agreement import compare

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from skyrange.attack.contract import AttackContext
 from skyrange.contracts.params import items, refuse
-from skyrange.contracts.plugins.fields import MISSING, param
+from skyrange.contracts.plugins.form import MISSING, param
 from skyrange.core.errors import InputError, Problem, nearest
 
 

@@ -59,7 +59,7 @@ def build(
 
     Without an option --hold-out-…, what the study's file holds out is.
     """
-    from skyrange.core.input_files import expand_user
+    from skyrange.core.files import expand_user
     from skyrange.dataset.build import build_dataset
     from skyrange.dataset.members import SHARES, HeldOut, assign_splits, cluster_members, read_members
     from skyrange.study.dataset_members import list_dataset_members

@@ -151,7 +151,7 @@ def kernels(
     """Compile the numeric kernels that flights use, so that no flight has to."""
     from skyrange.cli.output.progress import compile_kernels
     from skyrange.core.compiled import cache_folder
-    from skyrange.runtime.compilation.cache_filling import count_kernels
+    from skyrange.runtime.compilation import count_kernels
 
     made = compile_kernels(jobs=jobs, quiet=as_json)
     cached, listed = count_kernels()

@@ -219,8 +219,7 @@ def relay(
 ) -> None:
     """Relay the viewers' ports of a run to another network until the run ends. Nothing passes the other way."""
     from skyrange.cli.output.viewer_notices import viewer_counts_text
-    from skyrange.runtime.viewer_relay import ViewerRelay
-    from skyrange.runtime.viewers import FIRST_PORT
+    from skyrange.runtime.viewers import FIRST_PORT, ViewerRelay
 
     source = parse_address("relay", "--from", run, FIRST_PORT)
     with ViewerRelay(source, parse_address("relay", "--listen", listen, FIRST_PORT), vehicles) as relaying:
@@ -334,7 +333,7 @@ def merge(
     """Merge the records that the processes of a killed live range left behind."""
     from skyrange.metrics.summary import summary
     from skyrange.record import load as load_run
-    from skyrange.record.live_merge.recovery import recover_run
+    from skyrange.record.live_merge.merge import recover_run
     from skyrange.report import write_report
 
     folder = run.resolve()  # so that "." has a name

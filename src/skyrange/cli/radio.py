@@ -143,7 +143,7 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Print what a loss table covers and where it comes from, and draw it without the buildings."""
-    from skyrange.core.input_files import expand_user
+    from skyrange.core.files import expand_user
     from skyrange.radio.propagation.loss_table_file import read_loss_table
 
     path = expand_user(table)
@@ -157,7 +157,7 @@ def show(
 def _map_losses(request: MapRequest, picture: PictureRequest, *, as_json: bool) -> None:
     """`skyrange radio map`."""
     from skyrange.cli.output.progress import map_progress
-    from skyrange.core.input_files import expand_user
+    from skyrange.core.files import expand_user
     from skyrange.radio_map.mapping import MapLayout, prepare_map, trace_map
     from skyrange.radio_map.sionna import SionnaTracer, TraceSettings, check_installed, describe_tracer
 

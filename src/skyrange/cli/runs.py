@@ -10,7 +10,7 @@ from skyrange.cli.comparisons import describe_pair
 from skyrange.cli.options import ScenarioChoice, ViewerOptions, parse_ip_address
 from skyrange.cli.output.console import print_json, print_notice, print_text, print_unverified
 from skyrange.core.errors import InputError, ShortfallError
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import expand_user
 
 if TYPE_CHECKING:
     from skyrange.twins.pair_folder import Pair

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from skyrange.cli.output.console import print_notice, print_text
-from skyrange.runtime.utm.requirements import check_installed
+from skyrange.runtime.utm import check_installed
 
 utm_app = typer.Typer(
     help="Run UTM services as processes: USSs and a DSS after ASTM F3548-21, or an approval authority.\n\n"

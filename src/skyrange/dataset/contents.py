@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import open_input
+from skyrange.core.files import atomic_write, open_input
 from skyrange.dataset.members import Member
 from skyrange.dataset.progress import BUILDING
 from skyrange.dataset.views import ViewSettings

@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 from skyrange.codec.mavlink import decode
 from skyrange.codec.mavlink.frames import HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2, MIN_FRAME, SIGNED
 from skyrange.codec.mavlink.message_columns import classify_frames, message_ids
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Ints, Payloads
 from skyrange.contracts.monitors import is_side
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from skyrange.codec.mavlink.frames import LAYOUTS
 from skyrange.codec.mavlink.message_columns import message_ids
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.ids import FrameId, endpoint, link_name
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.dataset.columns import ESTIMATES

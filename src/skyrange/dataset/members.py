@@ -15,8 +15,8 @@ from typing import Any, Final
 
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem
+from skyrange.core.files import expand_user, read_input
 from skyrange.core.ids import ID_PATTERN, hash64
-from skyrange.core.input_files import expand_user, read_input
 from skyrange.dataset.families import family_of
 from skyrange.metrics.exact_difference import identify_flight
 from skyrange.record.manifest import read_manifest

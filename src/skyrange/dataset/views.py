@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.dataset.columns import AGED, FIELDS, RUN_COLUMNS, view_schema

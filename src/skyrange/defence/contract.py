@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from skyrange.attack.contract import AttackContext
 from skyrange.attack.declaration import Acting
-from skyrange.contracts.plugins.declaration import declare
+from skyrange.contracts.plugins.form import declare
 from skyrange.contracts.plugins.registry import DEFENCES, Plugin
 
 if TYPE_CHECKING:

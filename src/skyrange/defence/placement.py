@@ -11,7 +11,7 @@ from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.ids import link_name

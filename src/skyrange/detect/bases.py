@@ -12,13 +12,11 @@ from typing import ClassVar, Final, TypeAlias
 
 import numpy as np
 
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext
-from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.alerts import Alert, Scalar
+from skyrange.contracts.frames import Ints
+from skyrange.contracts.monitors import DetectorContext, Monitor, ObservedFrames
 from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param, state
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.plugins.form import param, state
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.detect.declaration import Detector

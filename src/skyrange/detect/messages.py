@@ -24,7 +24,7 @@ from skyrange.codec.mavlink.message_columns import (
     payload_dtype,
     unpack_group,
 )
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.contracts.monitors import ObservedFrames
 from skyrange.core.errors import DecodeError, InputError, nearest
 

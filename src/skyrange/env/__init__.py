@@ -39,11 +39,10 @@ if not TYPE_CHECKING:
         __name__,
         {
             "skyrange.env.acts": "BlueAct RedAct",
-            "skyrange.env.hold_the_mission": "HoldTheMission",
+            "skyrange.env.hold_the_mission": "HoldTheMission make_scenario",
             "skyrange.env.observations": "FEATURES Feature describe=describe_observation",
             "skyrange.env.outcomes": "Rewards",
             "skyrange.env.policies": "Quiet RandomPolicy ScriptedBlue ScriptedRed play",
-            "skyrange.env.task_scenario": "make_scenario",
         },
     )
 

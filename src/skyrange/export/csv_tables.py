@@ -17,7 +17,6 @@ import pyarrow.compute as pc
 
 from skyrange.core.files import atomic_write
 from skyrange.export import Export
-from skyrange.record.levels import TELEMETRY
 from skyrange.record.read.run import RunRecord
 from skyrange.record.read.telemetry import message_schema
 from skyrange.record.schema import ALL_MESSAGES, TABLES, arrow_schema

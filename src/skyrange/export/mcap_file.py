@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from skyrange.core.errors import InputError
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MAX_RECORD_BYTES, read_input
+from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, read_input
 from skyrange.export import Export, require_origin
 from skyrange.export.foxglove_messages import TOPICS, TimedMessage, building_messages, log_messages, pose_messages
 from skyrange.export.foxglove_schemas import SCHEMAS

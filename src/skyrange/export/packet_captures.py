@@ -24,8 +24,8 @@ from skyrange.core.files import atomic_write
 from skyrange.core.ids import FrameId, endpoint, link_name
 from skyrange.core.time import NS_PER_S
 from skyrange.metrics.time_series import operators, start_utc_ns, vehicles
+from skyrange.record.read.observations import RADIO_LINK, read_decoded_receptions
 from skyrange.record.read.run import RunRecord
-from skyrange.record.read.transmissions import RADIO_LINK, read_decoded_receptions
 
 T = TypeVar("T")
 

@@ -13,7 +13,7 @@ from typing import ClassVar, TypeVar
 
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.declaration import Acting
-from skyrange.contracts.plugins.declaration import declare
+from skyrange.contracts.plugins.form import declare
 from skyrange.contracts.plugins.registry import FAULTS, Plugin
 
 FaultContext = AttackContext

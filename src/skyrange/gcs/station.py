@@ -18,8 +18,8 @@ from skyrange.city.city import City
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.message_columns import FleetPacker, assign_sequence_numbers, pack_batches, payload_dtype
 from skyrange.codec.mavlink.signing import SignedConnection, SignedConnections, SigningKey
+from skyrange.contracts.alerts import Scalar
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox, Turn
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.frames import HEADER_V2, LAYOUTS
 from skyrange.codec.mavlink.message_columns import KIND_COUNT, KIND_TABLES, kind_at, kind_of_message, payload_dtype
-from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.contracts.frames import Bytes, Ints, Payloads
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NEVER, Time
 

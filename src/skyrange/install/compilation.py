@@ -12,7 +12,7 @@ from typing import Final, Generic, NamedTuple, TypeVar
 
 from skyrange.core.engine_sources import engine_folder, source_digest
 from skyrange.core.errors import ComponentError, InputError
-from skyrange.io.processes.single_run import run_once
+from skyrange.io.processes.program import run_once
 from skyrange.radio.external.engine import try_engine
 
 COMPILE_S: Final = 1_800.0

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from skyrange.core.engine_sources import source_files
 from skyrange.core.errors import InputError
-from skyrange.core.input_files import MIB, read_input
+from skyrange.core.files import MIB, read_input
 from skyrange.install.compilation import CompiledEngine, compile_engine
 
 WHO: Final = "OMNeT++"

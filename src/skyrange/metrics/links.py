@@ -12,12 +12,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames import Fate
 from skyrange.core.ids import link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.metrics.time_series import Record, vehicles
-from skyrange.record.levels import keeps
 from skyrange.record.read.run import RunRecord
+from skyrange.record.schema import keeps
 
 _BINS_PER_DECADE = 230
 """Each latency bin is 1 % wider than the one before, so a quantile is accurate to 1 %."""

@@ -21,7 +21,7 @@ from skyrange.codec import wifi_management
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import ANY_CHANNEL, RidColumns
 from skyrange.contracts.components import InstanceStatus, World
-from skyrange.contracts.frames.payloads import Bytes, Payloads
+from skyrange.contracts.frames import Bytes, Payloads
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.medium import ANY_CHANNEL as ANY
 from skyrange.contracts.medium import (
@@ -42,6 +42,7 @@ from skyrange.core.compiled import compiled
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.ids import Port, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.core.whole_numbers import worth_noting
 from skyrange.radio.builtin.medium import fixed_positions
 from skyrange.radio.ground_receptions import MAX_RECEPTIONS, Reception, ReceptionReport, encode
 from skyrange.radio.jamming import MAX_DBM, JammingBursts

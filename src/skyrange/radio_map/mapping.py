@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from skyrange.city.city import City
 from skyrange.core.errors import InputError, Problem
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MIB, read_input
+from skyrange.core.files import MIB, atomic_write, read_input
 from skyrange.radio.propagation.loss_table import LossGrid
 from skyrange.radio.propagation.loss_table_file import GridHeader, LossTableFile, LossTableHeader, write_loss_table
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink.frames import LAYOUTS
-from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.contracts.frames import Bytes, Ints, Payloads
 from skyrange.core.compiled import compiled
 
 GROUPS: Final = ("heartbeats", "commands", "missions", "parameters")

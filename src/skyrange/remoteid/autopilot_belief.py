@@ -16,7 +16,7 @@ from skyrange.codec.f3411.columns import CODES, NUMBERS
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.message_columns import classify_frames, kind_of_message, unpack_group
 from skyrange.codec.remote_id.open_drone_id import location_columns
-from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames import Ints, Payloads
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 
 AUTOPILOT: Final = int(mav.MAV_COMP_ID_AUTOPILOT1)

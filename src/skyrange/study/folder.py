@@ -13,13 +13,12 @@ from typing import Any, Final, NamedTuple
 
 from skyrange.city.building_files import files_of
 from skyrange.core.errors import InputError
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, open_input, parse_json, read_input
+from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, expand_user, open_input, parse_json, read_input
 from skyrange.record.folder import make_new_folder
 from skyrange.scenario.named_files import list_named_files, read_text
 from skyrange.scenario.overrides import read_assignment
 from skyrange.scenario.shipped import source_of
-from skyrange.scenario.toml_reader import parse_toml
+from skyrange.scenario.toml_files import parse_toml
 from skyrange.study.design.blocks import Block, list_blocks
 from skyrange.study.design.factors import BUILDINGS, SCENARIO, is_city_file
 from skyrange.study.design.model import Study, scenarios_of

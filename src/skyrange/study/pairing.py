@@ -22,8 +22,7 @@ import pyarrow.parquet as pq
 
 from skyrange.assembly.build import build
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import atomic_write, expand_user
 from skyrange.metrics.aircraft import DEPARTED_M
 from skyrange.metrics.safety import NEAR_M
 from skyrange.record.folder import make_new_folder
@@ -31,7 +30,6 @@ from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.parallel_runs import OnRunProgress, RunResult, require_level, run_all
-from skyrange.twins import attribution as attribute
 from skyrange.twins.arms import (
     ATTACKED,
     HONEST,
@@ -45,6 +43,7 @@ from skyrange.twins.arms import (
     scenario_of,
 )
 from skyrange.twins.attribution import (
+    attribute,
     attribution_table,
     authors,
     departures_by_author,

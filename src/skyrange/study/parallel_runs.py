@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
 from skyrange.core.time import Time
 from skyrange.io.processes.program import end_with_parent
-from skyrange.record.levels import LEVELS, keeps
-from skyrange.runtime.compilation.cache_filling import fill_cache, is_cold
+from skyrange.record.schema import LEVELS, keeps
+from skyrange.runtime.compilation import fill_cache, is_cold
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.runs import fly

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from skyrange.core.errors import InputError, Problem, nearest
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
+from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, expand_user, parse_json, read_input
 from skyrange.study.design.blocks import check_blocks, list_blocks
 from skyrange.study.design.model import Registration, Study
 from skyrange.study.folder import MANIFEST, StudyFolder, create_folder, open_folder, require_same, stored_digest

@@ -13,7 +13,6 @@ from skyrange.assembly.build import build
 from skyrange.core.errors import ComponentError, InputError, Problem, ShortfallError
 from skyrange.core.files import atomic_write, expand_user
 from skyrange.core.ids import ID_PATTERN
-from skyrange.core.input_files import expand_user
 from skyrange.figures import svg
 from skyrange.figures.palette import OKABE_ITO
 from skyrange.figures.svg import Figure

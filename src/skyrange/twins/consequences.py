@@ -22,8 +22,8 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_US
 from skyrange.metrics.time_series import RecordedNote, read_notes
+from skyrange.record.read.observations import RADIO_LINK
 from skyrange.record.read.run import RunRecord
-from skyrange.record.read.transmissions import RADIO_LINK
 
 LINK, MODE, MISSION, TARGET, PARAMETERS, FENCE, ESTIMATE, BATTERY, FORCES = (
     "link", "mode", "mission", "target", "parameters", "fence", "estimate", "battery", "forces",

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from skyrange.contracts.alerts import Scalar
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox, Turn
 from skyrange.contracts.params import Params
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.ids import APPROVAL, Port, link_name
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
 from skyrange.utm.contract import (

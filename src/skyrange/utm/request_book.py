@@ -17,6 +17,7 @@ from skyrange.contracts.mailboxes import Arrival, Outbox, Turn
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port, operator_of
 from skyrange.core.time import Time
+from skyrange.core.whole_numbers import worth_noting
 from skyrange.utm.intent_states import IntentState
 from skyrange.utm.messages import PATH, EndBody, ErrorBody, Request, Response, decode_request, encode
 

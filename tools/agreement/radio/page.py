@@ -12,8 +12,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from skyrange.core.errors import InputError
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MIB, read_input
+from skyrange.core.files import MIB, atomic_write, read_input
 from skyrange.figures import svg
 from skyrange.figures.palette import OKABE_ITO
 from skyrange.figures.svg import Figure

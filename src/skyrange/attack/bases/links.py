@@ -28,7 +28,7 @@ from skyrange.codec.mavlink import message_id
 from skyrange.contracts.components import Floats
 from skyrange.contracts.frames import Frame, FrameBlock
 from skyrange.contracts.links import NetworkPlace, RadioSite, TapPlacement
-from skyrange.contracts.plugins.fields import param, state
+from skyrange.contracts.plugins.form import param, state
 from skyrange.contracts.verdicts import Direction, Inject, Verdict, Verdicts
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, nearest

@@ -20,8 +20,7 @@ from skyrange.attack.declaration import Acting, Facts
 from skyrange.attack.params import Victims, check_vehicles
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.params import Enu, Number, refuse
-from skyrange.contracts.plugins.fields import param, reads_fields, state
-from skyrange.contracts.plugins.form import Kind, place_of
+from skyrange.contracts.plugins.form import Kind, param, place_of, reads_fields, state
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 

@@ -13,7 +13,7 @@ from skyrange.attack.declaration import Facts
 from skyrange.attack.params import place_param
 from skyrange.contracts.links import NetworkPlace, RadioSite
 from skyrange.contracts.params import Enu, Number
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.errors import InputError, nearest
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from skyrange.attack.campaigns.adversary import Adversary, CampaignStage, Observation
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Agent, SensorAct, SensorHook, Sensors, Tap
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.verdicts import Verdict

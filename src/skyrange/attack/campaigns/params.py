@@ -12,7 +12,7 @@ from skyrange.attack.contract import AttackPlugin, Place, move_place, moved
 from skyrange.attack.declaration import Composite, Facts
 from skyrange.attack.tapped_links import Messages, Names
 from skyrange.contracts.params import Enu, Number, Params, Whole, items
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.errors import InputError, Problem, Problems, nearest
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"

@@ -11,7 +11,7 @@ from skyrange.attack.bases.mavlink.orders import read, target_message
 from skyrange.attack.contract import Place
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.core.geodesy import Origin
 
 _READ = (mav.MAVLINK_MSG_ID_HEARTBEAT, mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)

@@ -11,7 +11,7 @@ from skyrange.attack.tapped_links import LEARNED
 from skyrange.codec.mavlink import Message, decode, dialect, file_transfer, message_id, sender_system
 from skyrange.codec.mavlink.file_transfer import Opcode
 from skyrange.codec.mavlink.signing import is_signed
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.alerts import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import NEVER, Time
 

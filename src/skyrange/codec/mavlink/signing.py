@@ -33,12 +33,13 @@ from skyrange.codec.mavlink.frames import (
     message_name,
 )
 from skyrange.codec.mavlink.message_columns import classify_frames
-from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.alerts import Scalar
+from skyrange.contracts.frames import Payloads
 from skyrange.contracts.mailboxes import Block, Columns, Departure, Inbox, Outbox
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, NS_PER_US, Time
+from skyrange.core.whole_numbers import worth_noting
 
 KEY_BYTES: Final = 32
 ZERO_UNIX_NS: Final = 1_420_070_400 * NS_PER_S
@@ -328,6 +329,6 @@ class SignedConnections:
         column = _REASONS.index(why)
         self._counts[number, column] += 1
         count = self._counts.item(number, column)
-        if count & (count - 1) == 0:  # a flood must not fill the record
+        if worth_noting(count):
             data: dict[str, Scalar] = {"count": count, "reason": str(why), "message": message_name(frame)}
             out.note(self._note, self._connections[number].vehicle, data, (inbox.arrival(order).ref,))

@@ -10,7 +10,7 @@ from skyrange.attack.bases.gnss.emitter import FIX_3D, FIX_NONE
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.params import Number
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time, from_seconds
 from skyrange.defence.contract import Defence, DefenceContext
 from skyrange.defence.placement import Alarm, Protection

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.errors import InputError
 from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, read_input
 from skyrange.core.time import Time, from_seconds

@@ -20,9 +20,8 @@ import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext
-from skyrange.contracts.monitors import Monitor, ObservedFrames
-from skyrange.core.input_files import expand_user
+from skyrange.contracts.monitors import DetectorContext, Monitor, ObservedFrames
+from skyrange.core.files import expand_user
 from skyrange.core.time import Time
 from skyrange.detect.declaration import Detector
 from skyrange.detect.learned.model_file import Model, read_model

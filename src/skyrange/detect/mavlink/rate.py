@@ -25,7 +25,7 @@ from typing import Final
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.alerts import Scalar
 from skyrange.detect.messages import MessageHeads, message_numbers, name_message, read_heads
 from skyrange.detect.series import Floats
 

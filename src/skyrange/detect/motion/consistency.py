@@ -40,7 +40,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.detect.series import Floats, grown, step_errors
 
 GRAVITY_MPS2: Final = 9.80665

@@ -49,7 +49,7 @@ from typing import ClassVar, Final, NamedTuple
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.detect.bases import MOST_SCORE
 from skyrange.detect.sensor_values import fix_errors, pressure_altitude_m
 from skyrange.detect.series import Floats, grown, rounds

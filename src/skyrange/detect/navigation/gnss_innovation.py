@@ -35,7 +35,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 import skyrange.plugin as sky
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.detect.sensor_values import fix_errors
 from skyrange.detect.series import Floats, MovingMean, grown, rounds
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from skyrange.city.city import City
-from skyrange.contracts.scalars import Scalar
+from skyrange.contracts.alerts import Scalar
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import hash64, operator_of

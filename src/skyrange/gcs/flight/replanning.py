@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from skyrange.contracts.alerts import Scalar
 from skyrange.contracts.mailboxes import Turn
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.time import Time, to_seconds
 from skyrange.core.volumes import Volume4D
 from skyrange.gcs.flight.lifecycle import FlightState

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 from skyrange.codec.mavlink import Message, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import mode_name
+from skyrange.contracts.alerts import Scalar
 from skyrange.contracts.mailboxes import Arrival, Turn
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds, to_seconds
@@ -571,7 +571,7 @@ class FlightSequencer:
         self.dialogue.send(turn, [guided.message(turn.now, self.flight.system_id, AUTOPILOT_COMPONENT)])
 
     def _note_count(self, turn: Turn, kind: str, count: int, reason: str) -> None:
-        if count & (count - 1) == 0:  # 1, 2, 4, 8 …: a flood must not fill the record
+        if worth_noting(count):
             turn.note(kind, self.flight.vehicle, {"count": count, "reason": reason})
 
 

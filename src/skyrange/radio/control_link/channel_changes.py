@@ -7,9 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from skyrange.contracts.channel_orders import ChannelOrder, End
 from skyrange.contracts.channel_plans import ChannelPolicy
-from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.mailboxes import ChannelOrder, End, Inbox, Outbox
 from skyrange.contracts.medium import RadioTable
 from skyrange.core.chance import Chance
 from skyrange.core.ids import Port, hash64

@@ -29,9 +29,9 @@ from skyrange.contracts.medium import ProgramStatus, ReceptionOutcome, Waveform
 from skyrange.contracts.params import Params
 from skyrange.core.engine_sources import engine_folder, source_digest
 from skyrange.core.errors import ComponentError, DecodeError, InputError
-from skyrange.core.input_files import expand_user
+from skyrange.core.files import expand_user
 from skyrange.core.time import NS_PER_MS
-from skyrange.io.processes.engine_socket import EngineSocket
+from skyrange.io.processes.program_socket import EngineSocket
 
 
 def encode_params(params: Params) -> dict[str, str]:

@@ -37,7 +37,7 @@ from skyrange.metrics.time_series import (
     read_notes,
     truth_tracks,
 )
-from skyrange.record.levels import keeps
+from skyrange.record.schema import keeps
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from skyrange.figures.subject import Subject
 from skyrange.figures.svg import format_number
 from skyrange.metrics.summary import FlightSummary, describe_radio_engine
 from skyrange.metrics.time_series import Record, Track
-from skyrange.record.levels import FULL, level_of
+from skyrange.record.schema import FULL, level_of
 from skyrange.report import quantities
 from skyrange.report.rendering import asset, content_policy, render
 from skyrange.report.run import sections, timeline

@@ -17,7 +17,7 @@ from skyrange.contracts.links import Act, Channel
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import endpoint, vehicle_id
 from skyrange.core.time import NS_PER_S
-from skyrange.gcs.telemetry.streams import OPERATOR
+from skyrange.gcs.telemetry_streams import OPERATOR
 from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.record import Recorder
 from skyrange.record.schema import FULL

@@ -14,7 +14,7 @@ from skyrange.dataset.families import FAMILIES
 from skyrange.detect.learned.model_file import GRADIENT_BOOSTING, ISOLATION_FOREST, Algorithm
 from skyrange.record.schema import FULL, STUDY, TABLES, keeps
 from skyrange.scenario.model.base import Id, Model, Number, Whole, items, refuse
-from skyrange.scenario.model.detectors import DetectorTable
+from skyrange.scenario.model.defences import DetectorTable
 from skyrange.scenario.named_files import locate_files as locate_named_files
 from skyrange.scenario.overrides import apply_overrides, locate_assignment
 from skyrange.scenario.shipped import source_of

@@ -20,7 +20,7 @@ from typing import Any, Final, Protocol
 from skyrange.core.errors import ComponentError, InputError, SkyrangeError
 from skyrange.io.processes.program import end_with_parent
 from skyrange.runtime.cores.division import available_cpus
-from skyrange.runtime.garbage_collection import collect_less
+from skyrange.runtime.memory import collect_less
 from skyrange.study.design.blocks import Block
 from skyrange.study.folder import BlockResult
 

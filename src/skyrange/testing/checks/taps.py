@@ -8,7 +8,7 @@ from dataclasses import FrozenInstanceError, dataclass
 from typing import Literal
 
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Fate, Frame, end_journey
+from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
 from skyrange.core.ids import FrameId

@@ -14,8 +14,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from skyrange.contracts.alerts import Scalar
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox, Turn
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port, hash64, operator_of

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
 from skyrange.codec.mavlink.message_columns import FleetPacker
+from skyrange.contracts.alerts import Scalar
 from skyrange.contracts.mailboxes import Outbox
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port

@@ -42,7 +42,7 @@ from skyrange.attack.declaration import Facts
 from skyrange.attack.exclusive import Exclusive
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.params import Number, items, refuse
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.core.errors import Problem
 from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds
 from skyrange.world.sensing import sensor_errors

@@ -10,7 +10,7 @@ from skyrange.attack.bases.mavlink.message_fields import move_place, read_fields
 from skyrange.attack.contract import Place
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.core.geodesy import Origin
 from skyrange.core.volumes import Volume4D
 

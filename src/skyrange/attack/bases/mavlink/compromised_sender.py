@@ -24,9 +24,9 @@ from skyrange.codec.mavlink import Message, Packer, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.frames import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNATURE, SIGNED, checksum
 from skyrange.codec.mavlink.signing import is_signed, range_passphrase, secret_from_passphrase, sign_frame
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import TapPlacement
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import param
 from skyrange.contracts.verdicts import Inject, Replace, Verdicts
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import link_name, operator_of

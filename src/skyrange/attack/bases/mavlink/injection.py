@@ -19,7 +19,7 @@ from skyrange.attack.params import Victims, check_vehicles
 from skyrange.attack.tapped_links import CONTROL_LINKS, MESSAGE_NUMBERS
 from skyrange.codec.mavlink import Message, Packer, message_id
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.params import Whole
 from skyrange.contracts.plugins.form import param, place_of
 from skyrange.contracts.verdicts import Verdicts

@@ -14,8 +14,8 @@ import numpy as np
 from skyrange.attack.bases.links import OnPath
 from skyrange.attack.bases.mavlink.orders import rewrite
 from skyrange.codec.mavlink import Message, decode_anew, dialect
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.plugins.fields import reads_fields, state
+from skyrange.contracts.frames import Frame
+from skyrange.contracts.plugins.form import reads_fields, state
 from skyrange.contracts.verdicts import Replace, Verdicts
 from skyrange.core.errors import DecodeError, InputError, nearest
 from skyrange.core.time import Time

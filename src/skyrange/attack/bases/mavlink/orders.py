@@ -14,7 +14,7 @@ from skyrange.attack.bases.shams import benign_payload, harmless_message
 from skyrange.attack.contract import Place
 from skyrange.codec.mavlink import Message, Packer, decode, message_id, sender_system
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Replace
 from skyrange.core.errors import DecodeError

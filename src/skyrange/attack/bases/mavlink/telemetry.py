@@ -18,8 +18,8 @@ from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.tapped_links import MESSAGE_NUMBERS
 from skyrange.codec.mavlink import dialect, message_id
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.frames import Frame
+from skyrange.contracts.plugins.form import param
 from skyrange.contracts.verdicts import Direction, Replace, Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin

@@ -18,8 +18,8 @@ from uas_standards.astm.f3548.v21.constants import Scope
 
 from skyrange.codec.f3548.frames import UssRequest, decode
 from skyrange.codec.f3548.values import ConstraintReference, IntentDetails, IntentReference, volume_body, volumes_of
+from skyrange.contracts.alerts import Scalar
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox, Turn
-from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Epoch, Time

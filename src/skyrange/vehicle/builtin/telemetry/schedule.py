@@ -12,7 +12,7 @@ import numpy as np
 
 from skyrange.codec.mavlink import dialect
 from skyrange.codec.mavlink.message_columns import MessageTable, assign_sequence_numbers, pack_batches
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NEVER, NS_PER_MS, Time
 from skyrange.vehicle.builtin.fleet import COMPONENT_ID, Fleet
