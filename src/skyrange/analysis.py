@@ -134,7 +134,7 @@ if not TYPE_CHECKING:
             "skyrange.dataset.build": "build_dataset",
             "skyrange.dataset.frame_views": "Place=SensorPlace",
             "skyrange.dataset.members": (
-                "Member=DatasetMember read_members=read_dataset_members HeldOut assign_splits check_held_out"
+                "HeldOut assign_splits check_held_out Member=DatasetMember read_members=read_dataset_members"
             ),
             "skyrange.dataset.views": "ViewSettings",
             "skyrange.export": "Export",
@@ -142,7 +142,7 @@ if not TYPE_CHECKING:
             "skyrange.export.kml_file": "write_kml=export_kml",
             "skyrange.export.mcap_file": "write_mcap=export_mcap",
             "skyrange.export.packet_captures": (
-                "Capture mavlink=export_mavlink remote_id=export_remote_id received_broadcasts receivers_of"
+                "Capture received_broadcasts receivers_of mavlink=export_mavlink remote_id=export_remote_id"
             ),
             "skyrange.figures": "altitude plan_view track_deviation trajectories_3d",
             "skyrange.metrics.agreement": "Agreement agreement=compare_outcomes",
