@@ -101,7 +101,7 @@ def _installed_version(name: str) -> str | None:
 def _ardupilot() -> Finding:
     """The ArduCopter binary that a run would use: path, version, capabilities, and whether it runs."""
     from skyrange.io.processes.single_run import run_once
-    from skyrange.vehicle.ardupilot.program.arducopter_binary import (
+    from skyrange.vehicle.ardupilot.arducopter_binary import (
         ANSWER_S,
         SUPPORTED_VERSION,
         check_help,
@@ -153,9 +153,8 @@ def _ns3() -> Finding:
 
 def _gazebo() -> list[Finding]:
     """The Gazebo that a run would use, whether it loads the plugin, and its window."""
-    from skyrange.vehicle.gazebo.program.gazebo_release import find_gazebo, find_window
-    from skyrange.vehicle.gazebo.program.plugin_library import INSTALL, find_plugin
-    from skyrange.vehicle.gazebo.program.plugin_trial import try_plugin
+    from skyrange.vehicle.gazebo.gazebo_program import find_gazebo, find_window
+    from skyrange.vehicle.gazebo.plugin_library import INSTALL, find_plugin, try_plugin
 
     try:
         gazebo = find_gazebo()

@@ -16,8 +16,8 @@ from skyrange.core.errors import InputError
 from skyrange.core.ids import FrameId, Port
 from skyrange.io.mavlink.connections import MavlinkConnection
 from skyrange.vehicle.contract import VehicleSpec
+from skyrange.vehicle.event_detection import EventDetector
 from skyrange.vehicle.external.vehicle_session import VehicleSession
-from skyrange.vehicle.mavlink_state.event_detection import EventDetector
 from tests.foreign_vehicle import ORIGIN
 
 

@@ -16,9 +16,9 @@ from typer.testing import CliRunner
 from skyrange.assembly.battery_warnings import list_battery_warnings
 from skyrange.cli.app import app
 from skyrange.scenario.model.scenario import Scenario
+from skyrange.vehicle.ardupilot.arducopter_binary import BATTERY, VARIABLE, examine_binary
 from skyrange.vehicle.ardupilot.json_backend.json_lines import _BATTERY_LINE, LineWriter, format_lines
 from skyrange.vehicle.ardupilot.json_backend.motion import STANDING, Motion, to_ardupilot_motion
-from skyrange.vehicle.ardupilot.program.arducopter_binary import BATTERY, VARIABLE, examine_binary
 from tests.unit.made_up_binaries import elf, firmware
 from tests.unit.record_sample import StillWorld
 

@@ -7,7 +7,15 @@ import numpy as np
 from skyrange.core.time import NS_PER_S
 from skyrange.remoteid.autopilot_belief import Beliefs
 from skyrange.vehicle.avoidance.contract import AvoidanceAction, AvoidanceDecision, Episode
-from skyrange.vehicle.companion.autopilot_commands import AUTO, GUIDED, RTL
+from skyrange.vehicle.companion.autopilot_commands import (
+    AUTO,
+    GUIDED,
+    REQUESTS,
+    RETRY_NS,
+    RTL,
+    MessageRequest,
+    MessageRequests,
+)
 from skyrange.vehicle.companion.control_handover import (
     CONFIRM_NS,
     MAX_TRIES,
@@ -16,7 +24,6 @@ from skyrange.vehicle.companion.control_handover import (
     ControlHandover,
     ControlState,
 )
-from skyrange.vehicle.companion.message_requests import REQUESTS, RETRY_NS, MessageRequest, MessageRequests
 
 S = NS_PER_S
 GOAL_REQUEST = (100.0, 0.0, 30.0)

@@ -237,7 +237,7 @@ def test_all_reading_passes_one_place() -> None:
         "io/processes/single_run.py",
         "runtime/live/node/process.py", "runtime/live/supervisor/launch.py", "runtime/live/supervisor/namespaces.py",
         "runtime/live/transport/file_chunks.py", "runtime/live/taps/tap_process.py", "install/ardupilot.py",
-        "vehicle/ardupilot/program/arducopter_binary.py", "study/report/rendering.py", "bench/live.py",
+        "vehicle/ardupilot/arducopter_binary.py", "study/report/rendering.py", "bench/live.py",
         "bench/suite/observation.py", "core/engine_sources.py", "runtime/compilation/signatures.py",
         "runtime/compilation/cache_filling.py",
     }  # fmt: skip

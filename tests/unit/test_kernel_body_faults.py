@@ -16,8 +16,7 @@ from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import Time
 from skyrange.kernel import EngineMount, Kernel, Wiring
 from skyrange.world.airframes import IRIS
-from skyrange.world.bodies import Body
-from skyrange.world.wind import Wind
+from skyrange.world.bodies import Body, Wind
 from skyrange.world.world import World
 from tests.probes.toys import MS, Climber, Log
 

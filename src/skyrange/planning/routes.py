@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.city.city import City
-from skyrange.planning.costs import Costs
 from skyrange.planning.lattice import EXHAUSTED, NO_WAY, is_free, raise_field, search
-from skyrange.planning.limits import AROUND_M, Limits, NoRouteError, Place
+from skyrange.planning.limits import AROUND_M, Costs, Limits, NoRouteError, Place
 from skyrange.planning.sampling import Point3, Sampling, sample_leg
 
 Floats = NDArray[np.float64]

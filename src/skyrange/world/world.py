@@ -20,14 +20,12 @@ from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world import battery, multirotor, turbulence
 from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
-from skyrange.world.bodies import Body, check_bodies
+from skyrange.world.bodies import CALM, Body, Wind, check_bodies
 from skyrange.world.collision.broad_phase import shape_row
-from skyrange.world.collision.contact_tracker import ContactTracker
-from skyrange.world.collision.reported_contacts import apply_contacts
+from skyrange.world.collision.contact_tracker import ContactTracker, apply_contacts
 from skyrange.world.collision.response import CollisionState
 from skyrange.world.imposed_poses import ImposedPoses
 from skyrange.world.sensing.sensors import IDEAL, SensorSpec, SensorSuite
-from skyrange.world.wind import CALM, Wind
 
 if TYPE_CHECKING:
     from skyrange.city.city import City

@@ -6,8 +6,7 @@ from skyrange.city.city import City
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import hash64
 from skyrange.gcs.plan.plans import CRUISE_MPS
-from skyrange.planning.costs import Costs
-from skyrange.planning.limits import Limits, NoRouteError
+from skyrange.planning.limits import Costs, Limits, NoRouteError
 from skyrange.planning.routes import find_route
 from skyrange.planning.sampling import Sampling, load_ompl
 from skyrange.scenario.model.fleet import Vehicle

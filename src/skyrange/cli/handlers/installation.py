@@ -34,7 +34,7 @@ def install_ardupilot(version: str | None, source: Path | None, as_json: bool) -
     """`skyrange install ardupilot`."""
     from skyrange.cli.output.progress import download_progress
     from skyrange.install.ardupilot import install
-    from skyrange.vehicle.ardupilot.program.arducopter_binary import find_binary
+    from skyrange.vehicle.ardupilot.arducopter_binary import find_binary
 
     with download_progress("arducopter", quiet=as_json) as on_progress:
         made = install(version, expand_user(source) if source is not None else None, on_progress)
@@ -118,8 +118,8 @@ def install_omnetpp(omnetpp: Path | None, inet: Path | None, as_json: bool) -> N
 def install_gazebo(prefix: Path | None, as_json: bool) -> None:
     """`skyrange install gazebo`."""
     from skyrange.install.gazebo import TESTED, find_installed, install
-    from skyrange.vehicle.gazebo.program.gazebo_release import find_gazebo
-    from skyrange.vehicle.gazebo.program.plugin_library import find_plugin
+    from skyrange.vehicle.gazebo.gazebo_program import find_gazebo
+    from skyrange.vehicle.gazebo.plugin_library import find_plugin
 
     folder = expand_user(prefix) if prefix is not None else None
     if not as_json:

@@ -26,8 +26,8 @@ from skyrange.vehicle.ardupilot.json_backend.motion import PWM_MIN, PWM_RANGE
 from skyrange.vehicle.ardupilot.options import Options
 from skyrange.vehicle.ardupilot.process_fleet import PRIVATE, START_S, WARM_UP_NS, ProcessFleet
 from skyrange.vehicle.contract import VehicleSpec
-from skyrange.vehicle.mavlink_state.event_detection import REPORTS
-from skyrange.vehicle.mavlink_state.reported_poses import ReportedPoses, state_from_sim_state
+from skyrange.vehicle.event_detection import REPORTS
+from skyrange.vehicle.reported_poses import ReportedPoses, state_from_sim_state
 
 MODEL: Final = "x"
 """ArduPilot's own: 3 kg, 0.35 m arms, hovers at 0.39 (SIM_Frame.h)."""

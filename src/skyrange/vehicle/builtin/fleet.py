@@ -21,9 +21,17 @@ from skyrange.contracts.scalars import Scalar
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time
-from skyrange.vehicle.builtin.check_layout import BATTERY_STATE, CHECK_STATE, FENCE_STATE, ZONES
-from skyrange.vehicle.builtin.files.store import FileStore
-from skyrange.vehicle.builtin.layout import LEGS, ControlMode, Records, new_records
+from skyrange.vehicle.builtin.layout import (
+    BATTERY_STATE,
+    CHECK_STATE,
+    FENCE_STATE,
+    LEGS,
+    ZONES,
+    ControlMode,
+    Records,
+    new_records,
+)
+from skyrange.vehicle.builtin.memory_card import FileStore
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters.table import INDEX, MAX_VALUES, MIN_VALUES, PARAMETERS
 from skyrange.vehicle.builtin.utc_clocks import UtcClocks

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -20,6 +21,7 @@ from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
+from skyrange.codec.mavlink.signing import SigningKey
 from skyrange.codec.remote_id.link_payload import RidHeader, pack, unpack_rows
 from skyrange.codec.remote_id.open_drone_id import to_mavlink
 from skyrange.contracts.frames.payloads import Ints, Payloads
@@ -31,6 +33,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.remoteid.autopilot_belief import Beliefs, clock_us, is_fresh
+from skyrange.remoteid.broadcast_profiles import Broadcast
 from skyrange.remoteid.broadcaster import (
     ARM_STATUS_TEXTS,
     HEARTBEAT_TIMEOUT_NS,
@@ -39,16 +42,34 @@ from skyrange.remoteid.broadcaster import (
     Broadcaster,
 )
 from skyrange.remoteid.tracks import ReceivedBroadcasts, TrackSnapshot, TrackTable
-from skyrange.vehicle.avoidance.contract import AvoidanceDecision, Own, Tracks, Vector
+from skyrange.vehicle.avoidance.conflicts import detect_conflicts
+from skyrange.vehicle.avoidance.contract import Avoidance, AvoidanceDecision, Own, Tracks, Vector
 from skyrange.vehicle.avoidance.none import NoAvoidance
 from skyrange.vehicle.companion import autopilot_commands
-from skyrange.vehicle.companion.conflict_detection import detect_conflicts
+from skyrange.vehicle.companion.autopilot_commands import MessageRequests
 from skyrange.vehicle.companion.control_handover import CompanionCommand, ControlHandover, ControlState
-from skyrange.vehicle.companion.message_requests import MessageRequests
-from skyrange.vehicle.companion.spec import CompanionSpec
 
 if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
+    from skyrange.remoteid.drip.verification.policy import Verification
+if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
     from skyrange.remoteid.drip.verification.verifier import Verifier
+
+
+@dataclass(frozen=True, slots=True)
+class CompanionSpec:
+    """One aircraft: its MAVLink system id, what it broadcasts, and how it avoids others (None: not at all)."""
+
+    vehicle: str
+    system_id: int
+    broadcast: Broadcast
+    avoidance: Avoidance | None = None
+    cruise_mps: float = 10.0
+    """The mission's ground speed, kept during and after avoidance."""
+    signing_key: SigningKey | None = field(default=None, repr=False)
+    """The autopilot's key, if its MAVLink is signed: the companion signs its commands and verifies what it receives."""
+    verification: Verification | None = None
+    """How it verifies the Remote ID of others; None: not at all."""
+
 
 SERVICE_NS: Final[Time] = LEAD_NS
 """Its own program runs at 20 Hz; what it forwards is handled by a route, more often."""

@@ -17,9 +17,9 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
 from skyrange.io.mavlink.connections import MavlinkConnection
 from skyrange.vehicle.contract import VehicleSpec
+from skyrange.vehicle.event_detection import EventDetector
 from skyrange.vehicle.external.interlock import Interlock
-from skyrange.vehicle.external.position_reports import REACH_M, PositionReports
-from skyrange.vehicle.mavlink_state.event_detection import EventDetector
+from skyrange.vehicle.reported_poses import REACH_M, PositionReports
 
 FAR_M: Final = 50.0
 """A vehicle farther than this from its `start` is not where the scenario says, and that is noted."""

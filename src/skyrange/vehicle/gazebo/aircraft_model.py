@@ -10,8 +10,9 @@ import math
 from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element
 
-from skyrange.vehicle.gazebo.names import BODY, FRAME, model_name, rotor_name, visual_name
 from skyrange.vehicle.gazebo.sdf_elements import (
+    BODY,
+    FRAME,
     Colour,
     Point,
     add,
@@ -21,6 +22,9 @@ from skyrange.vehicle.gazebo.sdf_elements import (
     add_material,
     add_pose,
     bar_between,
+    model_name,
+    rotor_name,
+    visual_name,
 )
 from skyrange.world.airframes import AIRFRAMES, Airframe
 

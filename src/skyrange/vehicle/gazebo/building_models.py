@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.core.errors import InputError
-from skyrange.vehicle.gazebo.names import building_name, city_name, visual_name
 from skyrange.vehicle.gazebo.sdf_elements import (
     Colour,
     Point,
@@ -28,6 +27,9 @@ from skyrange.vehicle.gazebo.sdf_elements import (
     add_material,
     add_mesh,
     add_pose,
+    building_name,
+    city_name,
+    visual_name,
 )
 
 HARD_MU: Final = 100.0

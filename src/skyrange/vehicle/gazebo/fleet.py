@@ -24,16 +24,15 @@ from skyrange.core.errors import InputError, Problem
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.io.gazebo.master_port import take_port
 from skyrange.io.gazebo.simulator import GazeboSimulator
+from skyrange.vehicle.ardupilot.arducopter_binary import find_binary
 from skyrange.vehicle.ardupilot.lockstep_fleet import LockstepFleet
 from skyrange.vehicle.ardupilot.process_fleet import QUANTUM_NS
-from skyrange.vehicle.ardupilot.program.arducopter_binary import find_binary
 from skyrange.vehicle.contract import AutopilotContext, VehicleSpec
 from skyrange.vehicle.gazebo.aircraft_model import PlacedAircraft
-from skyrange.vehicle.gazebo.names import model_name
+from skyrange.vehicle.gazebo.gazebo_program import Gazebo, find_gazebo, find_window, window_command
 from skyrange.vehicle.gazebo.options import GazeboOptions
-from skyrange.vehicle.gazebo.program.gazebo_commands import Gazebo
-from skyrange.vehicle.gazebo.program.gazebo_release import find_gazebo, find_window, window_command
-from skyrange.vehicle.gazebo.program.plugin_library import find_plugin
+from skyrange.vehicle.gazebo.plugin_library import find_plugin
+from skyrange.vehicle.gazebo.sdf_elements import model_name
 from skyrange.vehicle.gazebo.world_file import write_world
 from skyrange.world.airframes import AIR_DENSITY_KGM3, AIRFRAMES, MOTORS
 

@@ -15,7 +15,7 @@ below none; and all of them if the impulse changes the aircraft's speed by more 
 
 A body whose pose is imposed by an engine does not yield: it is treated as infinitely heavy, and flies on marked as
 crashed. One that a simulator moves yields and breaks like any other: the impulse goes to the simulator. Its contacts
-with buildings and with others of its kind are the simulator's (`reported_contacts`).
+with buildings and with others of its kind are the simulator's (`contact_tracker`).
 """
 
 from __future__ import annotations

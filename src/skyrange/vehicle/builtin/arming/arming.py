@@ -10,15 +10,13 @@ import math
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NEVER, Time, from_seconds
-from skyrange.vehicle.builtin import loop
+from skyrange.vehicle.builtin import fence, loop, pilot
 from skyrange.vehicle.builtin.arming import prearm
-from skyrange.vehicle.builtin.fence import fence
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, SubMode, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import auto_rtl
 from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode
 from skyrange.vehicle.builtin.log_events import log_arming, log_disarming
 from skyrange.vehicle.builtin.modes import PILOT_CONTROLS, Mode, allows_arming
-from skyrange.vehicle.builtin.pilot import rc_channels
 
 MAGIC_FORCE_ARM = 2989.0
 MAGIC_FORCE_ARM_DISARM = 21196.0
@@ -72,7 +70,7 @@ def _refusal(fleet: Fleet, vehicle: Vehicle) -> str:
         fleet.param(vehicle, "ANGLE_MAX") * 0.01
     ):
         return "Leaning"
-    if checks & (prearm.ArmingCheck.ALL | prearm.ArmingCheck.RC) and rc_channels.throttle_too_high(fleet, vehicle):
+    if checks & (prearm.ArmingCheck.ALL | prearm.ArmingCheck.RC) and pilot.throttle_too_high(fleet, vehicle):
         return "Throttle too high"
     return ""
 

@@ -12,10 +12,10 @@ from typing import Any
 from skyrange.codec.mavlink import dialect
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S
+from skyrange.vehicle.builtin import fence
 from skyrange.vehicle.builtin.arming.arming import disarm
-from skyrange.vehicle.builtin.failsafes.alarms import Alarm
-from skyrange.vehicle.builtin.fence import fence
-from skyrange.vehicle.builtin.fence.zones import zone_breach
+from skyrange.vehicle.builtin.failsafes.actions import Alarm
+from skyrange.vehicle.builtin.fence import zone_breach
 from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
 from skyrange.vehicle.builtin.layout import ControlMode
 from skyrange.vehicle.builtin.mode_change import set_mode

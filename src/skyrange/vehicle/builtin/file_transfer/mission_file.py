@@ -12,8 +12,8 @@ from typing import Any
 from skyrange.codec.ardupilot_files import missions as packed
 from skyrange.codec.mavlink import dialect
 from skyrange.core.errors import DecodeError
-from skyrange.vehicle.builtin.files.store import fail
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Upload, Vehicle
+from skyrange.vehicle.builtin.memory_card import fail
 from skyrange.vehicle.builtin.mission.command_ids import DO_JUMP
 from skyrange.vehicle.builtin.mission.items import ACCEPTED, decode_item
 from skyrange.vehicle.builtin.mission_protocol import server

@@ -24,9 +24,9 @@ from skyrange.codec.mavlink import file_transfer as ftp
 from skyrange.codec.mavlink.file_transfer import DATA_BYTES, Error, Opcode, Transfer
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.vehicle.builtin.file_transfer import mission_file, param_file
-from skyrange.vehicle.builtin.files.store import Entry, fail
 from skyrange.vehicle.builtin.fleet import Burst, Causes, FileServer, Fleet, OpenFile, Timer, Vehicle
-from skyrange.vehicle.builtin.messages.parameter_protocol import send_banner
+from skyrange.vehicle.builtin.memory_card import Entry, fail
+from skyrange.vehicle.builtin.parameter_protocol import send_banner
 
 SESSION_TIMEOUT_NS: Final = 3 * NS_PER_S
 """FTP_SESSION_TIMEOUT."""

@@ -13,12 +13,10 @@ from typing import Any
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import from_seconds
-from skyrange.vehicle.builtin import loop
-from skyrange.vehicle.builtin.fence import fence
+from skyrange.vehicle.builtin import fence, locations, loop
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Timer, Vehicle
 from skyrange.vehicle.builtin.guidance import auto_yaw, wpnav
 from skyrange.vehicle.builtin.layout import ControlMode
-from skyrange.vehicle.builtin.locations import location
 from skyrange.vehicle.builtin.modes import GUIDED_COMMANDS, Mode
 
 _POS_IGNORE, _VEL_IGNORE, _ACC_IGNORE = 0b111, 0b111 << 3, 0b111 << 6
@@ -80,8 +78,8 @@ def on_position_target_global(
     frame, mask = message.coordinate_frame, message.type_mask
     position = velocity = accel = None
     if mask & _POS_IGNORE == 0:
-        position = location.to_enu(fleet, vehicle, frame, message.lat_int, message.lon_int, message.alt)
-        if position is None or (mask & _VEL_IGNORE == 0 and frame in location.TERRAIN_FRAMES):
+        position = locations.to_enu(fleet, vehicle, frame, message.lat_int, message.lon_int, message.alt)
+        if position is None or (mask & _VEL_IGNORE == 0 and frame in locations.TERRAIN_FRAMES):
             stop_and_hold(fleet, vehicle, causes)
             return
     if mask & _VEL_IGNORE == 0:
@@ -187,7 +185,7 @@ def start_position(fleet: Fleet, vehicle: Vehicle, position: Vector) -> None:
         if anew:
             fleet.set_default_limits(vehicle)
         wpnav.start_leg(
-            fleet.estimate, fleet.flight, fleet.legs, fleet.settings, vehicle.row, location.as_array(position), anew
+            fleet.estimate, fleet.flight, fleet.legs, fleet.settings, vehicle.row, locations.as_array(position), anew
         )
         return
     _start_control(fleet, vehicle, ControlMode.POSITION)

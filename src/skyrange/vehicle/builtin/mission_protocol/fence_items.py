@@ -10,8 +10,8 @@ import math
 from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.check_layout import CIRCLE_IN, CIRCLE_OUT, MAX_FENCE_ITEMS, POLYGON_IN, POLYGON_OUT
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Upload, Vehicle, all_causes
+from skyrange.vehicle.builtin.layout import CIRCLE_IN, CIRCLE_OUT, MAX_FENCE_ITEMS, POLYGON_IN, POLYGON_OUT
 from skyrange.vehicle.builtin.mission_protocol.item_types import lat_lon_e7, simple_item_type
 
 _NUMBER = dialect.MAV_MISSION_TYPE_FENCE

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Upload, Vehicle, all_causes
-from skyrange.vehicle.builtin.locations.rally import ABOVE_HOME, ABSOLUTE, MAX_ITEMS
+from skyrange.vehicle.builtin.locations import ABOVE_HOME, ABSOLUTE, MAX_ITEMS
 from skyrange.vehicle.builtin.mission_protocol.item_types import lat_lon_e7, simple_item_type
 
 _NUMBER = dialect.MAV_MISSION_TYPE_RALLY

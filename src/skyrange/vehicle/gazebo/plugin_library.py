@@ -1,16 +1,22 @@
-"""Compiled plugin of skyrange for Gazebo: found by variable, or among those that were compiled."""
+"""Compiled plugin of skyrange for Gazebo: found by variable or among those that were compiled, and tried.
+
+In its trial, Gazebo loads it in an empty world.
+"""
 
 from __future__ import annotations
 
 import os
 import re
+from html import escape
 from pathlib import Path
 from typing import Final
 
 from skyrange.core.engine_sources import engine_folder, source_digest, source_files
 from skyrange.core.errors import InputError
 from skyrange.core.input_files import MIB, expand_user, read_input
-from skyrange.vehicle.gazebo.program.gazebo_commands import Flavour, Gazebo
+from skyrange.io.gazebo.loading import wait_for_plugin
+from skyrange.io.gazebo.master_port import take_port
+from skyrange.vehicle.gazebo.gazebo_program import Flavour, Gazebo
 
 VARIABLE: Final = "SKYRANGE_GAZEBO_PLUGIN"
 """Environment variable with the path of the compiled plugin; it precedes those in the user's data folder."""
@@ -72,3 +78,20 @@ def _linked_builds(path: Path, hint: str) -> set[str]:
     return {
         f"{Flavour.SIM if found['sim'] else Flavour.CLASSIC}{int(found['major'])}" for found in _NEEDED.finditer(data)
     }
+
+
+TRIAL_S: Final = 60.0
+"""Wall time within which Gazebo must have loaded the plugin, in seconds; it takes one to five."""
+_WORLD: Final = """<?xml version="1.0"?>
+<sdf version="1.6"><world name="trial"><plugin name="{name}" filename="{library}"/></world></sdf>
+"""
+
+
+def try_plugin(who: str, gazebo: Gazebo, library: Path) -> None:
+    """Let `gazebo` load the plugin `library` in an empty world; it has ended when this returns.
+
+    Raises `ComponentError` in the name of `who` if it does not load it within `TRIAL_S`.
+    """
+    port = take_port(0, "port")
+    world = _WORLD.format(name=PLUGIN_NAME, library=escape(str(library.absolute())))
+    wait_for_plugin(who, gazebo.title, lambda file: gazebo.server_command(file, port=port), world, LOADED, TRIAL_S)
