@@ -18,7 +18,7 @@ from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS
 from skyrange.world.battery import discharge
 from skyrange.world.collision.broad_phase import count_due
 from skyrange.world.multirotor import advance
-from skyrange.world.sensing.sensor_errors import sample
+from skyrange.world.sensing.sensor_errors import SensingArrays, name_arrays, sample
 from skyrange.world.world import World
 
 _STOPS = tuple(BatchStop)
@@ -33,10 +33,7 @@ def run_ticks(
     service: bool,
     discharged_ns: int,
     search: Any,
-    bodies: Any,
-    moved: Any,
-    power: Any,
-    sensing: Any,
+    arrays: SensingArrays,
     navigation: Any,
     control: Any,
     outputs: Any,
@@ -44,17 +41,19 @@ def run_ticks(
     """Run at most `count` ticks, and with `service` the world's part of one more, which discharges the batteries.
 
     Returns how many were begun, a `BatchStop`, the events that the bodies flagged in the last, and how far aircraft
-    have travelled for the search of contacts. `search` is `World.contact_search`; `bodies`, `moved`, `power` and
-    `sensing` are `World.batch_state`; `navigation`, `control` and `outputs` are `BuiltinFleet.batch_state`.
+    have travelled for the search of contacts. `search` is `World.contact_search`; `arrays` are
+    `World.batch_state`; `navigation`, `control` and `outputs` are `BuiltinFleet.batch_state`.
     """
     idle, travelled, census_due, pair_due, wall_due = search
-    commands, odometer_m, max_step2_m2 = moved
+    sensing = name_arrays(arrays)
+    bodies = sensing.bodies
+    commands, odometer_m, max_step2_m2 = bodies.commands, bodies.odometer_m, bodies.max_step2_m2
     step_s = quantum_ns / NS_PER_S
     for tick in range(count + service):
         now = first + tick * quantum_ns
-        events = advance(*bodies)
+        events = advance(step_s, bodies)
         if tick == count:
-            discharge((now - discharged_ns) / NS_PER_S, *power)
+            discharge((now - discharged_ns) / NS_PER_S, bodies)
         if idle:
             if events > 0:
                 return tick + 1, _WORLD, events, travelled
@@ -63,7 +62,7 @@ def run_ticks(
             if events > 0 or far > census_due or count_due(far, pair_due, odometer_m, wall_due) > 0:
                 return tick + 1, _WORLD, events, travelled
             travelled = far
-        sample(now, step_s, tick == count, *sensing)
+        sample(now, step_s, tick == count, sensing)
         if tick == count:
             return count + 1, _SERVICE, 0, travelled
         step_strapdown(*navigation)
@@ -125,7 +124,7 @@ class FleetTickBatch:
         gains = fleet.gains
         if self._arguments is None or gains is not self._gains:
             self._gains = gains
-            self._arguments = (*world.batch_state(), *fleet.batch_state(world.sensors(self._rows)))
+            self._arguments = (world.batch_state(), *fleet.batch_state(world.sensors(self._rows)))
         quantum_ns = world.quantum_ns
         begun, stop, self._events, travelled = run_ticks(
             first, quantum_ns, count, service, world.discharged_ns, world.contact_search, *self._arguments

@@ -23,6 +23,7 @@ from skyrange.city.wall_index import NO_WALLS
 from skyrange.contracts.components import Contacts
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.time import NS_PER_S, Time
+from skyrange.world.body_state import BodyState, Floats
 from skyrange.world.collision import broad_phase, response
 from skyrange.world.collision.broad_phase import CG, MASS
 from skyrange.world.collision.response import (
@@ -36,8 +37,6 @@ from skyrange.world.collision.response import (
     UP,
     WHO,
     WITH,
-    CollisionState,
-    Floats,
 )
 
 if TYPE_CHECKING:
@@ -66,7 +65,7 @@ class ContactTracker:
         self._idle = city is None and len(vehicles) == 1
         self._touched: dict[tuple[int, int], Time] = {}
 
-    def begin(self, bodies: CollisionState) -> None:
+    def begin(self, bodies: BodyState) -> None:
         """Find the floor below each aircraft and its distance to the walls."""
         if self._city is not None:
             walls = self._city.walls()
@@ -83,7 +82,7 @@ class ContactTracker:
         """Take over how far aircraft have travelled in ticks that needed no `resolve_tick`."""
         self._travelled = travelled
 
-    def resolve_tick(self, now: Time, step_s: float, stride2_m2: float, bodies: CollisionState) -> Sequence[Note]:
+    def resolve_tick(self, now: Time, step_s: float, stride2_m2: float, bodies: BodyState) -> Sequence[Note]:
         """Resolve the collisions of the tick that ended; `stride2_m2` is the square of the longest distance any
         aircraft moved.
         """
@@ -136,7 +135,7 @@ _LANDED_COS = 0.7
 """A normal that points up more than this is that of a roof: the friction of gear on it holds up to 45 degrees."""
 
 
-def apply_contacts(rows: NDArray[np.int64], contacts: Contacts, after_mps: Floats, state: CollisionState) -> Floats:
+def apply_contacts(rows: NDArray[np.int64], contacts: Contacts, after_mps: Floats, state: BodyState) -> Floats:
     """Break what the contacts break in `state`, which is that before them; returns the hits (k, 7).
 
     `rows` are the world's rows of the engine's vehicles, `after_mps` (vehicles, 3) their velocities after the tick.
@@ -173,7 +172,7 @@ def apply_contacts(rows: NDArray[np.int64], contacts: Contacts, after_mps: Float
     return np.array(hits, dtype=np.float64).reshape(-1, 7)
 
 
-def _break_motors(i: int, rotor: int, after_mps: Floats, state: CollisionState) -> None:
+def _break_motors(i: int, rotor: int, after_mps: Floats, state: BodyState) -> None:
     change = after_mps - state.velocity[i]
     lost = slice(None) if math.sqrt(float(change @ change)) > DESTRUCTION_MPS else [rotor] if rotor >= 0 else []
     state.alive[i, lost] = 0
