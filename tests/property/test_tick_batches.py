@@ -48,8 +48,8 @@ def test_batches_are_single_ticks(name: str, tmp_path: Path, monkeypatch: pytest
     stops: Counter[BatchStop] = Counter()
     run = FleetTickBatch.run
 
-    def counted(batch: FleetTickBatch, first: Time, count: int, service: bool) -> tuple[int, BatchStop]:
-        begun, stop = run(batch, first, count, service)
+    def counted(batch: FleetTickBatch, first: Time, count: int, *, service: bool) -> tuple[int, BatchStop]:
+        begun, stop = run(batch, first, count, service=service)
         stops[stop] += begun > 0
         return begun, stop
 

@@ -59,7 +59,9 @@ class Vehicle:
         self.kind = kind
         self.connected, self.trouble, self.address = True, "", "tcp:127.0.0.1:9"
         self.commanded: list[int] = []
-        self.session = VehicleSession(VehicleSpec("blue/b1", 1), cast("MavlinkConnection", self), ORIGIN, True, 10.0)
+        self.session = VehicleSession(
+            VehicleSpec("blue/b1", 1), cast("MavlinkConnection", self), ORIGIN, 10.0, open_=True
+        )
         self._packer, self._station = Packer(1, 1), Packer(255, 190)
 
     def write(self, frame: bytes) -> bool:

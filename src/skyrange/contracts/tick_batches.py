@@ -38,7 +38,7 @@ class TickBatch(Protocol):
     period_ns: Time
     """Of a tick that is the first at or after a multiple of this, a batch runs the part of the world at most."""
 
-    def run(self, first: Time, count: int, service: bool) -> tuple[int, BatchStop]:
+    def run(self, first: Time, count: int, *, service: bool) -> tuple[int, BatchStop]:
         """Run at most `count` ticks from `first` on, and with `service` the world's part of the one after them, which
         begins a period; returns how many were begun, and why the batch ended.
 

@@ -312,7 +312,7 @@ class Kernel:
         count = (last - first) // self._quantum + 1
         after = first + count * self._quantum
         try:
-            begun, stop = batch.run(first, count, last == period - 1 and after <= until)
+            begun, stop = batch.run(first, count, service=last == period - 1 and after <= until)
         except Exception as error:
             raise attribute_error(f"engine {self._engines[0].engine.name}", first, error) from error
         self._next_tick = first + begun * self._quantum

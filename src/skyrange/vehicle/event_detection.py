@@ -114,7 +114,7 @@ class AnsweredRequests:
             if len(self._wanted) > MAX_UNANSWERED:
                 del self._wanted[next(iter(self._wanted))]
 
-    def on_answer(self, message: Message, landed: bool) -> Iterator[Event]:
+    def on_answer(self, message: Message, *, landed: bool) -> Iterator[Event]:
         """The events in a message from the autopilot."""
         kind = message.get_type()
         if kind == "MISSION_ITEM_REACHED":
@@ -127,7 +127,7 @@ class AnsweredRequests:
                 del self._wanted[message.param_id]
                 yield "event.parameter", {"name": message.param_id, "value": float(message.param_value)}
         elif kind == "HOME_POSITION":
-            yield from self._on_home(message, landed)
+            yield from self._on_home(message, landed=landed)
         elif message.command == dialect.MAV_CMD_DO_SET_HOME and message.result != dialect.MAV_RESULT_ACCEPTED:
             self._home_asked = False
 
@@ -139,7 +139,7 @@ class AnsweredRequests:
             self._stored[list_type] = self._announced.pop(key)
             yield _LISTS[list_type], {"items": self._stored[list_type]}
 
-    def _on_home(self, message: Message, landed: bool) -> Iterator[Event]:
+    def _on_home(self, message: Message, *, landed: bool) -> Iterator[Event]:
         """Home was set by a command, or has moved in the air, as by an item of a mission. Arming moves it too, on the
         ground; that is no event, as it is none of the builtin autopilot.
         """
@@ -205,7 +205,7 @@ class FenceState:
             yield "event.fence_cleared", {}
         self._known, self._reports = "", 0
 
-    def on_status(self, message: Message, armed: bool, landed: bool) -> Iterator[Event]:
+    def on_status(self, message: Message, *, armed: bool, landed: bool) -> Iterator[Event]:
         """FENCE_STATUS: what the texts do not report. A text in the air may still come, so one report there waits."""
         breached = self._known in ("text", "status")
         if not message.breach_status:
@@ -291,9 +291,9 @@ class EventDetector:
         if number == dialect.MAVLINK_MSG_ID_STATUSTEXT:
             yield from read_status_text(message.text, self._fence)
         elif number == dialect.MAVLINK_MSG_ID_FENCE_STATUS:
-            yield from self._fence.on_status(message, self.armed, self.landed)
+            yield from self._fence.on_status(message, armed=self.armed, landed=self.landed)
         else:
-            yield from self._requests.on_answer(message, self.landed)
+            yield from self._requests.on_answer(message, landed=self.landed)
 
     def on_report(self, message: Message) -> Iterator[Event]:
         """The events in a message from its private port."""

@@ -127,7 +127,7 @@ def spin_rotors(
 
 
 @inlined
-def rotate_attitude(
+def rotate_attitude(  # noqa: PLR0917
     qw: float, qx: float, qy: float, qz: float, tx: float, ty: float, tz: float
 ) -> tuple[float, float, float, float]:
     """An attitude rotated by a body vector: the quaternion exponential's series to fourth order, normalised."""
@@ -148,7 +148,7 @@ def rotate_attitude(
 
 
 @compiled
-def _land(  # arrays and not a `BodyState`: each that is taken out of one is counted, here too often
+def _land(  # arrays and not a `BodyState`: each that is taken out of one is counted, here too often  # noqa: PLR0917
     i: int,
     step_s: float,
     p: Floats,

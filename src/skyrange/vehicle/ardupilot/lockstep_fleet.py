@@ -96,7 +96,7 @@ def _written(rows: Ints, per_tick: Ints, wanted: Ints, lines: Ints) -> Ints:
 
 
 @compiled
-def _answered(
+def _answered(  # noqa: PLR0917
     rows: Ints,
     taken: Ints,
     answers: NDArray[np.uint8],
@@ -201,7 +201,7 @@ class LockstepFleet(ProcessFleet):
         self._live = np.arange(count)
         self._exchanges = BatchExchange(self._sitls, most)
         self._batches = ExchangeBatches(self._per_tick, ticks, moments)
-        self._writer = LineWriter(count, most, self._feeds_battery)
+        self._writer = LineWriter(count, most, battery=self._feeds_battery)
         if count == 1:
             self._core_sharing = CoreSharing(self._sitls[0].program)
 
@@ -226,7 +226,7 @@ class LockstepFleet(ProcessFleet):
             self._mean.add(sensors.accel_mps2)
         self._due = rows
         if len(rows):
-            after = to_ardupilot_motion(sensors, self._home_up_m, self._feeds_battery)
+            after = to_ardupilot_motion(sensors, self._home_up_m, battery=self._feeds_battery)
             if self._skips_ticks:
                 self._mean.apply(after, rows)
             before, self._motion = (self._motion if self._motion is not None else after), after
@@ -237,7 +237,15 @@ class LockstepFleet(ProcessFleet):
         batches, exchanges = self._batches, self._exchanges
         assert batches is not None
         assert exchanges is not None
-        self._writer.write(rows, batches.pending_lines, self._per_tick, self._steps, self._step_ns, before, after)
+        self._writer.write(
+            rows,
+            first=batches.pending_lines,
+            per_tick=self._per_tick,
+            steps=self._steps,
+            step_ns=self._step_ns,
+            before=before,
+            after=after,
+        )
         due = batches.mark_written(rows)
         exchanges.send(due, batches.pending_lines, self._writer.text, self._writer.lengths)
         return due

@@ -25,7 +25,7 @@ _CLOSING_MPS = 0.5
 
 
 @compiled
-def entry_s(
+def entry_s(  # noqa: PLR0917
     rx: float, ry: float, rz: float, vx: float, vy: float, vz: float, radius: float, half_height: float
 ) -> float:
     """When something at `r` m, moving at `v` m/s, both relative to oneself, enters: seconds, inf for never."""
@@ -60,7 +60,7 @@ def entry_s(
 
 
 @compiled
-def _entries(
+def _entries(  # noqa: PLR0917
     x: float, y: float, z: float, u: float, v: float, w: float, pos: NDArray[np.float64], vel: NDArray[np.float64],
     radius: float, half_height: float, standing_mps: float, moving_s: float, standing_s: float,
     out: NDArray[np.float64],
@@ -78,6 +78,7 @@ def find_conflicts(
     vel: Vector,
     tracks: Tracks,
     limits: AvoidanceLimits,
+    *,
     scale: float = 1.0,
     moving_s: float | None = None,
     standing_s: float | None = None,
@@ -112,7 +113,7 @@ Floats = NDArray[np.float64]
 
 
 @compiled
-def _screen(
+def _screen(  # noqa: PLR0917
     rows: Any, used: Ints, stale_ns: int, now: int, places: Floats, velocities: Floats, limits: Floats,
     asks: NDArray[np.bool_], found: NDArray[np.bool_],
 ) -> None:  # fmt: skip

@@ -46,7 +46,7 @@ _ROOM = 1.15
 
 
 @compiled
-def _open(
+def _open(  # noqa: PLR0917
     a: Floats, b: Floats, begin_s: float, pos: Floats, vel: Floats, speed: float, radius: float, half_height: float,
     standing_mps: float, horizon_s: float,
 ) -> bool:  # fmt: skip
@@ -72,7 +72,7 @@ def _open(
 
 
 @compiled
-def _dijkstra(
+def _dijkstra(  # noqa: PLR0917
     nodes: Floats, free: Floats, walls: WallIndex, near: Ints, pos: Floats, vel: Floats, speed: float, radius: float,
     half_height: float, standing_mps: float, horizon_s: float, left: Floats, came: Ints,
 ) -> bool:  # fmt: skip
@@ -239,7 +239,7 @@ class Geometric(EpisodicAvoidance):
             return False
         velocity, takes_s = velocity_towards(own.pos_enu_m, place, own.cruise_mps)
         within_s = min(takes_s, self.limits.look_ahead_s)
-        found = find_conflicts(own.pos_enu_m, velocity, tracks, self.limits, 1.0, within_s, within_s)
+        found = find_conflicts(own.pos_enu_m, velocity, tracks, self.limits, moving_s=within_s, standing_s=within_s)
         return not found and is_straight_clear(self.walls, own.pos_enu_m, place, self.limits.wall_m)
 
 

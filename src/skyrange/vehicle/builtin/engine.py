@@ -171,7 +171,13 @@ class BuiltinFleet(EngineBase):
         gain_sets = self._gain_sets
         gain_sets.update(tick, dt_s)
         if self._estimator.update(
-            tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], gain_sets.set_index, gain_sets.parameter_sets
+            tick,
+            dt_s,
+            sensors,
+            fleet.estimate,
+            armed=fleet.flight["armed"],
+            set_index=gain_sets.set_index,
+            settings=gain_sets.parameter_sets,
         ):
             resets.report_events(fleet, self._estimator.filters)
         if tick % SERVICE_NS == 0:
@@ -266,7 +272,7 @@ class BuiltinFleet(EngineBase):
             dt_s,
         )
 
-    def end_batch(self, last: Time, flagged: bool) -> None:
+    def end_batch(self, last: Time, *, flagged: bool) -> None:
         """Take over complete ticks of a batch, the last at `last`; `flagged` if its loop raised an event."""
         fleet = self._fleet
         fleet.now = self._last_tick = last

@@ -64,7 +64,7 @@ def _edge_distance(z: Any, first: int, size: int, east: float, north: float) -> 
 
 
 @compiled
-def zone_breach(z: Any, east: float, north: float, union: bool) -> tuple[bool, float]:
+def zone_breach(z: Any, east: float, north: float, union: bool) -> tuple[bool, float]:  # noqa: FBT001
     """Return whether a place breaches the zones, and how far outside it is, m; negative inside.
 
     A place must be inside all inclusion zones (with `union`, inside any of them) and outside all exclusion zones. As in
@@ -159,7 +159,7 @@ def enabled_fences(fleet: Fleet, vehicle: Vehicle) -> int:
     return int(fleet.fence["enabled"][vehicle.row]) & present_fences(fleet, vehicle)
 
 
-def enable_fences(fleet: Fleet, vehicle: Vehicle, on: bool, kinds: int, by_hand: bool = True) -> int:
+def enable_fences(fleet: Fleet, vehicle: Vehicle, kinds: int, *, on: bool, by_hand: bool = True) -> int:
     """Enable or disable some types and return those that changed. FENCE_ENABLE keeps its value."""
     row, boundary = vehicle.row, fleet.fence
     kinds &= int(fleet.param(vehicle, "FENCE_TYPE"))
@@ -181,13 +181,13 @@ def handle_do_fence_enable(fleet: Fleet, vehicle: Vehicle, what: int, kinds: int
     """
     kinds = (kinds & 0xFF) or ALL_TYPES
     if what == 0:
-        enable_fences(fleet, vehicle, False, kinds)
+        enable_fences(fleet, vehicle, kinds, on=False)
     elif what == 1:
         if not present_fences(fleet, vehicle) & kinds:
             return int(dialect.MAV_RESULT_FAILED)
-        enable_fences(fleet, vehicle, True, kinds)
+        enable_fences(fleet, vehicle, kinds, on=True)
     elif what == 2:
-        enable_fences(fleet, vehicle, False, FenceType.ALT_MIN)
+        enable_fences(fleet, vehicle, FenceType.ALT_MIN, on=False)
     else:
         return int(dialect.MAV_RESULT_FAILED)
     return int(dialect.MAV_RESULT_ACCEPTED)
@@ -198,7 +198,7 @@ def auto_enable_on_arming(fleet: Fleet, vehicle: Vehicle) -> None:
     if fleet.param(vehicle, "FENCE_AUTOENABLE") == _AUTO_ARMED:
         fleet.fence["alt_min_state"][vehicle.row] = 0
         send_fence_message(
-            fleet, vehicle, "auto-enabled", enable_fences(fleet, vehicle, True, _ARMING_TYPES, by_hand=False)
+            fleet, vehicle, "auto-enabled", enable_fences(fleet, vehicle, _ARMING_TYPES, on=True, by_hand=False)
         )
 
 
@@ -206,7 +206,7 @@ def auto_disable_on_disarming(fleet: Fleet, vehicle: Vehicle) -> None:
     """Disable the fence on disarming (FENCE_AUTOENABLE 3)."""
     if fleet.param(vehicle, "FENCE_AUTOENABLE") == _AUTO_ARMED:
         send_fence_message(
-            fleet, vehicle, "auto-disabled", enable_fences(fleet, vehicle, False, ALL_TYPES, by_hand=False)
+            fleet, vehicle, "auto-disabled", enable_fences(fleet, vehicle, ALL_TYPES, on=False, by_hand=False)
         )
 
 
@@ -215,7 +215,7 @@ def auto_enable_after_takeoff(fleet: Fleet, vehicle: Vehicle) -> None:
     if fleet.param(vehicle, "FENCE_AUTOENABLE") in _AUTO_TAKEOFF:
         fleet.fence["alt_min_state"][vehicle.row] = 0
         send_fence_message(
-            fleet, vehicle, "auto-enabled", enable_fences(fleet, vehicle, True, ALL_TYPES, by_hand=False)
+            fleet, vehicle, "auto-enabled", enable_fences(fleet, vehicle, ALL_TYPES, on=True, by_hand=False)
         )
 
 

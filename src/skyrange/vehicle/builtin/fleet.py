@@ -352,7 +352,7 @@ class Fleet:
         vehicle.mode = self.modes[vehicle.row] = mode
         vehicle.auto_rtl = False
 
-    def set_auto_rtl(self, vehicle: Vehicle, shown: bool) -> None:
+    def set_auto_rtl(self, vehicle: Vehicle, *, shown: bool) -> None:
         """Start or stop to report AUTO as AUTO_RTL."""
         vehicle.auto_rtl = shown
         self.modes[vehicle.row] = vehicle.reported_mode

@@ -165,7 +165,7 @@ def send_home(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> None:
             fleet.send(vehicle, message, causes)
 
 
-def set_home(fleet: Fleet, vehicle: Vehicle, place: tuple[float, float, float], causes: Causes, lock: bool) -> None:
+def set_home(fleet: Fleet, vehicle: Vehicle, place: tuple[float, float, float], causes: Causes, *, lock: bool) -> None:
     """Move home to a place (ENU metres) at once, for the fence too; with `lock`, the next arming does not move it."""
     fleet.assign_home(vehicle, place)
     vehicle.home_locked = vehicle.home_locked or lock

@@ -225,7 +225,8 @@ def _run_attitude_modes(e: Any, f: Any, p: Any, g: Any, dt_s: float) -> None:
     if control in (_STABILIZE, _ALT_HOLD):
         forward, left = pilot.desired_lean_accel(e, f, most, most)
         acc_e, acc_n = pilot.heading_to_local(e, forward, left)
-        attitude.input_thrust_vector(f, g, acc_e, acc_n, True, 0.0, pilot.desired_yaw_rate(f, p), dt_s)
+        yaw_rate = pilot.desired_yaw_rate(f, p)
+        attitude.input_thrust_vector(f, g, acc_e, acc_n, turning=True, yaw=0.0, yaw_rate=yaw_rate, dt_s=dt_s)
         return
     if f.rates_only == 1:
         for axis in range(3):
@@ -315,7 +316,7 @@ def _prepare_row(e: Any, f: Any, p: Any, w: Any, g: Any, dt_s: float) -> tuple[i
 
 
 @compiled
-def run_loop(
+def run_loop(  # noqa: PLR0917
     estimate: Records,
     flight: Records,
     legs: Records,

@@ -194,7 +194,7 @@ class FileStore:
             raise fail(errno.ENOENT)
         return entry
 
-    def open_to_write(self, path: str, create: bool) -> bytearray:
+    def open_to_write(self, path: str, *, create: bool) -> bytearray:
         """The content of a file that is to be written: with `create` a new or an emptied one, else one that exists.
 
         A log that is opened so becomes a file as any other.

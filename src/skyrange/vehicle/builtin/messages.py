@@ -47,7 +47,7 @@ _GCS_INDEX: Final = INDEX["SYSID_MYGCS"]
 
 
 @compiled
-def _mark_heartbeats(
+def _mark_heartbeats(  # noqa: PLR0917
     now: int, data: Bytes, starts: Ints, sizes: Ints, places: Ints, kinds: NDArray[np.int32], extras: Ints,
     crcs: NDArray[np.uint16], stations: Ints, systems: Ints, heard_ns: Ints, single: NDArray[np.bool_],
 ) -> None:  # fmt: skip

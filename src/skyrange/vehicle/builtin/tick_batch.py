@@ -26,11 +26,11 @@ _COMPLETE, _WORLD, _ENGINE, _SERVICE = (int(stop) for stop in BatchStop)
 
 
 @compiled
-def run_ticks(
+def run_ticks(  # noqa: PLR0917
     first: int,
     quantum_ns: int,
     count: int,
-    service: bool,
+    service: bool,  # noqa: FBT001
     discharged_ns: int,
     search: Any,
     arrays: SensingArrays,
@@ -91,7 +91,7 @@ class BatchedFleet(Protocol):
         """The arguments of `step_strapdown` and of `run_loop`, and of these the motor commands."""
         ...
 
-    def end_batch(self, last: Time, flagged: bool) -> None:
+    def end_batch(self, last: Time, *, flagged: bool) -> None:
         """Take over complete ticks of a batch, the last at `last`; `flagged` if its loop raised an event."""
         ...
 
@@ -113,7 +113,7 @@ class FleetTickBatch:
         """All but the arguments, which refer to the arrays of the world and of the fleet."""
         return {**self.__dict__, "_arguments": None, "_gains": None}
 
-    def run(self, first: Time, count: int, service: bool) -> tuple[int, BatchStop]:
+    def run(self, first: Time, count: int, *, service: bool) -> tuple[int, BatchStop]:
         """Run at most `count` ticks, and with `service` the world's part of the next.
 
         0 where air, poses or gains have to change first.
@@ -134,7 +134,7 @@ class FleetTickBatch:
         world.end_batch(moved, travelled, discharged_ns)
         flown = min(moved, count)
         if flown:
-            fleet.end_batch(first + (flown - 1) * quantum_ns, stop == _ENGINE)
+            fleet.end_batch(first + (flown - 1) * quantum_ns, flagged=stop == _ENGINE)
         return begun, _STOPS[stop]
 
     def complete_world_tick(self) -> Sequence[Note]:

@@ -271,7 +271,7 @@ class Companion:
             handover = self._handovers.get(row) or ControlHandover()
             mode, heartbeat_ns = int(table["mode"][row]), int(table["heartbeat_ns"][row])
             failsafe = int(table["state"][row]) >= mav.MAV_STATE_CRITICAL
-            command = handover.observe(now, mode, heartbeat_ns, bool(flying[row]), failsafe)
+            command = handover.observe(now, mode, heartbeat_ns, flying=bool(flying[row]), failsafe=failsafe)
             if command is not None:
                 self._carry_out(now, row, command, None, (), out)
             may = handover.engaged or (bool(free[row]) and now >= handover.quiet_until_ns)

@@ -120,7 +120,7 @@ class ExternalEngine(EngineBase):
     source = Source.EXTERNAL
 
     def __init__(
-        self, name: str, specs: Sequence[VehicleSpec], origin: Origin, options: Options, motion: bool = False
+        self, name: str, specs: Sequence[VehicleSpec], origin: Origin, options: Options, *, motion: bool = False
     ) -> None:
         """Connects to no vehicle yet. Raises `InputError` for vehicles without a connection in `options`, and for
         unknown ones.
@@ -135,7 +135,7 @@ class ExternalEngine(EngineBase):
         self._open = (options.allow_motion, motion)
         wires = [make_connection(address) for address in options.addresses(self.vehicles)]
         self._sessions = [
-            VehicleSession(spec, wire, origin, all(self._open), options.rate_hz)
+            VehicleSession(spec, wire, origin, options.rate_hz, open_=all(self._open))
             for spec, wire in zip(specs, wires, strict=True)
         ]
         self._poses = ReportedPoses(len(specs))
@@ -215,7 +215,7 @@ class ExternalEngine(EngineBase):
 
 
 def _make(options: Options, context: AutopilotContext) -> ExternalEngine:
-    return ExternalEngine(context.name, context.specs, context.origin, options, context.motion)
+    return ExternalEngine(context.name, context.specs, context.origin, options, motion=context.motion)
 
 
 def _reads_sensors(options: Options) -> bool:

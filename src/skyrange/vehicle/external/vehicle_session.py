@@ -45,7 +45,9 @@ Note = tuple[str, Mapping[str, Any], tuple[FrameId, ...]]
 class VehicleSession:
     """One vehicle. Notes wait in `notes`; what repeats is noted at its 1st, 2nd, 4th … time."""
 
-    def __init__(self, spec: VehicleSpec, wire: MavlinkConnection, origin: Origin, open_: bool, rate_hz: float) -> None:
+    def __init__(
+        self, spec: VehicleSpec, wire: MavlinkConnection, origin: Origin, rate_hz: float, *, open_: bool
+    ) -> None:
         """`open_` permits motion: the interlock opens once a heartbeat says that the vehicle is one that is flown."""
         self.spec = spec
         self.wire = wire

@@ -50,7 +50,7 @@ class PlacedAircraft(NamedTuple):
     heading_deg: float
 
 
-def make_aircraft_model(aircraft: PlacedAircraft, colour: Colour, mirrored: bool = False) -> Element:
+def make_aircraft_model(aircraft: PlacedAircraft, colour: Colour, *, mirrored: bool = False) -> Element:
     """The `<model>` of an aircraft in the colour of its operator.
 
     A `mirrored` one only shows where another simulator moves it: static, without collisions. Raises `KeyError` for an
@@ -61,8 +61,8 @@ def make_aircraft_model(aircraft: PlacedAircraft, colour: Colour, mirrored: bool
     yaw = math.radians(90.0 - aircraft.heading_deg)
     add_pose(model, (aircraft.east_m, aircraft.north_m, aircraft.up_m), yaw=math.remainder(yaw, math.tau))
     add(model, "static", mirrored)
-    add(model, "self_collide", False)
-    add(model, "allow_auto_disable", False)  # a body at rest is stepped like any other
+    add(model, "self_collide", "false")
+    add(model, "allow_auto_disable", "false")  # a body at rest is stepped like any other
     link = add(model, "link", name=BODY)
     if not mirrored:
         _add_inertial(link, airframe)

@@ -77,7 +77,7 @@ def make_city_models(city: City, folder: Path) -> list[Element]:
         tile = (math.floor(place[0] / _TILE_M), math.floor(place[1] / _TILE_M))
         if tile not in models:
             models[tile] = Element("model", name=city_name(len(models)))
-            add(models[tile], "static", True)
+            add(models[tile], "static", "true")
         link = add(models[tile], "link", name=building_name(index))
         add_pose(link, place, yaw=0.0 if box is None else box.yaw)
         for tag in ("collision", "visual"):

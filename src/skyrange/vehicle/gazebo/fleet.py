@@ -156,12 +156,12 @@ class GazeboFleet(LockstepFleet):
             folder,
             [_placed(spec) for spec in self._specs],
             [_placed(spec) for spec in self._shown_specs],
-            self._city,
-            self._origin,
-            self._specs[0].wind_enu_mps,
-            step_s,
-            self._gazebo.flavour.value,
-            self._plugin,
+            city=self._city,
+            origin=self._origin,
+            wind_enu_mps=self._specs[0].wind_enu_mps,
+            step_s=step_s,
+            flavour=self._gazebo.flavour.value,
+            plugin=self._plugin,
         )
         hello = encode_hello(
             [describe_aircraft(spec) for spec in self._specs],

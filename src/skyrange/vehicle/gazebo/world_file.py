@@ -50,16 +50,16 @@ _SIM_WINDOW: Final = (
 """Plugins of Gazebo Sim's window beside the one that draws. There is no button to pause: skyrange steps the world."""
 
 
-def add_view(world: Element, aircraft: Sequence[PlacedAircraft], sim: bool) -> None:
+def add_view(world: Element, aircraft: Sequence[PlacedAircraft], *, sim: bool) -> None:
     """Add light, scene and window to a world; the window of Gazebo Sim if `sim`, otherwise that of Gazebo 11."""
     scene = add(world, "scene")
     add(scene, "ambient", *_AMBIENT)
     add(scene, "background", *_SKY)
-    add(scene, "shadows", False)
-    add(scene, "grid", False)
+    add(scene, "shadows", "false")
+    add(scene, "grid", "false")
     sun = add(world, "light", name="sun", type="directional")
     add_pose(sun, (0.0, 0.0, 100.0))
-    add(sun, "cast_shadows", False)
+    add(sun, "cast_shadows", "false")
     add(sun, "diffuse", 0.85, 0.85, 0.82, 1.0)
     add(sun, "specular", 0.2, 0.2, 0.2, 1.0)
     add(sun, "direction", -0.4, 0.5, -0.8)
@@ -72,7 +72,7 @@ def add_view(world: Element, aircraft: Sequence[PlacedAircraft], sim: bool) -> N
     view = add(gui, "plugin", filename="MinimalScene", name="3D View")
     window = add(view, "gz-gui")
     add(window, "title", "3D View")
-    add(window, "property", False, type="bool", key="showTitleBar")
+    add(window, "property", "false", type="bool", key="showTitleBar")
     add(window, "property", "docked", type="string", key="state")
     add(view, "engine", "ogre2")
     add(view, "scene", "scene")
@@ -127,6 +127,7 @@ def write_world(
     folder: Path,
     aircraft: Sequence[PlacedAircraft],
     mirrored: Sequence[PlacedAircraft],
+    *,
     city: City | None,
     origin: Origin,
     wind_enu_mps: tuple[float, float, float],
@@ -151,7 +152,7 @@ def write_world(
     _add_physics(world, step_s, flavour)
     _add_place(world, origin, wind_enu_mps)
     _add_plugins(world, flavour, plugin)
-    add_view(world, everyone, flavour == "sim")
+    add_view(world, everyone, sim=flavour == "sim")
     world.append(_make_ground(everyone, city))
     if city is not None:
         world.extend(make_city_models(city, folder))
@@ -199,7 +200,7 @@ def _add_place(world: Element, origin: Origin, wind_enu_mps: tuple[float, float,
 
 def _add_plugins(world: Element, flavour: Flavour, plugin: Path | None) -> None:
     if flavour == "sim":
-        add(add(world, "gz:policies"), "include_server_config_plugins", False)  # the user's own would be added
+        add(add(world, "gz:policies"), "include_server_config_plugins", "false")  # the user's own would be added
         for file, name in _SIM_SYSTEMS:
             add(world, "plugin", filename=file, name=name)
     if plugin is not None:
@@ -213,7 +214,7 @@ def _make_ground(aircraft: Sequence[PlacedAircraft], city: City | None) -> Eleme
         corners += [city.bounds[:2], city.bounds[2:]]
     reach_m = _MARGIN_M + max((abs(part) for corner in corners for part in corner), default=0.0)
     model = Element("model", name=GROUND)
-    add(model, "static", True)
+    add(model, "static", "true")
     link = add(model, "link", name=GROUND)
     collision = add(link, "collision", name=GROUND)
     add_plane(collision, 2.0 * reach_m, 2.0 * reach_m)

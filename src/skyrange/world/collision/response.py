@@ -115,7 +115,7 @@ def _apply_impulse(i: int, state: BodyState, r: Any, n: Any, impulse: float, ste
 
 
 @compiled
-def _break_motors(
+def _break_motors(  # noqa: PLR0917
     i: int, state: BodyState, n: Any, east_m: float, north_m: float, reach_m: float, change: float
 ) -> None:
     """Stop the motors that a contact breaks: `n` points away from it; the last arguments locate the other's disc.
@@ -320,7 +320,7 @@ def _collide_building(i: int, walls: WallIndex, state: BodyState, step_s: float,
 
 
 @compiled
-def resolve_collisions(
+def resolve_collisions(  # noqa: PLR0917
     travelled: float,
     step_s: float,
     pairs: Ints,

@@ -417,7 +417,7 @@ def draw_errors(now: int, quality: Quality, bodies: BodyState, drawn: Drawn, sho
 
 
 @compiled
-def sample(now: int, step_s: float, new: bool, sensing: Sensing) -> None:
+def sample(now: int, step_s: float, new: bool, sensing: Sensing) -> None:  # noqa: FBT001
     """Sample all sensors at the end of a tick of `step_s`; `new` at the first tick of each `READINGS_NS`."""
     ideal, quality, bodies, drawn, shown = sensing
     gyro, force = shown.gyro, shown.force
@@ -434,6 +434,6 @@ def sample(now: int, step_s: float, new: bool, sensing: Sensing) -> None:
 
 
 @compiled
-def sample_arrays(now: int, step_s: float, new: bool, arrays: SensingArrays) -> None:
+def sample_arrays(now: int, step_s: float, new: bool, arrays: SensingArrays) -> None:  # noqa: FBT001
     """`sample`, of sensors in plain tuples."""
     sample(now, step_s, new, name_arrays(arrays))

@@ -26,12 +26,12 @@ ARMING_DELAY_S = 2.0
 """After arming, the motors stay stopped for this time (ARMING_DELAY_SEC of ArduCopter/config.h, `motors_output`)."""
 
 
-def arm(fleet: Fleet, vehicle: Vehicle, checked: bool, causes: Causes) -> bool:
+def arm(fleet: Fleet, vehicle: Vehicle, causes: Causes, *, checked: bool) -> bool:
     """Arm if the checks pass, and return whether it is armed: home moves here, the motors idle after `ARMING_DELAY_S`.
 
     Without `checked` only the mandatory checks run.
     """
-    if not prearm.run_checks(fleet, vehicle, not checked, causes):
+    if not prearm.run_checks(fleet, vehicle, causes, forced=not checked):
         return False
     why = _refusal(fleet, vehicle) if checked else ""
     if why:

@@ -337,7 +337,7 @@ def report_failures(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> None:
     _send_failures(fleet, vehicle, 0, found, "PreArm", causes)
 
 
-def run_checks(fleet: Fleet, vehicle: Vehicle, forced: bool, causes: Causes) -> bool:
+def run_checks(fleet: Fleet, vehicle: Vehicle, causes: Causes, *, forced: bool) -> bool:
     """Run the checks for an aircraft to be armed now and report failures; if `forced`, only the mandatory ones."""
     inputs = gather_inputs(fleet, np.array([vehicle.row]))
     few = forced or inputs.bits[0] == 0

@@ -60,7 +60,7 @@ def arm_disarm(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Comm
     if want == 1.0:
         if fleet.armed(vehicle):
             return ACCEPTED
-        if not arm(fleet, vehicle, magic not in (MAGIC_FORCE_ARM, MAGIC_FORCE_ARM_DISARM), command.causes):
+        if not arm(fleet, vehicle, command.causes, checked=magic not in (MAGIC_FORCE_ARM, MAGIC_FORCE_ARM_DISARM)):
             return FAILED
         send_home(fleet, vehicle, command.causes)
         execution.update(fleet, vehicle)
@@ -167,7 +167,7 @@ def condition_yaw(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: C
     if not (math.isfinite(rate) and math.isfinite(direction)):
         return FAILED
     sense = (direction > 0.0) - (direction < 0.0)
-    auto_yaw.set_fixed_yaw(fleet, vehicle, angle, max(rate, 0.0), sense, relative == 1.0)
+    auto_yaw.set_fixed_yaw(fleet, vehicle, angle, max(rate, 0.0), sense, relative=relative == 1.0)
     return ACCEPTED
 
 

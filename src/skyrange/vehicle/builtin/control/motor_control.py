@@ -68,7 +68,7 @@ def _fit_to_range(throttle: float, average: float, low: float, high: float) -> t
 
 
 @inlined
-def mix_motors(
+def mix_motors(  # noqa: PLR0917
     roll_factor: Four, pitch_factor: Four, yaw_factor: Four,
     throttle: float, average: float, roll: float, pitch: float, yaw: float,
 ) -> tuple[bool, float, float, float, float]:  # fmt: skip

@@ -44,7 +44,7 @@ def limit_accel(vel_e: float, vel_n: float, e: float, n: float, most: float) -> 
 
 
 @inlined
-def integrate_velocity_error(
+def integrate_velocity_error(  # noqa: PLR0917
     i_e: float, i_n: float, more_e: float, more_n: float, limited_e: float, limited_n: float, most: float
 ) -> tuple[float, float]:
     """Return the integral of the velocity error; towards an acceleration that was limited, it turns but does not grow.
@@ -132,9 +132,9 @@ def load_gains(s: Floats, k: int, g: Any) -> None:
 
 
 @inlined
-def load_lane(
+def load_lane(  # noqa: PLR0917
     s: Floats, k: int, e: Any, f: Any,
-    correction_mps: float, level: bool, turning: bool, yaw: float, yaw_rate: float, dt_s: float,
+    correction_mps: float, level: bool, turning: bool, yaw: float, yaw_rate: float, dt_s: float,  # noqa: FBT001
 ) -> None:  # fmt: skip
     """Copy an aircraft's state into its lane, with what is asked for.
 

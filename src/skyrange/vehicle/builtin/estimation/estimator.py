@@ -68,7 +68,7 @@ _GLITCHING = int(Status.GPS_GLITCHING)
 
 
 @compiled
-def update_filter_status(e: Any, k: Any, p: Any, ranged: bool) -> None:
+def update_filter_status(e: Any, k: Any, p: Any, ranged: bool) -> None:  # noqa: FBT001
     """Update the status fields of the estimate; `ranged` is whether the rangefinder sees the ground.
 
     Dead reckoning is a position that has timed out while the wind is known (`doingWindRelNav`), which a copter knows
@@ -119,7 +119,7 @@ _START_YAW_RAD = math.radians(5.0)
 
 
 @compiled
-def initialise_filters(
+def initialise_filters(  # noqa: PLR0917
     now: int,
     accel: Floats,
     position: Floats,
@@ -218,11 +218,11 @@ def initialise_filters(
 @compiled
 def step_strapdown(gyro: Floats, accel: Floats, dt_s: float, estimate: Records, filters: Records) -> None:
     """Run one tick of every row that is no filter step."""
-    _run_strapdowns(gyro, accel, dt_s, True, estimate, filters)
+    _run_strapdowns(gyro, accel, dt_s, shown=True, estimate=estimate, filters=filters)
 
 
 @compiled
-def _run_strapdowns(gyro: Floats, accel: Floats, dt_s: float, shown: bool, estimate: Records, filters: Records) -> None:
+def _run_strapdowns(gyro: Floats, accel: Floats, dt_s: float, shown: bool, estimate: Records, filters: Records) -> None:  # noqa: FBT001
     count = estimate.shape[0]
     lanes = np.zeros(COLUMNS)
     for first in range(0, count, LANES):
@@ -230,7 +230,7 @@ def _run_strapdowns(gyro: Floats, accel: Floats, dt_s: float, shown: bool, estim
 
 
 @compiled
-def step_filters(
+def step_filters(  # noqa: PLR0917
     now: int,
     dt_s: float,
     step_s: float,
@@ -331,6 +331,7 @@ class Estimator:
         dt_s: float,
         sensors: Sensors,
         estimate: Records,
+        *,
         armed: Ints,
         set_index: Ints,
         settings: Records,

@@ -131,7 +131,7 @@ def start_aiding(k: Any, p: Any, now: int, fix: Any) -> None:
 
 
 @compiled
-def receiver_passes(k: Any, p: Any, h_acc: float, v_acc: float, hdop: float, satellites: int, scale: float) -> bool:
+def receiver_passes(k: Any, p: Any, h_acc: float, v_acc: float, hdop: float, satellites: int, scale: float) -> bool:  # noqa: PLR0917
     """Whether a fix passes the checks of EK3_GPS_CHECK, their limits multiplied by `scale`."""
     mask = int(p.EK3_GPS_CHECK)
     if mask & _NSATS and satellites < _SATELLITES_MIN:
@@ -146,7 +146,7 @@ def receiver_passes(k: Any, p: Any, h_acc: float, v_acc: float, hdop: float, sat
 
 
 @compiled
-def update_gps_good_to_align(
+def update_gps_good_to_align(  # noqa: PLR0917
     k: Any, p: Any, now: int, h_acc: float, v_acc: float, hdop: float, satellites: int
 ) -> None:
     """Update whether GNSS is good to align: after 10 s of passed, until 5 s of failed checks (calcGpsGoodToAlign)."""
@@ -215,7 +215,7 @@ def update_receiver_status(e: Any, k: Any, now: int, kind: int, satellites: int)
 
 
 @compiled
-def process_fix(
+def process_fix(  # noqa: PLR0917
     e: Any,
     k: Any,
     p: Any,
@@ -281,7 +281,7 @@ def _extrapolate(fix: Any, late: int) -> None:
 
 
 @compiled
-def _fuse_vel_pos(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, fix: Any, then: Any) -> None:
+def _fuse_vel_pos(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, fix: Any, then: Any) -> None:  # noqa: PLR0917
     """FuseVelPosNED for one fix: test position, test velocity, then fuse what passed."""
     noise = 1.0 if satellites >= 6 else (1.4 if satellites == 5 else 2.0)  # gpsNoiseScaler
     speed_of_turn2 = k.accel_slow[0] ** 2 + k.accel_slow[1] ** 2 + k.accel_slow[2] ** 2
@@ -346,7 +346,7 @@ def _fuse_vel_pos(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, 
 
 
 @compiled
-def _fuse_velocity(
+def _fuse_velocity(  # noqa: PLR0917
     e: Any, k: Any, east: float, north: float, up: float, noise: float, climb_noise: float, widen: float
 ) -> None:
     c = k.cov_horizontal

@@ -37,7 +37,7 @@ _PERIOD_S = PERIOD_NS / NS_PER_S
 
 
 @compiled
-def check_all(
+def check_all(  # noqa: PLR0917
     estimate: Records,
     flight: Records,
     settings: Records,

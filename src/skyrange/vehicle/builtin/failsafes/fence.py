@@ -125,7 +125,7 @@ def _auto_enable_alt_min(p: Any, b: Any, above: float) -> None:
 
 
 @compiled
-def check_fence(e: Any, f: Any, p: Any, b: Any, z: Any, w: Any, now_ns: int) -> int:
+def check_fence(e: Any, f: Any, p: Any, b: Any, z: Any, w: Any, now_ns: int) -> int:  # noqa: PLR0917
     """Check one aircraft and return its alarms; `FENCE_STATE.new_breaches` are the types breached newly."""
     configured = int(p.FENCE_TYPE) & _ALL
     if (

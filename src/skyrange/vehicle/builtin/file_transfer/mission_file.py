@@ -35,7 +35,7 @@ def pack(fleet: Fleet, vehicle: Vehicle, kind: int) -> bytes:
     """The file of a MAV_MISSION_TYPE."""
     items = server.ITEM_TYPES[kind]
     count = len(items.items(vehicle))
-    return packed.pack([items.encode_item(fleet, vehicle, seq, (0, 0), True) for seq in range(count)], kind)
+    return packed.pack([items.encode_item(fleet, vehicle, seq, (0, 0), whole=True) for seq in range(count)], kind)
 
 
 def apply(fleet: Fleet, vehicle: Vehicle, kind: int, data: bytes, causes: Causes) -> None:

@@ -34,13 +34,13 @@ def start(fleet: Fleet, vehicle: Vehicle) -> None:
         fleet, vehicle, wpnav.stopping_point_of(fleet.estimate, fleet.flight, fleet.settings, vehicle.row)
     )
     height = _return_altitude(fleet, vehicle, east, north)
-    _start_leg(fleet, vehicle, (east, north, height), True)
+    _start_leg(fleet, vehicle, (east, north, height), anew=True)
     # it turns home before the climb has stopped (climb_start)
     home = locations.as_array((*locations.truncated(fleet, vehicle, vehicle.return_target)[:2], height))
     wpnav.queue_leg(fleet.flight, fleet.legs, fleet.settings, vehicle.row, home)
 
 
-def _start_leg(fleet: Fleet, vehicle: Vehicle, goal: tuple[float, float, float], anew: bool) -> None:
+def _start_leg(fleet: Fleet, vehicle: Vehicle, goal: tuple[float, float, float], *, anew: bool) -> None:
     wpnav.start_leg(
         fleet.estimate, fleet.flight, fleet.legs, fleet.settings, vehicle.row, locations.as_array(goal), anew
     )
@@ -65,7 +65,7 @@ def on_destination_reached(fleet: Fleet, vehicle: Vehicle) -> None:
         vehicle.submode = SubMode.RETURN_HOME
         up = float(fleet.flight["target_pos"][vehicle.row, 2])
         auto_yaw.set_mode_to_default(fleet, vehicle, returning=True)
-        _start_leg(fleet, vehicle, (*locations.truncated(fleet, vehicle, vehicle.return_target)[:2], up), False)
+        _start_leg(fleet, vehicle, (*locations.truncated(fleet, vehicle, vehicle.return_target)[:2], up), anew=False)
     elif vehicle.submode == SubMode.RETURN_HOME:
         vehicle.submode = SubMode.LOITER_AT_HOME
         auto_yaw.set_to_armed_yaw(fleet, vehicle)
@@ -86,4 +86,6 @@ def on_timer(fleet: Fleet, vehicle: Vehicle) -> None:
         fleet.set_control(vehicle, ControlMode.LAND)
         return
     vehicle.submode = SubMode.FINAL_DESCENT
-    _start_leg(fleet, vehicle, (vehicle.return_target[0], vehicle.return_target[1], vehicle.home[2] + final), False)
+    _start_leg(
+        fleet, vehicle, (vehicle.return_target[0], vehicle.return_target[1], vehicle.home[2] + final), anew=False
+    )

@@ -81,7 +81,7 @@ def _update_pos_vel_accel_u(e: Any, f: Any, dt_s: float) -> None:
 
 
 @compiled
-def _input_vel_accel_ne(
+def _input_vel_accel_ne(  # noqa: PLR0917
     e: Any, f: Any, p: Any, want_e: float, want_n: float, acc_e: float, acc_n: float, dt_s: float
 ) -> None:
     """Shape the reference's horizontal velocity towards a target (`input_vel_accel_NE_m`)."""

@@ -73,7 +73,7 @@ def start_command(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
     elif command == CONDITION_DISTANCE:
         vehicle.condition = (command, max(item.param1, 0.0))
     elif command == CONDITION_YAW:
-        auto_yaw.set_fixed_yaw(fleet, vehicle, item.param1, item.param2, int(item.param3), item.param4 > 0.0)
+        auto_yaw.set_fixed_yaw(fleet, vehicle, item.param1, item.param2, int(item.param3), relative=item.param4 > 0.0)
         vehicle.condition = (command, 0.0)
 
 

@@ -246,7 +246,7 @@ def _advance_nav_command(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
             fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, f"Mission: {jump} Jump {made}/{most}")
 
     for _ in range(MAX_COMMANDS):
-        found = next_command(vehicle, seq, True, jumped)
+        found = next_command(vehicle, seq, jumped, count=True)
         if found is None:
             break
         place = found

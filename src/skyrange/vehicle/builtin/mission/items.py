@@ -155,7 +155,7 @@ def stored_params(command: int, params: Params) -> Params:
     return 0.0, 0.0, 0.0, 0.0  # RETURN_TO_LAUNCH, VTOL_TAKEOFF, DO_LAND_START, DO_GO_AROUND
 
 
-def encode_item(fleet: Fleet, vehicle: Vehicle, seq: int, peer: tuple[int, int], whole: bool) -> Any:
+def encode_item(fleet: Fleet, vehicle: Vehicle, seq: int, peer: tuple[int, int], *, whole: bool) -> Any:
     """Return item `seq` as MISSION_ITEM_INT (`whole`) or MISSION_ITEM; item 0 is home, whatever was written there."""
     if seq == 0:
         lat, lon = fleet.origin.geodetic_of(vehicle.home[0], vehicle.home[1])

@@ -173,11 +173,11 @@ def _clear_fence(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
 
 FENCE: Final = simple_item_type(
     _NUMBER,
-    MAX_FENCE_ITEMS,
-    "Fence",
-    lambda vehicle: vehicle.fence,
-    _begin_upload,
-    _store_item,
-    _complete_upload,
-    _clear_fence,
+    most=MAX_FENCE_ITEMS,
+    name="Fence",
+    items=lambda vehicle: vehicle.fence,
+    begin_upload=_begin_upload,
+    store_item=_store_item,
+    complete_upload=_complete_upload,
+    clear_items=_clear_fence,
 )

@@ -74,11 +74,11 @@ def _clear_points(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
 
 RALLY: Final = simple_item_type(
     _NUMBER,
-    MAX_ITEMS,
-    "Rally",
-    lambda vehicle: vehicle.rally,
-    _begin_upload,
-    _store_item,
-    _complete_upload,
-    _clear_points,
+    most=MAX_ITEMS,
+    name="Rally",
+    items=lambda vehicle: vehicle.rally,
+    begin_upload=_begin_upload,
+    store_item=_store_item,
+    complete_upload=_complete_upload,
+    clear_items=_clear_points,
 )

@@ -84,9 +84,9 @@ def clear_mission(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
     return True
 
 
-def _mission_message(fleet: Fleet, vehicle: Vehicle, seq: int, peer: Peer, whole: bool) -> Any:
+def _mission_message(fleet: Fleet, vehicle: Vehicle, seq: int, peer: Peer, *, whole: bool) -> Any:
     """Return one item as a message; home can always be read."""
-    return encode_item(fleet, vehicle, seq, peer, whole) if seq == 0 or seq < len(vehicle.mission) else None
+    return encode_item(fleet, vehicle, seq, peer, whole=whole) if seq == 0 or seq < len(vehicle.mission) else None
 
 
 _MISSION = ItemType(
@@ -155,10 +155,10 @@ def _request_item(fleet: Fleet, vehicle: Vehicle, kind: ItemType) -> None:
 
 
 def _start_upload(
-    fleet: Fleet, vehicle: Vehicle, peer: Peer, kind: ItemType, span: tuple[int, int], whole: bool
+    fleet: Fleet, vehicle: Vehicle, peer: Peer, kind: ItemType, span: tuple[int, int], *, whole: bool
 ) -> None:
     """Start to request the items of a span (first, last)."""
-    upload = Upload(True, span[0], span[1], peer, fleet.now)
+    upload = Upload(active=True, next=span[0], last=span[1], peer=peer, received_ns=fleet.now)
     vehicle.legacy_warned -= {(kind.mission_type, old) for old in WARNING_TEXTS}
     vehicle.uploads[kind.mission_type] = upload
     kind.begin_upload(vehicle, upload, span[1] + 1 if whole else None)
@@ -177,7 +177,7 @@ def on_count(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: C
         kind.begin_upload(vehicle, vehicle.uploads[kind.mission_type], 0)
         _complete_upload(fleet, vehicle, peer, kind, causes)
     else:
-        _start_upload(fleet, vehicle, peer, kind, (0, message.count - 1), True)
+        _start_upload(fleet, vehicle, peer, kind, (0, message.count - 1), whole=True)
 
 
 def on_write_partial(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: Causes) -> None:
@@ -189,7 +189,7 @@ def on_write_partial(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, c
         fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, "Flight plan update rejected")
         _send_ack(fleet, vehicle, peer, dialect.MAV_MISSION_ERROR, kind.mission_type)
         return
-    _start_upload(fleet, vehicle, peer, kind, (message.start_index, message.end_index), False)
+    _start_upload(fleet, vehicle, peer, kind, (message.start_index, message.end_index), whole=False)
 
 
 def on_item(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: Causes) -> None:
@@ -258,7 +258,7 @@ def on_request(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes:
     if kind is None or _deny_during_upload(fleet, vehicle, peer, kind):
         return
     whole = message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT
-    item = kind.encode_item(fleet, vehicle, message.seq, peer, whole)
+    item = kind.encode_item(fleet, vehicle, message.seq, peer, whole=whole)
     if item is None:
         if whole:
             count = len(kind.items(vehicle))
@@ -359,6 +359,6 @@ def execute_immediately(fleet: Fleet, vehicle: Vehicle, message: Any, causes: Ca
         done = guided.set_destination(fleet, vehicle, (east, north, up), causes)
     elif vehicle.mode == Mode.GUIDED and slot.command == CONDITION_YAW:
         sense = (slot.param3 > 0.0) - (slot.param3 < 0.0)
-        auto_yaw.set_fixed_yaw(fleet, vehicle, slot.param1, slot.param2, sense, slot.param4 > 0.0)
+        auto_yaw.set_fixed_yaw(fleet, vehicle, slot.param1, slot.param2, sense, relative=slot.param4 > 0.0)
         done = True
     return int(ACCEPTED if done else dialect.MAV_MISSION_ERROR)

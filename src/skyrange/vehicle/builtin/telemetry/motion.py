@@ -127,7 +127,7 @@ def global_position_int(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
 
 
 @compiled
-def _fill_global_position_int(
+def _fill_global_position_int(  # noqa: PLR0917
     lat0_deg: float, lon0_deg: float, alt_m: float, now: int,
     rows: Ints, boot_ns: Ints, estimate: Any, watch: Any, out: Any,
 ) -> None:  # fmt: skip

@@ -51,7 +51,7 @@ def gps_raw_int(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
 
 
 @compiled
-def _fill_gps_raw_int(
+def _fill_gps_raw_int(  # noqa: PLR0917
     lat0_deg: float, lon0_deg: float, alt_m: float, ellipsoid_m: float, now: int, rows: Ints, boot_ns: Ints,
     estimate: Any, out: Any,
 ) -> None:  # fmt: skip
