@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.vehicle.ardupilot.program.arducopter_binary import VARIABLE, Binary, find_binary
+from skyrange.vehicle.ardupilot.arducopter_binary import VARIABLE, Binary, find_binary
 from tests.own_processes import find_own
 
 

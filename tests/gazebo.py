@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.vehicle.gazebo.program.gazebo_commands import Gazebo
-from skyrange.vehicle.gazebo.program.gazebo_release import find_gazebo
-from skyrange.vehicle.gazebo.program.plugin_library import find_plugin
+from skyrange.vehicle.gazebo.gazebo_program import Gazebo, find_gazebo
+from skyrange.vehicle.gazebo.plugin_library import find_plugin
 from tests.ardupilot import WHY_NOT as NO_ARDUCOPTER
 from tests.own_processes import find_own
 

@@ -154,9 +154,8 @@ def _ns3() -> Finding:
 
 def _gazebo() -> list[Finding]:
     """The Gazebo that a run would use, whether it loads the plugin, and its window."""
-    from skyrange.vehicle.gazebo.program.gazebo_release import find_gazebo, find_window
-    from skyrange.vehicle.gazebo.program.plugin_library import INSTALL, find_plugin
-    from skyrange.vehicle.gazebo.program.plugin_trial import try_plugin
+    from skyrange.vehicle.gazebo.gazebo_program import find_gazebo, find_window
+    from skyrange.vehicle.gazebo.plugin_library import INSTALL, find_plugin, try_plugin
 
     try:
         gazebo = find_gazebo()

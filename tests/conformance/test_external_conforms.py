@@ -13,8 +13,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.testing import check_engine
 from skyrange.testing.drivers.engine_driver import FLEET, ORIGIN
 from skyrange.vehicle.contract import AutopilotContext, VehicleSpec
-from skyrange.vehicle.external.engine import EXTERNAL
-from skyrange.vehicle.external.options import Options
+from skyrange.vehicle.external.engine import EXTERNAL, Options
 from tests.foreign_vehicle import Foreign
 
 pytestmark = pytest.mark.realtime

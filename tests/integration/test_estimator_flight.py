@@ -43,7 +43,7 @@ def flight() -> tuple[Range, dict[str, np.ndarray]]:
         log["P"].append(filters["cov_horizontal"].copy())
         log["up"].append(filters["cov_vertical"].copy())
         log["turn"].append(filters["cov_yaw"].copy())
-        log["fix"].append(r.world._sensing._wander.copy())
+        log["fix"].append(r.world._sensing._drawn.wander.copy())
 
     fly.run(45.0, look)
     return fly, {name: np.array(rows) for name, rows in log.items()}

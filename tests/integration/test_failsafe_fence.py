@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.fence import fence
+from skyrange.vehicle.builtin import fence
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range, takeoff, waypoint

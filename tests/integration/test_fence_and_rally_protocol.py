@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.check_layout import MAX_FENCE_ITEMS as FENCE_ITEMS
-from skyrange.vehicle.builtin.locations.rally import MAX_ITEMS as RALLY_ITEMS
+from skyrange.vehicle.builtin.layout import MAX_FENCE_ITEMS as FENCE_ITEMS
+from skyrange.vehicle.builtin.locations import MAX_ITEMS as RALLY_ITEMS
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range, square

@@ -26,8 +26,8 @@ from skyrange.core.errors import ComponentError, InputError
 from skyrange.install import ardupilot as installing
 from skyrange.install import download as downloading
 from skyrange.install.ardupilot import DEFAULT_VERSION, VARIABLE, install
-from skyrange.vehicle.ardupilot.program import arducopter_binary
-from skyrange.vehicle.ardupilot.program.arducopter_binary import REQUIRED_OPTIONS, data_folder, find_binary
+from skyrange.vehicle.ardupilot import arducopter_binary
+from skyrange.vehicle.ardupilot.arducopter_binary import REQUIRED_OPTIONS, data_folder, find_binary
 from tests.tiers import needs
 from tests.unit.made_up_binaries import AARCH64, elf, firmware, program
 

@@ -10,8 +10,7 @@ import math
 import pytest
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.mission.command_ids import COMMAND_NAMES, SUPPORTED
-from skyrange.vehicle.builtin.mission.stored_commands import SILENT, SKIPPED, STORED_BY_FIELDS
+from skyrange.vehicle.builtin.mission.command_ids import COMMAND_NAMES, SILENT, SKIPPED, STORED_BY_FIELDS, SUPPORTED
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Item, Range, jump, rtl, speed, start, takeoff, waypoint
 

@@ -72,7 +72,7 @@ def test_leaning() -> None:
     r = guided()
     fleet: Fleet = r.engines[0]._fleet
     believe(r, roll=0.6)  # until the next tick
-    assert not arm(fleet, fleet.vehicles[0], True, ())
+    assert not arm(fleet, fleet.vehicles[0], (), checked=True)
     sent = b"".join(payload for _, payload, _ in fleet.outbox.departures)
     assert b"Arm: Leaning" in sent
 

@@ -24,6 +24,8 @@ from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, GAINS, LEGS, AutoY
 from skyrange.vehicle.builtin.parameters.table import SETTINGS, fill_settings
 from skyrange.world import multirotor
 from skyrange.world.airframes import AIRFRAMES, MOTORS
+from skyrange.world.body_state import BodyState
+from skyrange.world.world import make_state
 
 DT_S = 0.0025
 STEPS = 8
@@ -113,39 +115,35 @@ def test_estimator_and_control_of_an_aircraft_do_not_depend_on_the_others(
     assert flown(tables, seed, sizes) == flown(tables, seed, [MOST])
 
 
-def bodies(seed: int, spread: float) -> tuple[Any, ...]:
-    """The arrays of `multirotor.advance` from `airframe` on, of bodies in the air, on the ground and imposed."""
+def bodies(seed: int, spread: float) -> BodyState:
+    """Bodies in the air, on the ground and imposed."""
     chance = np.random.default_rng(seed)
     names = list(AIRFRAMES)
-    airframe = chance.integers(0, len(names), MOST)
-    motors = np.array([multirotor.motor_rows(AIRFRAMES[names[k]], DT_S) for k in airframe])
-    expo, lag_up, lag_down = (np.repeat(motors[:, [k]], MOTORS, axis=1) for k in range(3))
-    shape = MOST, MOTORS
-    flags = np.zeros((MOST, 4), np.uint8)
-    flags[:, multirotor.ALOFT] = chance.random(MOST) < 0.5
-    return (
-        airframe, expo, lag_up, lag_down, chance.standard_normal((MOST, 3)), np.zeros(MOST), np.full(shape, 900.0),
-        np.ones(shape, np.uint8), chance.random(shape), 2.0 * chance.standard_normal((MOST, 3)) * [1, 1, 0.01],
-        3.0 * chance.standard_normal((MOST, 3)), attitudes(chance, spread), 5.0 * chance.standard_normal((MOST, 3)),
-        600.0 * chance.random(shape), np.zeros((MOST, 3)), flags, np.zeros(MOST), np.zeros(MOST), np.zeros(MOST),
-        np.zeros((MOST, 3)), np.zeros(MOST), (chance.random(MOST) < 0.1).astype(np.uint8),
-    )  # fmt: skip
+    state = make_state([AIRFRAMES[names[k]] for k in chance.integers(0, len(names), MOST)], DT_S)
+    state.flags[:, multirotor.ALOFT] = chance.random(MOST) < 0.5
+    state.air[:] = chance.standard_normal((MOST, 3))
+    state.limit[:] = 900.0
+    state.commands[:] = chance.random((MOST, MOTORS))
+    state.position[:] = 2.0 * chance.standard_normal((MOST, 3)) * [1, 1, 0.01]
+    state.velocity[:] = 3.0 * chance.standard_normal((MOST, 3))
+    state.attitude[:] = attitudes(chance, spread)
+    state.rates[:] = 5.0 * chance.standard_normal((MOST, 3))
+    state.rotor_radps[:] = 600.0 * chance.random((MOST, MOTORS))
+    state.is_imposed[:] = chance.random(MOST) < 0.1
+    return state
 
 
 def moved(seed: int, spread: float, sizes: list[int]) -> list[bytes]:
     """All that `STEPS` quanta leave of the bodies, moved in pieces."""
-    parameters = np.array([multirotor.parameter_row(airframe) for airframe in AIRFRAMES.values()])
-    arrays = bodies(seed, spread)
-    longest = np.zeros(1)
+    state = bodies(seed, spread)
+    by_body = {name: array for name, array in state._asdict().items() if len(array) == MOST}
     for _ in range(STEPS):
         most = 0.0
         for rows in slices(sizes):
-            *first, is_imposed = (array[rows] for array in arrays)
-            arguments: tuple[Any, ...] = (DT_S, parameters, *first, longest, is_imposed)
-            multirotor.advance(*arguments)
-            most = max(most, float(longest[0]))
-        longest[0] = most
-    return [*(array.tobytes() for array in arrays), longest.tobytes()]
+            multirotor.advance(DT_S, state._replace(**{name: array[rows] for name, array in by_body.items()}))
+            most = max(most, float(state.max_step2_m2[0]))
+        state.max_step2_m2[0] = most
+    return [array.tobytes() for array in state]
 
 
 @settings(max_examples=25, deadline=None)

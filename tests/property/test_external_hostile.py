@@ -44,7 +44,7 @@ def frames(draw: st.DrawFn) -> bytes:
 @given(st.lists(frames() | st.binary(max_size=60), max_size=20))
 def test_any_bytes_of_a_vehicle_are_survived(said: list[bytes]) -> None:
     session = VehicleSession(
-        VehicleSpec("blue/b1", 1), make_connection(Address("tcp", "127.0.0.1", 9)), ORIGIN, False, 10.0
+        VehicleSpec("blue/b1", 1), make_connection(Address("tcp", "127.0.0.1", 9)), ORIGIN, 10.0, open_=False
     )
     deframer = Deframer()
     for number, chunk in enumerate(said):
@@ -88,7 +88,9 @@ class _Kept:
 @given(st.integers(1, 250), st.floats(5, 50), st.lists(st.floats(0.0, 40.0), max_size=10))
 def test_what_we_ask_for_ourselves_passes_a_closed_interlock(system: int, rate_hz: float, steps: list[float]) -> None:
     wire = _Kept()
-    session = VehicleSession(VehicleSpec("blue/b1", system), cast("MavlinkConnection", wire), ORIGIN, False, rate_hz)
+    session = VehicleSession(
+        VehicleSpec("blue/b1", system), cast("MavlinkConnection", wire), ORIGIN, rate_hz, open_=False
+    )
     now_s = 0.0
     for step in [0.0, *steps]:
         now_s += step

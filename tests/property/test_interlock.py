@@ -107,7 +107,7 @@ def test_what_leaves_a_closed_interlock_only_asks(payloads: list[bytes], joined:
 @settings(max_examples=examples(200), deadline=None)
 @given(pieces)
 def test_what_leaves_an_open_one_is_whole_and_for_no_other(payloads: list[bytes]) -> None:
-    lock = Interlock(SYSTEM, True)
+    lock = Interlock(SYSTEM, open_=True)
     left = b"".join(payload for payload in payloads if lock.check(payload) is None)
     for frame in whatever_is_found_in(left):
         said = decode(frame)
@@ -179,7 +179,7 @@ def test_what_asks_passes(message: Any) -> None:
 
 
 def test_an_open_one_lets_motion_pass_but_to_others() -> None:
-    lock = Interlock(SYSTEM, True)
+    lock = Interlock(SYSTEM, open_=True)
     assert lock.check(GROUND.pack(ARM)) is None
     for target in (0, SYSTEM + 1):
         other = LONG(target, 1, mav.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)

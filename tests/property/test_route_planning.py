@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from skyrange.city.city import Building, City
 from skyrange.planning.costs import Costs
 from skyrange.planning.lattice import NO_WAY, raise_field, search
-from skyrange.planning.limits import Limits, NoRouteError
+from skyrange.planning.limits import Costs, Limits, NoRouteError
 from skyrange.planning.routes import find_route
 from skyrange.planning.sampling import Sampling
 from skyrange.world.airframes import AIRFRAMES

@@ -16,8 +16,8 @@ from skyrange.core.errors import InputError
 from skyrange.core.ids import FrameId, Port
 from skyrange.io.mavlink.connections import MavlinkConnection
 from skyrange.vehicle.contract import VehicleSpec
+from skyrange.vehicle.event_detection import EventDetector
 from skyrange.vehicle.external.vehicle_session import VehicleSession
-from skyrange.vehicle.mavlink_state.event_detection import EventDetector
 from tests.foreign_vehicle import ORIGIN
 
 
@@ -59,7 +59,9 @@ class Vehicle:
         self.kind = kind
         self.connected, self.trouble, self.address = True, "", "tcp:127.0.0.1:9"
         self.commanded: list[int] = []
-        self.session = VehicleSession(VehicleSpec("blue/b1", 1), cast("MavlinkConnection", self), ORIGIN, True, 10.0)
+        self.session = VehicleSession(
+            VehicleSpec("blue/b1", 1), cast("MavlinkConnection", self), ORIGIN, 10.0, open_=True
+        )
         self._packer, self._station = Packer(1, 1), Packer(255, 190)
 
     def write(self, frame: bytes) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from skyrange.vehicle.ardupilot.json_backend.exchange_batches import ExchangeBatches
+from skyrange.vehicle.ardupilot.lockstep_fleet import ExchangeBatches
 
 
 def ints(*values: int) -> NDArray[np.int64]:

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.errors import ComponentError, InputError
-from skyrange.vehicle.ardupilot.program import arducopter_binary
-from skyrange.vehicle.ardupilot.program.arducopter_binary import (
+from skyrange.vehicle.ardupilot import arducopter_binary
+from skyrange.vehicle.ardupilot.arducopter_binary import (
+    MACHINES,
     REQUIRED_OPTIONS,
     VARIABLE,
     check_help,
@@ -19,8 +20,8 @@ from skyrange.vehicle.ardupilot.program.arducopter_binary import (
     examine_binary,
     find_binary,
     version_key,
+    why_not_executable,
 )
-from skyrange.vehicle.ardupilot.program.elf_check import MACHINES, why_not_executable
 from tests.ardupilot import ARDUCOPTER, NAMED, WHY_NOT, needs_arducopter
 from tests.unit.made_up_binaries import AARCH64, ARM, elf, firmware
 

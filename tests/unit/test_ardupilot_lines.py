@@ -57,9 +57,25 @@ def test_a_writer_keeps_each_ones_lines_apart() -> None:
     motion.rows[1, 3] = math.nan  # not for the kernel
     writer, per_tick, step_ns = LineWriter(3, 2), np.array([1, 1, 1]), np.array([1, 2, 3]) * 10**9
     steps = np.array([0, 4, 1])
-    writer.write(np.array([0, 1, 2]), np.array([0, 0, 0]), per_tick, steps, step_ns, motion, motion)
+    writer.write(
+        np.array([0, 1, 2]),
+        first=np.array([0, 0, 0]),
+        per_tick=per_tick,
+        steps=steps,
+        step_ns=step_ns,
+        before=motion,
+        after=motion,
+    )
     first = writer.text[0].copy()
-    writer.write(np.array([1, 2]), np.array([1, 1, 0]), per_tick, steps, step_ns, motion, motion)
+    writer.write(
+        np.array([1, 2]),
+        first=np.array([1, 1, 0]),
+        per_tick=per_tick,
+        steps=steps,
+        step_ns=step_ns,
+        before=motion,
+        after=motion,
+    )
     assert steps.tolist() == [1, 6, 3]
     assert (writer.text[0, :2] == first[:2]).all()
     assert writer.lengths[1, 0] == 0
@@ -74,7 +90,15 @@ def test_the_lines_of_a_tick_but_the_last_say_what_is_on_the_way() -> None:
     before, after = Motion(random.normal(size=(2, 12))), Motion(random.normal(size=(2, 12)))
     before.rows[1, 0] = math.inf  # not for the kernel
     writer, steps = LineWriter(2, 4), np.array([10, 20])
-    writer.write(np.array([0, 1]), np.array([0, 1]), np.array([2, 3]), steps, np.array([1, 1]), before, after)
+    writer.write(
+        np.array([0, 1]),
+        first=np.array([0, 1]),
+        per_tick=np.array([2, 3]),
+        steps=steps,
+        step_ns=np.array([1, 1]),
+        before=before,
+        after=after,
+    )
     assert steps.tolist() == [12, 23]
     for row, per_tick, first in ((0, 2, 0), (1, 3, 1)):
         for turn in range(1, per_tick + 1):

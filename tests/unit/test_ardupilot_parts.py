@@ -11,7 +11,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Epoch
 from skyrange.vehicle.ardupilot import parameters
 from skyrange.vehicle.ardupilot.gps_input import GnssReceivers
-from skyrange.vehicle.mavlink_state.event_detection import EventDetector
+from skyrange.vehicle.event_detection import EventDetector
 from skyrange.world import Body, World
 from skyrange.world.airframes import AIRFRAMES
 

@@ -16,12 +16,12 @@ from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS
 from skyrange.runtime.pace import resolve_speed
-from skyrange.vehicle.ardupilot.clock_offsets import ClockOffsets
 from skyrange.vehicle.ardupilot.json_backend.motion import to_ardupilot_motion
 from skyrange.vehicle.ardupilot.options import Options
 from skyrange.vehicle.ardupilot.parameters import NATIVE_PARAMETERS, native_values
+from skyrange.vehicle.ardupilot.process_fleet import ClockOffsets
 from skyrange.vehicle.contract import VehicleSpec
-from skyrange.vehicle.mavlink_state.reported_poses import GEAR_M, ReportedPoses, state_from_sim_state
+from skyrange.vehicle.reported_poses import GEAR_M, ReportedPoses, state_from_sim_state
 from skyrange.world import Body, World
 
 ORIGIN = Origin(40.778, -73.955, alt_msl_m=20.0)

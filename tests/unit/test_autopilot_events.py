@@ -13,7 +13,7 @@ import skyrange
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.vehicle.autopilot_events import AUTOPILOT_EVENTS
-from skyrange.vehicle.mavlink_state.event_detection import GLITCH_FLAG, EventDetector
+from skyrange.vehicle.event_detection import GLITCH_FLAG, EventDetector
 from tests.foreign_vehicle import ORIGIN
 
 SOURCES: Final = Path(skyrange.__file__).parent

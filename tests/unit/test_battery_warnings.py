@@ -16,9 +16,9 @@ from typer.testing import CliRunner
 from skyrange.assembly.aircraft import list_battery_warnings
 from skyrange.cli.app import app
 from skyrange.scenario.model.scenario import Scenario
+from skyrange.vehicle.ardupilot.arducopter_binary import BATTERY, VARIABLE, examine_binary
 from skyrange.vehicle.ardupilot.json_backend.json_lines import _BATTERY_LINE, LineWriter, format_lines
 from skyrange.vehicle.ardupilot.json_backend.motion import STANDING, Motion, to_ardupilot_motion
-from skyrange.vehicle.ardupilot.program.arducopter_binary import BATTERY, VARIABLE, examine_binary
 from tests.unit.made_up_binaries import elf, firmware
 from tests.unit.record_sample import StillWorld
 
@@ -123,7 +123,15 @@ def test_each_lines_battery_is_the_worlds_of_its_own_tick() -> None:
     empty.rows[:, 12] = 9.9
     writer, steps = LineWriter(3, 2, battery=True), np.zeros(3, dtype=np.int64)
     two, none = np.full(3, 2), np.zeros(3, dtype=np.int64)
-    writer.write(np.arange(3), none, two, steps, np.full(3, 2_500_000), motion, empty)
+    writer.write(
+        np.arange(3),
+        first=none,
+        per_tick=two,
+        steps=steps,
+        step_ns=np.full(3, 2_500_000),
+        before=motion,
+        after=empty,
+    )
     for which in range(2):
         for row in range(3):
             line = json.loads(writer.text[which, row, : writer.lengths[which, row]].tobytes())

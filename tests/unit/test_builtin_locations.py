@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from skyrange.core.geodesy import Origin
+from skyrange.vehicle.builtin import locations
 from skyrange.vehicle.builtin.guidance import yaw_target
 from skyrange.vehicle.builtin.layout import FLIGHT, new_records
-from skyrange.vehicle.builtin.locations import location
 
 RANGE = Origin(-35.363328, 149.1652241, 10.0)
 
@@ -41,7 +41,7 @@ def test_a_destination_loses_the_unit_that_it_loses_in_ardupilot(
     goal: tuple[int, int], origin: tuple[int, int], rounded: tuple[int, int]
 ) -> None:
     """By Location.cpp's expressions in C++ with -fsingle-precision-constant, as ArduPilot's build has them."""
-    found = location.rounded_destination(*parts(origin), place_of(*goal))
+    found = locations.rounded_destination(*parts(origin), place_of(*goal))
     assert units(found, origin) == rounded
     assert found[2] == 18.2
 
@@ -50,7 +50,7 @@ def test_a_destination_loses_the_unit_that_it_loses_in_ardupilot(
 def test_a_position_is_truncated_towards_where_it_was_switched_on(offset: float, kept: int) -> None:
     origin = (-353633280, 1491652241)
     east_m, north_m = RANGE.enu_of((origin[0] + offset) * 1e-7, (origin[1] + offset) * 1e-7)
-    found = location.truncated(*parts(origin), (east_m, north_m, 7.128))
+    found = locations.truncated(*parts(origin), (east_m, north_m, 7.128))
     assert units(found, origin) == (kept, kept)
     assert found[2] == pytest.approx(7.12)
 

@@ -7,7 +7,15 @@ import numpy as np
 from skyrange.core.time import NS_PER_S
 from skyrange.remoteid.autopilot_belief import Beliefs
 from skyrange.vehicle.avoidance.contract import AvoidanceAction, AvoidanceDecision, Episode
-from skyrange.vehicle.companion.autopilot_commands import AUTO, GUIDED, RTL
+from skyrange.vehicle.companion.autopilot_commands import (
+    AUTO,
+    GUIDED,
+    REQUESTS,
+    RETRY_NS,
+    RTL,
+    MessageRequest,
+    MessageRequests,
+)
 from skyrange.vehicle.companion.control_handover import (
     CONFIRM_NS,
     MAX_TRIES,
@@ -16,7 +24,6 @@ from skyrange.vehicle.companion.control_handover import (
     ControlHandover,
     ControlState,
 )
-from skyrange.vehicle.companion.message_requests import REQUESTS, RETRY_NS, MessageRequest, MessageRequests
 
 S = NS_PER_S
 GOAL_REQUEST = (100.0, 0.0, 30.0)
@@ -31,7 +38,7 @@ def taken() -> ControlHandover:
     """An aircraft that shows GUIDED, commanded at 10 s."""
     handover = ControlHandover()
     handover.follow(10 * S, GO, GOAL_REQUEST)
-    assert handover.observe(11 * S, GUIDED, 11 * S, True, False) is None
+    assert handover.observe(11 * S, GUIDED, 11 * S, flying=True, failsafe=False) is None
     assert handover.control is ControlState.COMPANION
     return handover
 
@@ -42,13 +49,13 @@ def test_taking_and_giving_back() -> None:
     assert command is not None
     assert (command.mode, command.place, command.stop, command.note) == (GUIDED, AWAY, False, "decision.avoid")
     assert (handover.control, handover.goal_enu_m) == (ControlState.TAKING_OVER, GOAL_REQUEST)
-    assert handover.observe(10 * S + 1, AUTO, 10 * S - 1, True, False) is None  # an old heartbeat
-    assert handover.observe(11 * S, GUIDED, 11 * S, True, False) is None
+    assert handover.observe(10 * S + 1, AUTO, 10 * S - 1, flying=True, failsafe=False) is None  # an old heartbeat
+    assert handover.observe(11 * S, GUIDED, 11 * S, flying=True, failsafe=False) is None
     assert (handover.control, handover.engaged) == (ControlState.COMPANION, True)
     command = handover.follow(20 * S, AvoidanceDecision(AvoidanceAction.RESUME, None), GOAL_REQUEST)
     assert command is not None
     assert (command.mode, command.note, handover.control) == (AUTO, "decision.resume", ControlState.RETURNING)
-    assert handover.observe(21 * S, AUTO, 21 * S, True, False) is None
+    assert handover.observe(21 * S, AUTO, 21 * S, flying=True, failsafe=False) is None
     assert (handover.control, handover.engaged) == (ControlState.MISSION, False)
 
 
@@ -74,7 +81,7 @@ def test_a_lost_command_is_repeated_and_then_given_up() -> None:
     orders = []
     for step in range(1, 60):
         now = step * S // 4
-        command = handover.observe(now, AUTO, now, True, False)
+        command = handover.observe(now, AUTO, now, flying=True, failsafe=False)
         if command is not None:
             orders.append((now, command.mode, command.note))
         if handover.engaged:
@@ -88,30 +95,30 @@ def test_a_lost_command_is_repeated_and_then_given_up() -> None:
 def test_it_yields_to_whoever_chooses_another_mode() -> None:
     for mode in (LOITER, LAND, RTL, 0, AUTO):  # AUTO again, after GUIDED had shown, is somebody's choice too
         handover = taken()
-        command = handover.observe(15 * S, mode, 15 * S, True, False)
+        command = handover.observe(15 * S, mode, 15 * S, flying=True, failsafe=False)
         assert command is not None
         assert (command.note, command.mode, handover.engaged) == ("decision.yield", None, False)
         assert handover.quiet_until_ns == 15 * S + YIELD_NS
     handover = ControlHandover()
     handover.follow(10 * S, GO, GOAL_REQUEST)
-    assert handover.observe(11 * S, LAND, 11 * S, True, False) is not None
+    assert handover.observe(11 * S, LAND, 11 * S, flying=True, failsafe=False) is not None
     assert not handover.engaged
 
 
 def test_a_failsafe_ends_it_and_does_not_leave_the_aircraft_hanging_in_guided() -> None:
     handover = taken()
-    command = handover.observe(15 * S, GUIDED, 15 * S, True, True)
+    command = handover.observe(15 * S, GUIDED, 15 * S, flying=True, failsafe=True)
     assert command is not None
     assert (command.mode, handover.engaged) == (AUTO, False)
     handover = taken()
-    command = handover.observe(15 * S, RTL, 15 * S, True, True)
+    command = handover.observe(15 * S, RTL, 15 * S, flying=True, failsafe=True)
     assert command is not None
     assert (command.mode, handover.engaged) == (None, False)
 
 
 def test_it_ends_on_the_ground() -> None:
     handover = taken()
-    command = handover.observe(15 * S, GUIDED, 15 * S, False, False)
+    command = handover.observe(15 * S, GUIDED, 15 * S, flying=False, failsafe=False)
     assert command is not None
     assert (command.mode, command.note) == (None, "decision.avoid_ended")
 

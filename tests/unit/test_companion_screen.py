@@ -8,9 +8,8 @@ import pytest
 from skyrange.codec import f3411
 from skyrange.core.time import NS_PER_S
 from skyrange.remoteid.tracks import TrackTable
-from skyrange.vehicle.avoidance.conflicts import find_conflicts
+from skyrange.vehicle.avoidance.conflicts import detect_conflicts, find_conflicts
 from skyrange.vehicle.avoidance.contract import AvoidanceLimits, Tracks
-from skyrange.vehicle.companion.conflict_detection import detect_conflicts
 from tests.unit.test_remoteid_tracks import ORIGIN, hear, place, who
 
 LIMITS = AvoidanceLimits()

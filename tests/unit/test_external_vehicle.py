@@ -24,10 +24,9 @@ from skyrange.kernel import EngineMount, Kernel, Wiring
 from skyrange.runtime.pace import resolve_speed
 from skyrange.scenario.toml_files import load_data
 from skyrange.vehicle.contract import AutopilotContext, VehicleSpec
-from skyrange.vehicle.external.engine import EXTERNAL, ExternalEngine
-from skyrange.vehicle.external.options import Options
-from skyrange.vehicle.external.position_reports import PositionReports, quaternion_from_euler
+from skyrange.vehicle.external.engine import EXTERNAL, ExternalEngine, Options
 from skyrange.vehicle.onboard_network import onboard_links
+from skyrange.vehicle.reported_poses import PositionReports, quaternion_from_euler
 from skyrange.world import Body, World
 from tests.foreign_vehicle import ORIGIN, Foreign
 

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Point, Polygon
 
-from skyrange.vehicle.builtin.check_layout import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, ZONES
-from skyrange.vehicle.builtin.fence.zones import zone_breach
+from skyrange.vehicle.builtin.fence import zone_breach
+from skyrange.vehicle.builtin.layout import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, ZONES
 
 SQUARE = [(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)]
 

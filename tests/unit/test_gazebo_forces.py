@@ -48,16 +48,18 @@ class Tumbling:
         world = self.world
         world.advance(0)
         quaternion = chance.normal(size=(COUNT, 4))
-        world._attitude[:] = quaternion / np.linalg.norm(quaternion, axis=1)[:, None]
-        world._velocity[:] = chance.normal(size=(COUNT, 3), scale=8.0)
-        world._rates[:] = chance.normal(size=(COUNT, 3), scale=4.0)
-        world._rotor_radps[:] = chance.uniform(0.0, 900.0, size=(COUNT, 4))
+        world._bodies.attitude[:] = quaternion / np.linalg.norm(quaternion, axis=1)[:, None]
+        world._bodies.velocity[:] = chance.normal(size=(COUNT, 3), scale=8.0)
+        world._bodies.rates[:] = chance.normal(size=(COUNT, 3), scale=4.0)
+        world._bodies.rotor_radps[:] = chance.uniform(0.0, 900.0, size=(COUNT, 4))
         world.actuate(slice(0, COUNT), chance.uniform(0.0, 1.0, size=(COUNT, 4)))
         self.air = chance.normal(size=(COUNT, 3), scale=5.0)
         world.disturb(np.arange(COUNT), np.ones((COUNT, 4)), self.air)
         airframes = [AIRFRAMES[name] for name in names]
         solid = np.array([(one.mass_kg, *one.inertia_kgm2) for one in airframes])
-        states = np.concatenate([world._position, world._velocity, world._attitude, world._rates], axis=1)
+        states = np.concatenate(
+            [world._bodies.position, world._bodies.velocity, world._bodies.attitude, world._bodies.rates], axis=1
+        )
         file = folder / "bodies"
         np.concatenate([solid, states], axis=1).tofile(file)
         specs = [VehicleSpec(f"blue/{k}", 1, name) for k, name in enumerate(names)]
@@ -72,7 +74,9 @@ class Tumbling:
         self.one.begin_step(0, numbers, np.zeros((0, 7)))
         states = self.one.end_step(20.0).states
         ours = self.world
-        return np.concatenate([ours._position, ours._velocity, ours._rates], axis=1), states[:, [*range(6), 10, 11, 12]]
+        return np.concatenate([ours._bodies.position, ours._bodies.velocity, ours._bodies.rates], axis=1), states[
+            :, [*range(6), 10, 11, 12]
+        ]
 
 
 @pytest.fixture

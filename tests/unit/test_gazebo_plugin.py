@@ -13,12 +13,10 @@ from skyrange.core import engine_sources
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.install import gazebo as installing
 from skyrange.install.gazebo import find_headers, find_installed, install
-from skyrange.vehicle.gazebo.program import gazebo_release, plugin_trial
-from skyrange.vehicle.gazebo.program.gazebo_commands import Flavour, Gazebo
-from skyrange.vehicle.gazebo.program.gazebo_release import VARIABLE as GAZEBO_VARIABLE
-from skyrange.vehicle.gazebo.program.gazebo_release import WINDOW_VARIABLE
-from skyrange.vehicle.gazebo.program.plugin_library import LIBRARY, LOADED, VARIABLE, find_plugin, plugin_sources
-from skyrange.vehicle.gazebo.program.plugin_trial import try_plugin
+from skyrange.vehicle.gazebo import gazebo_program, plugin_library
+from skyrange.vehicle.gazebo.gazebo_program import VARIABLE as GAZEBO_VARIABLE
+from skyrange.vehicle.gazebo.gazebo_program import WINDOW_VARIABLE, Flavour, Gazebo
+from skyrange.vehicle.gazebo.plugin_library import LIBRARY, LOADED, VARIABLE, find_plugin, plugin_sources, try_plugin
 
 SERVER = """#!/bin/sh
 test "$1" = --version && echo "Gazebo multi-robot simulator, version {version}" && exit 255
@@ -49,7 +47,7 @@ def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (folder / "protocol.h").touch()
     monkeypatch.setattr(engine_sources, "engine_sources", lambda name: folder.parent / name)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "user data"))
-    monkeypatch.setattr(gazebo_release, "_seen", {})
+    monkeypatch.setattr(gazebo_program, "_seen", {})
     for name in (VARIABLE, GAZEBO_VARIABLE, WINDOW_VARIABLE, "PKG_CONFIG", "PKG_CONFIG_PATH", "CXX"):
         monkeypatch.delenv(name, raising=False)
     return folder
@@ -254,7 +252,7 @@ def test_a_prefix_without_a_gazebo_is_refused(sources: Path, tmp_path: Path) -> 
 def test_a_plugin_that_gazebo_does_not_load_is_refused(
     server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, loads: str, said: str
 ) -> None:
-    monkeypatch.setattr(plugin_trial, "TRIAL_S", 1.0 if "busy" in loads else 60.0)
+    monkeypatch.setattr(plugin_library, "TRIAL_S", 1.0 if "busy" in loads else 60.0)
     gazebo = server(loads)
     with pytest.raises(ComponentError, match=said):
         try_plugin("plugin", gazebo, tmp_path / "a.so")

@@ -10,10 +10,18 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.vehicle.gazebo.program import gazebo_release
-from skyrange.vehicle.gazebo.program.gazebo_commands import Flavour, Gazebo, parse_classic_version, parse_sim_version
-from skyrange.vehicle.gazebo.program.gazebo_release import VARIABLE, WINDOW_VARIABLE, find_gazebo, find_window
-from skyrange.vehicle.gazebo.program.gazebo_release import window_command as command_of_window
+from skyrange.vehicle.gazebo import gazebo_program
+from skyrange.vehicle.gazebo.gazebo_program import (
+    VARIABLE,
+    WINDOW_VARIABLE,
+    Flavour,
+    Gazebo,
+    find_gazebo,
+    find_window,
+    parse_classic_version,
+    parse_sim_version,
+)
+from skyrange.vehicle.gazebo.gazebo_program import window_command as command_of_window
 
 CLASSIC = "Gazebo multi-robot simulator, version {}\nCopyright (C) 2012 Open Source Robotics Foundation.\n"
 USAGE = "The 'gz' command provides a command line interface to the Gazebo Tools.\n\n  gz <command> [options]\n"
@@ -27,7 +35,7 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     """Makes a program that prints `version` for `--version`, and `versions` for `sim --versions`."""
     monkeypatch.delenv(VARIABLE, raising=False)
     monkeypatch.delenv(WINDOW_VARIABLE, raising=False)
-    monkeypatch.setattr(gazebo_release, "_seen", {})
+    monkeypatch.setattr(gazebo_program, "_seen", {})
     (tmp_path / "on path").mkdir()
     monkeypatch.setenv("PATH", f"{tmp_path / 'on path'}:/usr/bin:/bin")
 
@@ -146,7 +154,7 @@ def test_a_named_path_without_a_program_is_refused(make: Make, tmp_path: Path, m
     ):
         if "\0" in str(named):  # no variable can hold it
             with pytest.raises(InputError, match=value):
-                gazebo_release.examine_gazebo(Path(named), "PATH")
+                gazebo_program.examine_gazebo(Path(named), "PATH")
             continue
         monkeypatch.setenv(VARIABLE, str(named))
         with pytest.raises(InputError, match=value) as caught:
@@ -157,7 +165,7 @@ def test_a_named_path_without_a_program_is_refused(make: Make, tmp_path: Path, m
 def test_a_program_that_hangs_is_killed_with_what_it_started(
     make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gazebo_release, "ANSWER_S", 1.0)
+    monkeypatch.setattr(gazebo_program, "ANSWER_S", 1.0)
     pid = tmp_path / "pid"
     make("gz", otherwise=f"sleep 300 & echo $! > '{pid}'; wait")
     with pytest.raises(InputError, match=r"did not answer `--version` within 1 s.*an answer with its version"):

@@ -24,10 +24,15 @@ from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.vehicle.gazebo.aircraft_model import PlacedAircraft, make_aircraft_model
 from skyrange.vehicle.gazebo.building_models import box_of, make_city_models, prism_of, stl_bytes
-from skyrange.vehicle.gazebo.names import GROUND, building_name, city_name, model_name
-from skyrange.vehicle.gazebo.sdf_elements import bar_between, format_numbers
-from skyrange.vehicle.gazebo.world_file import FILE, write_world
-from skyrange.vehicle.gazebo.world_view import add_view, camera_place
+from skyrange.vehicle.gazebo.sdf_elements import (
+    GROUND,
+    bar_between,
+    building_name,
+    city_name,
+    format_numbers,
+    model_name,
+)
+from skyrange.vehicle.gazebo.world_file import FILE, add_view, camera_place, write_world
 from skyrange.world.airframes import AIRFRAMES, Airframe
 
 ORIGIN = Origin(40.778, -73.955, 20.0, -32.7)

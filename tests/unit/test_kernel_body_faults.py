@@ -16,8 +16,7 @@ from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import Time
 from skyrange.kernel import EngineMount, Kernel, Wiring
 from skyrange.world.airframes import IRIS
-from skyrange.world.bodies import Body
-from skyrange.world.wind import Wind
+from skyrange.world.bodies import Body, Wind
 from skyrange.world.world import World
 from tests.probes.toys import MS, Climber, Log
 
@@ -105,7 +104,7 @@ def test_faults_multiply_thrust_and_add_wind() -> None:
     kernel, world, _ = rig(plan(Weather("a", FLEET[:2], 0.5, 3.0)), plan(Weather("b", FLEET[1:], 0.5, -1.0), id_="two"))
     kernel.advance(30 * MS)
     assert world.truth()["wind_up_mps"].tolist() == [3.0, 2.0, -1.0]
-    assert world._speed_share[:, 1] == pytest.approx([np.sqrt(0.5), 0.5, np.sqrt(0.5)])
+    assert world._bodies.speed_share[:, 1] == pytest.approx([np.sqrt(0.5), 0.5, np.sqrt(0.5)])
 
 
 @pytest.mark.parametrize("gusty", [False, True])

@@ -8,7 +8,10 @@ from typing import Any
 import numba
 import pytest
 
-from skyrange.vehicle.builtin.control import motor_control, position_lanes
+from skyrange.vehicle.builtin.control import (
+    motor_control,
+    position,
+)
 from skyrange.vehicle.builtin.estimation import strapdown
 from skyrange.world import multirotor
 
@@ -17,8 +20,8 @@ LOOPS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "motion": (multirotor._move_lanes, (NUMBER, LANES)),
     "rotors": (multirotor.spin_rotors, (LANES,) * 6),
     "strapdown": (strapdown._integrate_lanes, (LANES, NUMBER)),
-    "position": (position_lanes._request_attitude, (LANES,)),
-    "attitude targets": (position_lanes._shape_rates, (LANES,)),
+    "position": (position._request_attitude, (LANES,)),
+    "attitude targets": (position._shape_rates, (LANES,)),
     "errors of attitude": (motor_control._find_errors, (LANES, NUMBER)),
     "motors": (motor_control._command_motors, (LANES,)),
 }

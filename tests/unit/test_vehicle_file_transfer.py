@@ -17,7 +17,7 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import file_transfer as ftp
 from skyrange.codec.mavlink.file_transfer import Error, Opcode, Transfer
 from skyrange.vehicle.builtin.file_transfer import server
-from skyrange.vehicle.builtin.files.store import CAPACITY_BYTES
+from skyrange.vehicle.builtin.memory_card import CAPACITY_BYTES
 from skyrange.vehicle.builtin.parameters.table import PARAMETERS
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import GCS, Range, square

@@ -10,7 +10,7 @@ import pytest
 
 from skyrange.vehicle.builtin import loop
 from skyrange.vehicle.builtin.control import gains
-from skyrange.vehicle.builtin.control.motor_mixer import mix_motors, thrust_to_actuator
+from skyrange.vehicle.builtin.control.motor_control import mix_motors, thrust_to_actuator
 from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, GAINS, LEGS, ControlMode, FlightEvent, new_records
 from skyrange.vehicle.builtin.parameters.table import SETTINGS, fill_settings
 from skyrange.world.airframes import IRIS

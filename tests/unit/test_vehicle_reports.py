@@ -22,7 +22,7 @@ from skyrange.gcs.telemetry_streams import OPERATOR
 from skyrange.vehicle.builtin.engine import BuiltinFleet
 from skyrange.vehicle.builtin.layout import ControlMode
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.telemetry import streams
+from skyrange.vehicle.builtin.telemetry import schedule
 from skyrange.vehicle.builtin.telemetry.table import AVAILABLE, BUILDERS, build_message, build_table
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import EPOCH, ORIGIN, Range
@@ -252,7 +252,7 @@ def test_an_aircrafts_frames_keep_order_and_numbers() -> None:
     fleet.now = 0
     for vehicle in fleet.vehicles:
         every = SimpleNamespace(start_stop=1, req_message_rate=10, req_stream_id=0)
-        streams.on_request_data_stream(fleet, made._schedule, vehicle, every)
+        schedule.on_request_data_stream(fleet, made._schedule, vehicle, every)
     fleet.outbox = Outbox()
     for _ in range(30):
         fleet.now += 10_000_000
@@ -281,11 +281,11 @@ def test_copies_of_a_fleet_number_their_frames_alike() -> None:
 
 
 def test_streams_hold_only_what_can_be_sent() -> None:
-    for _, messages in streams.STREAMS.values():
+    for _, messages in schedule.STREAMS.values():
         assert set(messages) <= set(BUILDERS)
     assert set(AVAILABLE) <= set(BUILDERS)
 
 
 @pytest.mark.parametrize(("rate", "period_ms"), [(0, 0), (3, 333), (10, 100), (50, 20), (400, 3), (1001, 0)])
 def test_intervals_of_rates_are_whole_milliseconds(rate: int, period_ms: int) -> None:
-    assert streams.interval_ns(rate) == period_ms * 1_000_000
+    assert schedule.interval_ns(rate) == period_ms * 1_000_000

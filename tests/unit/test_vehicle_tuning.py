@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyrange.core.time import NS_PER_MS
-from skyrange.vehicle.builtin.control.gain_sets import UPDATE_NS, GainSets
+from skyrange.vehicle.builtin.control.gains import UPDATE_NS, GainSets
 from skyrange.vehicle.builtin.parameters.table import SETTINGS, fill_settings
 from skyrange.world.airframes import AIRFRAMES
 

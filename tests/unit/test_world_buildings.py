@@ -31,10 +31,10 @@ def _world(
     hover: bool = True,
 ) -> World:
     world = World([Body("blue/a", "iris", east_m, north_m, up_m, 90.0)], city=city)
-    world._velocity[0] = velocity
+    world._bodies.velocity[0] = velocity
     if hover:
         world.actuate(slice(None), np.full((1, 4), IRIS.hover_command))
-        world._rotor_radps[:] = IRIS.rotor_max_radps * IRIS.hover_thrust**0.5
+        world._bodies.rotor_radps[:] = IRIS.rotor_max_radps * IRIS.hover_thrust**0.5
     world.advance(0)
     return world
 
@@ -61,8 +61,8 @@ def test_a_wall_stops_it(speed: float, thick: float) -> None:
     assert isinstance(speed_mps, float)
     assert 0.4 * speed < speed_mps <= speed + 1.0  # it climbs meanwhile
     assert hit.data["energy_j"] == pytest.approx(0.75 * speed_mps**2, rel=1e-9)
-    assert world._position[0, 0] < 10.0 - IRIS.radius_m + 1e-6
-    assert (world._alive[0, [0, 2]] == 0).all()  # the front ones: it looks east
+    assert world._bodies.position[0, 0] < 10.0 - IRIS.radius_m + 1e-6
+    assert (world._bodies.alive[0, [0, 2]] == 0).all()  # the front ones: it looks east
     assert [note.kind for note in notes[-1:]] == ["event.crash"]
 
 
@@ -74,13 +74,13 @@ def test_a_gap_wider_than_it_lets_it_through_and_a_narrower_does_not() -> None:
         )
         world = _world(city, 0.0, 0.0, 15.0, (15.0, 0.0, 0.0))
         assert (_collisions(_run(world, 800)) == []) == passes
-        assert (world._position[0, 0] > 12.0) == passes
+        assert (world._bodies.position[0, 0] > 12.0) == passes
 
 
 def test_over_a_roof_it_passes() -> None:
     world = _world(_city(shapely.box(5.0, -5.0, 15.0, 5.0)), 0.0, 0.0, 30.3, (18.0, 0.0, 0.0))
     assert _run(world, 800) == []
-    assert world._position[0, 0] > 15.0
+    assert world._bodies.position[0, 0] > 15.0
 
 
 def test_a_courtyard_is_open() -> None:
@@ -88,7 +88,7 @@ def test_a_courtyard_is_open() -> None:
     ring = shapely.box(-30.0, -30.0, 30.0, 30.0).difference(shapely.box(-10.0, -10.0, 10.0, 10.0))
     world = _world(_city(ring), 0.0, 0.0, 20.0, hover=False)
     assert [note.kind for note in _run(world, 1200)] == ["event.contact", "event.crash"]
-    assert world._position[0, 2] == 0.0
+    assert world._bodies.position[0, 2] == 0.0
     (hit,) = _collisions(_run(_world(_city(ring), 0.0, 0.0, 15.0, (0.0, -12.0, 0.0)), 800))
     assert hit.data["north_m"] == pytest.approx(-10.0, abs=1e-9)
 
@@ -105,20 +105,20 @@ def test_lands_on_a_roof_stands_there_and_takes_off_again() -> None:
     assert world.sensors(slice(None)).rangefinder_m[0] == pytest.approx(0.3)
     notes = _run(world, 800)
     assert [note.kind for note in notes] == ["event.contact"]
-    assert world._position[0].tolist() == pytest.approx([2.0, 3.0, 30.0])
+    assert world._bodies.position[0].tolist() == pytest.approx([2.0, 3.0, 30.0])
     truth = world.truth()
     assert (truth["on_ground"][0], truth["crashed"][0], truth["vel_up_mps"][0]) == (1.0, 0.0, 0.0)
     assert world.sensors(slice(None)).rangefinder_m[0] == 0.0
     assert world.sensors(slice(None)).baro_up_m[0] == 30.0
     world.actuate(slice(None), np.full((1, 4), 0.8))
     assert _run(world, 400, 801) == []
-    assert world._position[0, 2] > 31.0
+    assert world._bodies.position[0, 2] > 31.0
 
 
 def test_a_hard_fall_on_a_roof_is_a_crash() -> None:
     world = _world(_city(shapely.box(-10.0, -10.0, 10.0, 10.0)), 0.0, 0.0, 60.0, hover=False)
     assert [note.kind for note in _run(world, 1600)] == ["event.contact", "event.crash"]
-    assert world._position[0, 2] == 30.0
+    assert world._bodies.position[0, 2] == 30.0
 
 
 def test_starts_on_a_roof() -> None:
@@ -141,8 +141,8 @@ def test_slides_off_a_roof_and_falls() -> None:
     world = World([Body("blue/a", "iris", 8.0, 0.0, 30.0)], wind=Wind((45.0, 0.0, 0.0)), city=city)
     world.advance(0)
     notes = _run(world, 400 * 12)
-    assert world._position[0, 2] == 0.0
-    assert world._position[0, 0] > 10.0
+    assert world._bodies.position[0, 2] == 0.0
+    assert world._bodies.position[0, 0] > 10.0
     assert [note.kind for note in notes][-1] == "event.crash"
     assert len(_collisions(notes)) <= 1
 
@@ -151,20 +151,20 @@ def test_an_overhang_lets_under_and_stops_from_below() -> None:
     city = _city(shapely.box(-10.0, -10.0, 10.0, 10.0), base_m=10.0)
     world = _world(city, -15.0, 0.0, 4.0, (15.0, 0.0, 0.0))
     assert _run(world, 300) == []
-    assert -10.0 < world._position[0, 0] < 10.0
+    assert -10.0 < world._bodies.position[0, 0] < 10.0
     world.actuate(slice(None), np.ones((1, 4)))
     (hit,) = _collisions(_run(world, 800, 301))
     assert hit.data["up_m"] == 10.0
-    assert not world._alive.any()
+    assert not world._bodies.alive.any()
 
 
 def test_leaning_on_a_wall_is_one_event() -> None:
     world = _world(_city(shapely.box(10.0, -20.0, 12.0, 20.0)), 9.0, 0.0, 10.0, (4.0, 0.0, 0.0))
     hits = 0
     for tick in range(1, 2000):
-        world._velocity[0] = (1.0, 0.0, 0.0)
-        world._position[0, 2] = 10.0
-        world._attitude[0], world._rates[0] = (1.0, 0.0, 0.0, 0.0), 0.0
+        world._bodies.velocity[0] = (1.0, 0.0, 0.0)
+        world._bodies.position[0, 2] = 10.0
+        world._bodies.attitude[0], world._bodies.rates[0] = (1.0, 0.0, 0.0, 0.0), 0.0
         hits += len(_collisions(list(world.advance(tick * QUANTUM_NS))))
     assert hits == 1
 
@@ -176,7 +176,7 @@ def test_a_copy_continues_alike_and_shares_the_city() -> None:
     fork = copy.deepcopy(world)
     assert fork.city is city
     assert _run(world, 800, 101) == _run(fork, 800, 101)
-    assert world._position.tobytes() == fork._position.tobytes()
+    assert world._bodies.position.tobytes() == fork._bodies.position.tobytes()
 
 
 def test_company_changes_no_bit_among_walls() -> None:
@@ -185,10 +185,10 @@ def test_company_changes_no_bit_among_walls() -> None:
     alone = _world(city, 0.0, 0.0, 25.0, (7.0, 1.0, 0.0))
     others = [Body(f"blue/x{i}", "iris", 100.0 + 9.0 * i, 80.0, 40.0) for i in range(5)]
     among = World([*others, Body("blue/a", "iris", 0.0, 0.0, 25.0, 90.0)], city=city)
-    among._velocity[-1] = (7.0, 1.0, 0.0)
-    among._velocity[:-1, 1] = 33.0
+    among._bodies.velocity[-1] = (7.0, 1.0, 0.0)
+    among._bodies.velocity[:-1, 1] = 33.0
     among.actuate(np.array([5]), np.full((1, 4), IRIS.hover_command))
-    among._rotor_radps[-1] = alone._rotor_radps[0]
+    among._bodies.rotor_radps[-1] = alone._bodies.rotor_radps[0]
     among.advance(0)
     one, many = _run(alone, 1600), _run(among, 1600)
     assert _collisions(one)
@@ -203,17 +203,17 @@ def test_company_changes_no_reading_of_the_height_above_a_roof() -> None:
     other = Body("blue/x", "iris", 100.0, 80.0, 40.0)
     alone = World([Body("blue/a", "iris", -5.0, 0.0, 33.0, 90.0)], city=city)
     among = World([other, Body("blue/a", "iris", -5.0, 0.0, 33.0, 90.0)], city=city)
-    among._velocity[0, 1] = 41.0
+    among._bodies.velocity[0, 1] = 41.0
     seen = set()
     for world in (alone, among):
-        world._velocity[-1] = (9.0, 0.3, 0.0)
+        world._bodies.velocity[-1] = (9.0, 0.3, 0.0)
         world.actuate(slice(None), np.full((len(world.vehicles), 4), IRIS.hover_command * 0.93))
-        world._rotor_radps[-1] = IRIS.rotor_max_radps * IRIS.hover_thrust**0.5
+        world._bodies.rotor_radps[-1] = IRIS.rotor_max_radps * IRIS.hover_thrust**0.5
         world.advance(0)
     for tick in range(1, 1200):
         alone.advance(tick * QUANTUM_NS)
         among.advance(tick * QUANTUM_NS)
         one = float(alone.sensors(slice(None)).rangefinder_m[0])
         assert one == among.sensors(slice(None)).rangefinder_m[1], tick
-        seen.add(round(float(alone._floor[0])))
+        seen.add(round(float(alone._bodies.floor[0])))
     assert seen == {0, 30}

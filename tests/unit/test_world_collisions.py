@@ -12,8 +12,9 @@ import pytest
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.time import Time
 from skyrange.world import AIRFRAMES, Body, World
+from skyrange.world.body_state import BodyState
 from skyrange.world.collision.contact_tracker import ContactTracker
-from skyrange.world.collision.response import RESTITUTION, CollisionState
+from skyrange.world.collision.response import RESTITUTION
 
 QUANTUM_NS = 2_500_000
 IRIS = AIRFRAMES["iris"]
@@ -22,11 +23,11 @@ MIRRORED = IRIS.radius_m * 2.0
 
 def _world(*bodies: Body, velocities: list[tuple[float, float, float]], hover: bool = True) -> World:
     world = World(list(bodies))
-    world._velocity[:] = velocities
+    world._bodies.velocity[:] = velocities
     if hover:
         for i, airframe in enumerate(world.airframes):
             world.actuate(np.array([i]), np.full((1, 4), airframe.hover_command))
-            world._rotor_radps[i] = airframe.rotor_max_radps * math.sqrt(airframe.hover_thrust)
+            world._bodies.rotor_radps[i] = airframe.rotor_max_radps * math.sqrt(airframe.hover_thrust)
     world.advance(0)
     return world
 
@@ -41,14 +42,14 @@ def _collisions(notes: list[tuple[int, Note]]) -> list[Note]:
 
 def _momentum(world: World) -> np.ndarray:
     mass = np.array([airframe.mass_kg for airframe in world.airframes])
-    return np.asarray((mass[:, None] * world._velocity).sum(axis=0))
+    return np.asarray((mass[:, None] * world._bodies.velocity).sum(axis=0))
 
 
 def _spin(world: World) -> np.ndarray:
     """Angular momentum about the origin."""
     total = np.zeros(3)
     for i, airframe in enumerate(world.airframes):
-        w, x, y, z = world._attitude[i]
+        w, x, y, z = world._bodies.attitude[i]
         turn = np.array(
             [
                 [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -56,9 +57,9 @@ def _spin(world: World) -> np.ndarray:
                 [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
             ]
         )
-        centre = world._position[i] + (0.0, 0.0, airframe.cg_height_m)
-        total += turn @ (np.array(airframe.inertia_kgm2) * world._rates[i])
-        total += np.cross(centre, airframe.mass_kg * world._velocity[i])
+        centre = world._bodies.position[i] + (0.0, 0.0, airframe.cg_height_m)
+        total += turn @ (np.array(airframe.inertia_kgm2) * world._bodies.rates[i])
+        total += np.cross(centre, airframe.mass_kg * world._bodies.velocity[i])
     return total
 
 
@@ -94,7 +95,7 @@ def test_nothing_passes_through_at_any_speed(speed: float) -> None:
         hover=False,
     )
     assert len(_collisions(_run(world, 800))) == 2
-    assert world._position[0, 0] < world._position[1, 0]
+    assert world._bodies.position[0, 0] < world._bodies.position[1, 0]
 
 
 @pytest.mark.parametrize("off", [0.97, 1.03])
@@ -138,15 +139,18 @@ def test_momentum_and_angular_momentum_are_kept(
         velocities=[(0.0, 0.0, 0.0), velocity],
         hover=False,
     )
-    world._rates[:] = [(1.0, -2.0, 0.5), (0.3, 0.2, -1.0)]
+    world._bodies.rates[:] = [(1.0, -2.0, 0.5), (0.3, 0.2, -1.0)]
     contacts = world._contact_tracker
     seen = {}
     look = type(contacts).resolve_tick
 
-    def watched(
-        self: ContactTracker, now: Time, step_s: float, stride2_m2: float, bodies: CollisionState
-    ) -> Sequence[Note]:
-        seen["before"] = (_momentum(world), world._velocity.copy(), world._rates.copy(), world._position.copy())
+    def watched(self: ContactTracker, now: Time, step_s: float, stride2_m2: float, bodies: BodyState) -> Sequence[Note]:
+        seen["before"] = (
+            _momentum(world),
+            world._bodies.velocity.copy(),
+            world._bodies.rates.copy(),
+            world._bodies.position.copy(),
+        )
         return look(self, now, step_s, stride2_m2, bodies)
 
     type(contacts).resolve_tick = watched  # type: ignore[method-assign]
@@ -161,8 +165,8 @@ def test_momentum_and_angular_momentum_are_kept(
     momentum, velocities, rates, _ = seen["before"]
     assert _momentum(world) == pytest.approx(momentum, abs=1e-9)
     after = _spin(world)
-    blown_v, blown_w = world._velocity.copy(), world._rates.copy()
-    world._velocity[:], world._rates[:] = velocities, rates
+    blown_v, blown_w = world._bodies.velocity.copy(), world._bodies.rates.copy()
+    world._bodies.velocity[:], world._bodies.rates[:] = velocities, rates
     assert after == pytest.approx(_spin(world), rel=1e-9, abs=1e-6)
     # and energy is lost, not made
     mass = np.array([a.mass_kg for a in world.airframes])
@@ -187,10 +191,10 @@ def test_restitution_of_a_square_blow() -> None:
     )
     before = 0.0
     for tick in range(1, 200):
-        before = world._velocity[0, 0] - world._velocity[1, 0]
+        before = world._bodies.velocity[0, 0] - world._bodies.velocity[1, 0]
         if world.advance(tick * QUANTUM_NS):
             break
-    points = world._velocity[:, 0] + world._rates[:, 1] * (0.5 * IRIS.height_m - IRIS.cg_height_m)
+    points = world._bodies.velocity[:, 0] + world._bodies.rates[:, 1] * (0.5 * IRIS.height_m - IRIS.cg_height_m)
     assert points[1] - points[0] == pytest.approx(RESTITUTION * before, rel=0.01)
 
 
@@ -203,7 +207,7 @@ def test_the_struck_side_loses_its_motors() -> None:
     )
     notes = _run(world, 400)
     assert len(_collisions(notes)) == 2
-    assert world._alive.tolist() == [[1, 0, 0, 1], [0, 1, 0, 1]]
+    assert world._bodies.alive.tolist() == [[1, 0, 0, 1], [0, 1, 0, 1]]
     _run(world, 400 * 6, 401)
     assert world.truth()["crashed"].tolist() == [1.0, 1.0]
 
@@ -215,7 +219,7 @@ def test_a_hard_blow_leaves_no_motor() -> None:
         velocities=[(0.0, 0.0, 0.0), (25.0, 0.0, 0.0)],
     )
     _run(world, 100)
-    assert not world._alive.any()
+    assert not world._bodies.alive.any()
 
 
 def test_from_above_the_lower_one_loses_what_is_below_the_other() -> None:
@@ -225,8 +229,8 @@ def test_from_above_the_lower_one_loses_what_is_below_the_other() -> None:
         velocities=[(0.0, 0.0, 0.0), (0.0, 0.0, -4.0)],
     )
     assert len(_collisions(_run(world, 120))) == 2
-    assert world._alive[0].tolist() == [0, 0, 0, 0]
-    assert world._alive[1].tolist() == [1, 1, 1, 1]
+    assert world._bodies.alive[0].tolist() == [0, 0, 0, 0]
+    assert world._bodies.alive[1].tolist() == [1, 1, 1, 1]
 
 
 def test_a_wreck_that_lies_on_another_is_one_event() -> None:
@@ -234,7 +238,7 @@ def test_a_wreck_that_lies_on_another_is_one_event() -> None:
     world.advance(0)
     notes = _run(world, 400 * 10)
     assert [note.kind for note in _collisions(notes)] == ["event.collision"] * 2
-    assert np.isfinite(world._position).all()
+    assert np.isfinite(world._bodies.position).all()
 
 
 def test_order_and_company_change_no_bit() -> None:
@@ -279,7 +283,7 @@ def test_a_copy_of_a_world_collides_alike() -> None:
     _run(world, 50)
     fork = copy.deepcopy(world)
     assert _run(world, 400, 51) == _run(fork, 400, 51)
-    assert world._position.tobytes() == fork._position.tobytes()
+    assert world._bodies.position.tobytes() == fork._bodies.position.tobytes()
 
 
 def test_touching_again_within_a_second_is_the_same_contact() -> None:
@@ -290,10 +294,10 @@ def test_touching_again_within_a_second_is_the_same_contact() -> None:
     )
     found = []
     for tick in range(1, 4000):
-        world._position[:, 2], world._velocity[:, 2] = 50.0, 0.0
-        world._attitude[:], world._rates[:] = (1.0, 0.0, 0.0, 0.0), 0.0
-        world._velocity[1, 0] = -6.0 if tick % 1000 < 500 else 2.0  # in for 1.25 s, out for as long
-        world._velocity[0] = 0.0
+        world._bodies.position[:, 2], world._bodies.velocity[:, 2] = 50.0, 0.0
+        world._bodies.attitude[:], world._bodies.rates[:] = (1.0, 0.0, 0.0, 0.0), 0.0
+        world._bodies.velocity[1, 0] = -6.0 if tick % 1000 < 500 else 2.0  # in for 1.25 s, out for as long
+        world._bodies.velocity[0] = 0.0
         found += [tick for note in world.advance(tick * QUANTUM_NS) if note.kind == "event.collision"]
     assert len(found) == 8  # four blows, two aircraft
     assert len(set(found)) == 4

@@ -155,7 +155,7 @@ def test_falls_inverted_and_stays_down() -> None:
 def test_landing_tilted_comes_level() -> None:
     """A touchdown at 15 degrees of tilt ends upright: the stance brings the aircraft level."""
     world = _world(up_m=0.3)
-    world._attitude[0] = (math.cos(math.radians(7.5)), math.sin(math.radians(7.5)), 0.0, 0.0)
+    world._bodies.attitude[0] = (math.cos(math.radians(7.5)), math.sin(math.radians(7.5)), 0.0, 0.0)
     assert [kind for _, kind, _ in _fly(world, 0.0, 3.0)] == ["event.contact"]
     now = _one(world)
     assert math.hypot(now["qx"], now["qy"]) < 1e-5
@@ -165,7 +165,7 @@ def test_landing_tilted_comes_level() -> None:
 def test_skids_to_a_stop_by_friction() -> None:
     """Coulomb: from v the way is v²/(2·μ·g), 0.459 m from 3 m/s; 2 % for air drag."""
     world = _world()
-    world._velocity[0, 0] = 3.0
+    world._bodies.velocity[0, 0] = 3.0
     _fly(world, 0.0, 2.0)
     assert _one(world)["vel_east_mps"] == 0.0
     assert _one(world)["east_m"] - 3.0 == pytest.approx(9.0 / (2.0 * 9.80665), rel=0.02)
@@ -174,6 +174,6 @@ def test_skids_to_a_stop_by_friction() -> None:
 def test_accelerometer_feels_friction() -> None:
     """A skid decelerates at μ·g against its motion: heading north and skidding east, that is to the left."""
     world = _world()
-    world._velocity[0, 0] = 3.0
+    world._bodies.velocity[0, 0] = 3.0
     _fly(world, 0.0, 0.0025)
     assert world.sensors(slice(0, 1)).accel_mps2[0] == pytest.approx([0.0, 9.80665, 9.80665], rel=0.03, abs=1e-9)

@@ -42,7 +42,7 @@ def _world(*bodies: Body, led: Sequence[int], **given: Any) -> World:
     for i, airframe in enumerate(world.airframes):
         if i not in led:
             world.actuate(np.array([i]), np.full((1, 4), airframe.hover_command))
-            world._rotor_radps[i] = airframe.rotor_max_radps * math.sqrt(airframe.hover_thrust)
+            world._bodies.rotor_radps[i] = airframe.rotor_max_radps * math.sqrt(airframe.hover_thrust)
     world.advance(0)
     return world
 
@@ -84,8 +84,8 @@ def test_a_circle_told_at_50_hz_is_followed_between_the_poses_too() -> None:
             world.impose(np.array([0]), _circle(now))
         assert list(world.advance(tick * QUANTUM_NS)) == []
         wanted = _circle(tick * QUANTUM_S)
-        most = max(most, float(np.linalg.norm(world._position[0] - wanted.position_enu_m[0])))
-        turned = abs(float(np.dot(world._attitude[0], wanted.attitude[0])))
+        most = max(most, float(np.linalg.norm(world._bodies.position[0] - wanted.position_enu_m[0])))
+        turned = abs(float(np.dot(world._bodies.attitude[0], wanted.attitude[0])))
         assert turned == pytest.approx(1.0, abs=1e-9)  # the same rotation
     assert 0.0005 < most < 0.001001
     truth = world.truth()
@@ -103,7 +103,7 @@ def test_it_stands_at_its_start_until_the_first_pose() -> None:
     world = _world(Body("blue/a", "iris", 3.0, 4.0, 0.0, 90.0), led=[0])
     for tick in range(1, 200):
         assert list(world.advance(tick * QUANTUM_NS)) == []
-    assert world._position[0].tolist() == [3.0, 4.0, 0.0]
+    assert world._bodies.position[0].tolist() == [3.0, 4.0, 0.0]
     assert world.truth()["on_ground"].tolist() == [1.0]
     assert world.sensors(slice(None)).accel_mps2[0].tolist() == [0.0, 0.0, 9.80665]
 
@@ -113,13 +113,13 @@ def test_without_another_pose_it_goes_on_for_a_while_and_then_stands() -> None:
     world.impose(slice(None), _pose((0.0, 0.0, 20.0), (8.0, 0.0, 0.0), LEVEL, (0.0, 0.0, 1.0)))
     for tick in range(1, 1000):
         world.advance(tick * QUANTUM_NS)
-    assert world._position[0].tolist() == pytest.approx([8.0 * CARRY_S, 0.0, 20.0])
+    assert world._bodies.position[0].tolist() == pytest.approx([8.0 * CARRY_S, 0.0, 20.0])
     truth = world.truth()
     assert (truth["vel_east_mps"][0], truth["rate_z_radps"][0]) == (0.0, 0.0)
     assert 2.0 * math.atan2(truth["qz"][0], truth["qw"][0]) == pytest.approx(CARRY_S)
     world.impose(slice(None), _pose((6.0, 0.0, 20.0), (8.0, 0.0, 0.0)))  # it comes back, and is no jump
     assert list(world.advance(1000 * QUANTUM_NS)) == []
-    assert world._position[0, 0] == pytest.approx(6.0 + 8.0 * QUANTUM_S)
+    assert world._bodies.position[0, 0] == pytest.approx(6.0 + 8.0 * QUANTUM_S)
 
 
 def test_rows_that_are_not_fresh_are_not_read() -> None:
@@ -128,7 +128,7 @@ def test_rows_that_are_not_fresh_are_not_read() -> None:
     world.advance(QUANTUM_NS)
     world.impose(slice(None), _pose([math.nan] * 3, [math.nan] * 3, [math.nan] * 4, [math.nan] * 3, fresh=False))
     world.advance(2 * QUANTUM_NS)
-    assert world._position[0, 0] == pytest.approx(2.0 * QUANTUM_S)
+    assert world._bodies.position[0, 0] == pytest.approx(2.0 * QUANTUM_S)
 
 
 def _bytes(world: World, row: int) -> bytes:
@@ -187,7 +187,7 @@ def test_a_collision_moves_only_who_can_be_moved(led: list[int]) -> None:
     starts, velocities = ((-2.0, 0.0, 50.0), (2.0, 0.1, 50.0)), ((10.0, 0.0, 0.0), (-10.0, 0.0, 0.0))
     for row in range(2):
         if row not in led:
-            world._velocity[row] = velocities[row]
+            world._bodies.velocity[row] = velocities[row]
     notes: list[Note] = []
     for tick in range(400 * 8):
         for row in led:
@@ -207,10 +207,10 @@ def test_a_collision_moves_only_who_can_be_moved(led: list[int]) -> None:
     }
     for row in led:
         flown = np.array(starts[row]) + np.array(velocities[row]) * 3200 * QUANTUM_S
-        assert world._position[row] == pytest.approx(flown, abs=1e-9)
+        assert world._bodies.position[row] == pytest.approx(flown, abs=1e-9)
     for row in {0, 1} - set(led):
-        assert world._position[row, 2] == 0.0
-        assert (world._alive[row] == 0).all()  # it changed its speed by more than 10 m/s
+        assert world._bodies.position[row, 2] == 0.0
+        assert (world._bodies.alive[row] == 0).all()  # it changed its speed by more than 10 m/s
 
 
 def test_what_is_led_pushes_what_is_in_its_way() -> None:
@@ -225,8 +225,8 @@ def test_what_is_led_pushes_what_is_in_its_way() -> None:
             break
     assert _kinds(notes) == [("event.collision", "blue/a"), ("event.collision", "green/b")]
     # against what gives no way the whole relative speed is returned, 0.3 of it beyond, at the point of contact
-    assert 3.0 < world._velocity[1, 0] < 1.3 * 3.0 + 0.01
-    assert world._velocity[0].tolist() == [3.0, 0.0, 0.0]
+    assert 3.0 < world._bodies.velocity[1, 0] < 1.3 * 3.0 + 0.01
+    assert world._bodies.velocity[0].tolist() == [3.0, 0.0, 0.0]
 
 
 def test_what_overlaps_is_pushed_out_whole() -> None:
@@ -235,11 +235,13 @@ def test_what_overlaps_is_pushed_out_whole() -> None:
     for led in (0, 1):
         bodies = [Body("blue/a", "iris", 0.0, 0.0, 50.0), Body("green/b", "iris", start, 0.0, 50.0)]
         world = _world(*bodies, led=[led])
-        world._velocity[1 - led] = (1.0 if led else -1.0, 0.0, 0.0)
+        world._bodies.velocity[1 - led] = (1.0 if led else -1.0, 0.0, 0.0)
         notes = world.advance(QUANTUM_NS)
         assert _kinds(notes) == [("event.collision", "blue/a"), ("event.collision", "green/b")]
-        assert world._position[led].tolist() == [start * led, 0.0, 50.0]
-        assert abs(world._position[1, 0] - world._position[0, 0]) == pytest.approx(2.0 * IRIS.radius_m, abs=1e-9)
+        assert world._bodies.position[led].tolist() == [start * led, 0.0, 50.0]
+        assert abs(world._bodies.position[1, 0] - world._bodies.position[0, 0]) == pytest.approx(
+            2.0 * IRIS.radius_m, abs=1e-9
+        )
 
 
 def _block(*shape: float, height_m: float) -> City:
@@ -254,7 +256,7 @@ def test_a_wall_is_noted_and_flown_through() -> None:
     (hit,) = notes
     assert (hit.kind, hit.data["with"], hit.data["speed_mps"]) == ("event.collision", "building:0", 5.0)
     assert hit.data["east_m"] == pytest.approx(5.0)
-    assert world._position[0] == pytest.approx([15.0, 0.0, 15.0])
+    assert world._bodies.position[0] == pytest.approx([15.0, 0.0, 15.0])
     assert world.truth()["crashed"].tolist() == [1.0]
 
 
@@ -266,11 +268,11 @@ def test_a_roof_is_ground() -> None:
     assert not [note for note in notes if note.kind == "event.crash"]
     world.impose(slice(None), _pose((0.0, 0.0, 12.01)))
     world.advance(9 * 400 * QUANTUM_NS)
-    assert (world._position[0, 2], world.truth()["on_ground"][0]) == (12.01, 1.0)
+    assert (world._bodies.position[0, 2], world.truth()["on_ground"][0]) == (12.01, 1.0)
     assert world.sensors(slice(None)).rangefinder_m[0] == pytest.approx(0.01)
     world.impose(slice(None), _pose((20.0, 0.0, 0.0)))  # it is another place's ground at once
     world.advance((9 * 400 + 1) * QUANTUM_NS)
-    assert world._position[0].tolist() == [20.0, 0.0, 0.0]
+    assert world._bodies.position[0].tolist() == [20.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize(("speed", "crashes"), [(1.0, False), (3.0, False), (3.3, True), (9.0, True)])
@@ -304,9 +306,9 @@ def test_a_jump_is_told_and_hits_nothing_on_its_way() -> None:
     (note,) = world.advance(QUANTUM_NS)
     assert (note.kind, note.about) == ("event.jump", "blue/a")
     assert note.data["distance_m"] == pytest.approx(10_000.0)
-    assert world._position[0].tolist() == [10_000.0, 0.0, 50.0]
+    assert world._bodies.position[0].tolist() == [10_000.0, 0.0, 50.0]
     # and it is a body there: what flies into it collides
-    world._position[1] = (9_999.0, 0.0, 50.0)
+    world._bodies.position[1] = (9_999.0, 0.0, 50.0)
     world.impose(np.array([0]), _pose((10_000.0, 0.0, 50.0), (-5.0, 0.0, 0.0)))
     notes = _straight_on(world, 2, 600)
     assert ("event.collision", "green/b") in _kinds(notes)
@@ -317,7 +319,7 @@ def test_only_what_is_near_is_a_way_through_a_wall(far_m: float, kinds: list[str
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 15.0), led=[0], city=_block(2.0, -9.0, 2.1, 9.0, height_m=30.0))
     world.impose(slice(None), _pose((far_m, 0.0, 15.0), (1.0, 0.0, 0.0)))
     assert [note.kind for note in world.advance(QUANTUM_NS)] == kinds
-    assert world._position[0, 0] == pytest.approx(far_m + QUANTUM_S)
+    assert world._bodies.position[0, 0] == pytest.approx(far_m + QUANTUM_S)
 
 
 def _straight_on(world: World, first: int, ticks: int) -> list[Note]:
@@ -339,15 +341,15 @@ def test_handed_back_it_falls_from_where_it_is() -> None:
         notes += world.advance(tick * QUANTUM_NS)
     assert [note.kind for note in notes] == ["event.contact", "event.crash"]
     dropped = World([Body("blue/a", "iris", 1.25, 0.0, 20.0, 90.0)])
-    dropped._velocity[0] = (5.0, 0.0, 0.0)
+    dropped._bodies.velocity[0] = (5.0, 0.0, 0.0)
     same = [note for tick in range(100, 2000) for note in dropped.advance(tick * QUANTUM_NS)]
     assert notes[0].data["speed_mps"] == pytest.approx(same[0].data["speed_mps"], rel=1e-9)
-    assert world._position[0] == pytest.approx(dropped._position[0], rel=1e-9)
+    assert world._bodies.position[0] == pytest.approx(dropped._bodies.position[0], rel=1e-9)
     with pytest.raises(ValueError, match="on blue/a, which the world moves"):
         world.impose(slice(None), _pose((0.0, 0.0, 1.0)))
     world.set_source(np.array([0]), Source.KINEMATIC)
     world.advance(2000 * QUANTUM_NS)
-    assert world._position[0] == pytest.approx(dropped._position[0], rel=1e-9)
+    assert world._bodies.position[0] == pytest.approx(dropped._bodies.position[0], rel=1e-9)
 
 
 def test_motors_that_its_engine_reports_drain_the_battery_and_shake_the_sensors() -> None:
@@ -363,7 +365,7 @@ def test_motors_that_its_engine_reports_drain_the_battery_and_shake_the_sensors(
             felt.append(float(world.sensors(slice(None)).accel_mps2[0, 0]))
         truth = world.truth()
         assert truth["throttle"][0] == command
-        assert world._position[0].tolist() == [0.0, 0.0, 20.0]
+        assert world._bodies.position[0].tolist() == [0.0, 0.0, 20.0]
         return float(truth["battery_a"][0]), float(truth["charge"][0]), float(np.std(felt))
 
     resting, hovering = flown(0.0), flown(IRIS.hover_command)
@@ -397,11 +399,11 @@ def test_what_no_body_can_be_is_refused_and_changes_nothing(pose: Poses, said: s
     with pytest.raises(ValueError, match=said):
         world.impose(slice(None), pose)
     world.advance(QUANTUM_NS)
-    assert world._position[0].tolist() == [0.0, 0.0, 20.0]
+    assert world._bodies.position[0].tolist() == [0.0, 0.0, 20.0]
 
 
 def test_a_quaternion_nearly_of_length_1_becomes_one() -> None:
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 20.0), led=[0])
     world.impose(slice(None), _pose((0.0, 0.0, 20.0), attitude=(1.005, 0.0, 0.0, 0.0)))
     world.advance(QUANTUM_NS)
-    assert world._attitude[0].tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert world._bodies.attitude[0].tolist() == [1.0, 0.0, 0.0, 0.0]

@@ -125,7 +125,7 @@ def test_gnss_wanders_with_its_correlation_time() -> None:
     for now in range(0, 12_000_000_000, models.IMU_PERIOD_NS):
         sensing.sample(now)
         if now in (1_000_000_000, 11_000_000_000):
-            errors.append(readings(world)["gnss_enu_m"][:, :2] - world._position[:, :2])
+            errors.append(readings(world)["gnss_enu_m"][:, :2] - world._bodies.position[:, :2])
     first, second = (e.ravel() for e in errors)
     assert np.corrcoef(first, second)[0, 1] == pytest.approx(math.exp(-10.0 / models.GNSS_WANDER_S), abs=0.05)
 

@@ -27,7 +27,7 @@ def _world(*bodies: Body, led: Sequence[int], **given: Any) -> World:
     world.set_source(np.array(led, dtype=np.int64), Source.SIMULATOR)
     for i, airframe in enumerate(world.airframes):
         world.actuate(np.array([i]), np.full((1, 4), airframe.hover_command))
-        world._rotor_radps[i] = airframe.rotor_max_radps * math.sqrt(airframe.hover_thrust)
+        world._bodies.rotor_radps[i] = airframe.rotor_max_radps * math.sqrt(airframe.hover_thrust)
     world.advance(0)
     return world
 
@@ -114,7 +114,7 @@ def test_a_collision_with_a_body_of_the_world_conserves_momentum(swapped: bool) 
     assert gained > 1.0
     assert impulse[0] == pytest.approx(-gained, rel=0.02)  # the rest is the drag of one tick
     assert (world.body_inputs(slice(row, row + 1)).impulse_ns == 0.0).all()
-    alive = world._alive
+    alive = world._bodies.alive
     assert alive[row].min() == 0
     assert alive[other].min() == 0
     assert not world.truth()["crashed"].any()
@@ -124,7 +124,7 @@ def test_two_that_a_simulator_moves_are_left_to_it() -> None:
     world = _world(Body("blue/1", "iris", 0.0, 0.0, 10.0), Body("blue/2", "iris", 0.1, 0.0, 10.0), led=[0, 1])
     notes = _fly(world, 0, (4.0, 0.0, 0.0), 100, (0.0, 0.0, 10.0))
     assert notes == []
-    assert world._alive.all()
+    assert world._bodies.alive.all()
 
 
 @pytest.mark.parametrize(("rotor", "lost"), [(-1, []), (2, [2])])
@@ -142,7 +142,7 @@ def test_a_reported_contact_is_noted_and_breaks_the_propeller_that_touched(rotor
     assert notes[0].data["energy_j"] == pytest.approx(0.25 * IRIS.mass_kg * 9.0)
     assert (notes[0].data["east_m"], notes[0].data["north_m"], notes[0].data["up_m"]) == (1.0, 2.0, 3.0)
     assert world.lost_motors(world.vehicles[0]) == lost
-    assert world._alive[1].all()
+    assert world._bodies.alive[1].all()
 
 
 def _pair(contacts: Contacts) -> Poses:
@@ -164,7 +164,7 @@ def test_rims_that_meet_break_although_the_normal_points_up() -> None:
     world.impose(np.array([0, 1]), _pair(_contact(1, (0.0, 0.0, 1.0), 0)))
     notes = world.advance(2 * QUANTUM_NS)
     assert [note.data["speed_mps"] for note in notes] == pytest.approx([3.0, 3.0])
-    assert np.flatnonzero(world._alive[0] == 0).tolist() == [0]
+    assert np.flatnonzero(world._bodies.alive[0] == 0).tolist() == [0]
 
 
 def test_a_touch_that_parts_or_lands_breaks_nothing() -> None:
@@ -174,7 +174,7 @@ def test_a_touch_that_parts_or_lands_breaks_nothing() -> None:
         world.advance(QUANTUM_NS)
         world.impose(np.array([0, 1]), _pair(contact))
         assert world.advance(2 * QUANTUM_NS) == []
-        assert world._alive.all()
+        assert world._bodies.alive.all()
 
 
 def test_a_great_change_of_speed_stops_all_motors() -> None:
@@ -184,7 +184,7 @@ def test_a_great_change_of_speed_stops_all_motors() -> None:
     world.impose(FIRST, _pose((0.0, 0.0, 30.0), (-1.0, 0.0, 0.0), _contact(-3, (-1.0, 0.0, 0.0))))
     notes = world.advance(2 * QUANTUM_NS)
     assert [(note.kind, note.data["with"]) for note in notes] == [("event.collision", "building:2")]
-    assert not world._alive[0].any()
+    assert not world._bodies.alive[0].any()
 
 
 def test_a_crash_on_the_ground_stops_the_motors() -> None:
@@ -196,5 +196,5 @@ def test_a_crash_on_the_ground_stops_the_motors() -> None:
         world.impose(FIRST, _pose((0.0, 0.0, place), (0.0, 0.0, fall if place > 0.0 else 0.0)))
         notes += world.advance(tick * QUANTUM_NS)
     assert [note.kind for note in notes] == ["event.contact", "event.crash"]
-    assert not world._alive[0].any()
+    assert not world._bodies.alive[0].any()
     assert world.truth()["crashed"][0] == 1.0

@@ -10,6 +10,7 @@ import pytest
 
 from skyrange.world import AIRFRAMES, Airframe, Body, World, battery
 from skyrange.world.airframes import GRAVITY_MPS2
+from skyrange.world.world import make_state
 
 QUANTUM_NS = 2_500_000
 
@@ -35,17 +36,14 @@ class Pack:
     """One battery in the kernel under a constant load."""
 
     def __init__(self, airframe: Airframe, charge: float = 1.0) -> None:
-        self.parameters = np.array([battery.battery_row(airframe)])
-        self.alive = np.ones((1, 4), dtype=np.uint8)
-        self.work, self.charge = np.zeros(1), np.array([charge])
-        self.volts, self.amperes, self.limit = np.zeros(1), np.zeros(1), np.zeros((1, 4))
+        self._bodies = make_state([airframe], 1e-9 * QUANTUM_NS)
+        self._bodies.charge[0] = charge
+        self.charge, self.volts, self.amperes = self._bodies.charge, self._bodies.battery_v, self._bodies.battery_a
+        self.limit = self._bodies.limit
 
     def draw(self, shaft_w: float, seconds: float) -> None:
-        self.work[0] = shaft_w * seconds
-        battery.discharge(
-            seconds, self.parameters, np.zeros(1, dtype=np.int64), self.alive, np.ones((1, 4)), self.work, self.charge,
-            self.volts, self.amperes, self.limit,
-        )  # fmt: skip
+        self._bodies.work_j[0] = shaft_w * seconds
+        battery.discharge(seconds, self._bodies)
 
 
 @pytest.mark.parametrize("name", sorted(AIRFRAMES))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
 
 from skyrange.world import AIRFRAMES, Airframe, multirotor
 from skyrange.world.airframes import AIR_DENSITY_KGM3, GRAVITY_MPS2
+from skyrange.world.world import make_state
 
 STEP_S = 0.0025
 IRIS = AIRFRAMES["iris"]
@@ -25,49 +25,19 @@ class Flight:
         self, airframe: Airframe, wind: tuple[float, float, float] = (0.0, 0.0, 0.0), up_m: float = 10_000.0
     ) -> None:
         self.airframe = airframe
-        self.parameters = np.array([multirotor.parameter_row(airframe)])
-        self.motors = [np.full((1, 4), value) for value in multirotor.motor_rows(airframe, STEP_S)]
-        self.wind = np.array([wind], dtype=np.float64)
-        self.limit = np.full((1, 4), airframe.rotor_max_radps)
-        self.work_j = np.zeros(1)
-        self.commands = np.zeros((1, 4))
-        self.position = np.array([[0.0, 0.0, up_m]])
-        self.velocity = np.zeros((1, 3))
-        self.attitude = np.array([[1.0, 0.0, 0.0, 0.0]])
-        self.rates = np.zeros((1, 3))
-        self.rotor_radps = np.zeros((1, 4))
-        self.accel = np.zeros((1, 3))
-        self.flags = np.array([[1, 0, 0, 0]], dtype=np.uint8)
-        self.impact_mps = np.zeros(1)
+        self.bodies = state = make_state([airframe], STEP_S)
+        state.air[0] = wind
+        state.limit[:] = airframe.rotor_max_radps
+        state.position[0, 2] = up_m
+        state.attitude[0, 0] = 1.0
+        state.flags[0, multirotor.ALOFT] = 1
+        self.work_j, self.commands, self.rotor_radps = state.work_j, state.commands, state.rotor_radps
+        self.position, self.velocity, self.accel = state.position, state.velocity, state.accel
+        self.attitude, self.rates = state.attitude, state.rates
 
     def run(self, seconds: float) -> Flight:
-        arguments: tuple[Any, ...] = (
-            STEP_S,
-            self.parameters,
-            np.zeros(1, dtype=np.int64),
-            *self.motors,
-            self.wind,
-            np.zeros(1),
-            self.limit,
-            np.ones((1, 4), dtype=np.uint8),
-            self.commands,
-            self.position,
-            self.velocity,
-            self.attitude,
-            self.rates,
-            self.rotor_radps,
-            self.accel,
-            self.flags,
-            self.impact_mps,
-            np.zeros(1),
-            self.work_j,
-            np.zeros((1, 3)),
-            np.zeros(1),
-            np.zeros(1),
-            np.zeros(1, dtype=np.uint8),
-        )
         for _ in range(round(seconds / STEP_S)):
-            multirotor.advance(*arguments)
+            multirotor.advance(STEP_S, self.bodies)
         return self
 
     def spin(self, thrust: np.ndarray) -> Flight:

@@ -18,15 +18,19 @@ HEIGHT_M, SPEED_MPS, W20_MPS = 30.48, 12.0, 15.43  # 100 ft, and the standard's 
 
 def _sample(n: int, steps: int, speed_mps: float = SPEED_MPS, height_m: float = HEIGHT_M, every: int = 1) -> np.ndarray:
     """Gusts (time, n, 3) of n aircraft flying east at a speed, from the kernel's own steady state on."""
-    state, air, heard = np.zeros((n, turbulence.STATES)), np.zeros((n, 3)), []
-    who = np.array([hash64(f"blue/b{i}") for i in range(n)], dtype=np.uint64)
+    air, heard = np.zeros((n, 3)), []
+    gusts = turbulence.Gusts(
+        seed=np.uint64(7),
+        stream=np.uint64(hash64(turbulence.STREAM)),
+        who=np.array([hash64(f"blue/b{i}") for i in range(n)], dtype=np.uint64),
+        steady_enu_mps=np.zeros(3),
+        w20_mps=W20_MPS,
+        state=np.zeros((n, turbulence.STATES)),
+    )
     velocity, height = np.tile([speed_mps, 0.0, 0.0], (n, 1)), np.full(n, height_m)
-    stream = np.uint64(hash64(turbulence.STREAM))
     for step in range(steps):
-        turbulence.gust(
-            step == 0, STEP_S, np.uint64(7), stream, np.uint64(step * 20_000_000), who, np.zeros(3), W20_MPS,
-            velocity, height, state, air,
-        )  # fmt: skip
+        since_s = STEP_S if step else -1.0
+        turbulence.gust(np.uint64(step * 20_000_000), since_s, gusts, velocity, height, air)
         if step % every == 0:
             heard.append(air.copy())
     return np.array(heard)

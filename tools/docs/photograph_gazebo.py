@@ -17,7 +17,7 @@ from typing import Final
 
 from skyrange.core.time import to_seconds
 from skyrange.runtime.run import Run
-from skyrange.vehicle.gazebo import world_view
+from skyrange.vehicle.gazebo import world_file
 from tools.agreement.gazebo_bench.collision import collision_scenario, measure
 
 IMAGE: Final = Path(__file__).parents[2] / "docs" / "images" / "gazebo-collision.png"
@@ -43,8 +43,8 @@ def main() -> None:
     hit = measure("gazebo")
     os.environ.update(DISPLAY=DISPLAY, LIBGL_ALWAYS_SOFTWARE="1")
     # the camera looks north at the place of the collision, and not at the fleet
-    world_view.camera_place = lambda _: (0.0, -AWAY_M, hit["up_m"] - 0.2)  # type: ignore[assignment]
-    world_view._PITCH, world_view._YAW = 0.0, 1.5708  # type: ignore[misc]
+    world_file.camera_place = lambda _: (0.0, -AWAY_M, hit["up_m"] - 0.2)  # type: ignore[assignment]
+    world_file._PITCH, world_file._YAW = 0.0, 1.5708  # type: ignore[misc]
     with tempfile.TemporaryDirectory() as folder:
         command = ["Xvfb", DISPLAY, "-screen", "0", f"{SIZE}x24"]
         display = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

@@ -36,8 +36,7 @@ from skyrange.scenario.model.radio import RemoteId
 from skyrange.scenario.model.scenario import OnDeath, Scenario
 from skyrange.scenario.validation.error_messages import spell_path
 from skyrange.vehicle.avoidance.contract import Avoidance, AvoidanceContext
-from skyrange.vehicle.companion.companion import Companion
-from skyrange.vehicle.companion.spec import CompanionSpec
+from skyrange.vehicle.companion.companion import Companion, CompanionSpec
 
 COMPANIONS = "companions"
 """The agent that stands for all of them."""

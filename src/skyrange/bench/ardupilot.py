@@ -15,6 +15,7 @@ from skyrange.core.time import to_seconds
 from skyrange.io.ardupilot.sitl import LockstepSitl, Sitl, wall_s
 from skyrange.record import load as load_record
 from skyrange.runtime.run import Run
+from skyrange.vehicle.ardupilot.arducopter_binary import find_binary
 from skyrange.vehicle.ardupilot.json_backend.json_lines import format_lines
 from skyrange.vehicle.ardupilot.json_backend.motion import STANDING, step_time_s
 from skyrange.vehicle.ardupilot.native_fleet import MODEL, SPEEDUP
@@ -22,11 +23,10 @@ from skyrange.vehicle.ardupilot.parameters import (
     LOOP_RATE,
     defaults_text,
     exchange_steps,
+    list_parameters,
     moments_per_iteration,
     start_values,
 )
-from skyrange.vehicle.ardupilot.program.arducopter_binary import find_binary
-from skyrange.vehicle.ardupilot.program.parameter_list import list_parameters
 from skyrange.world.airframes import AIRFRAMES
 
 QUANTUM_S = 0.0025

@@ -210,6 +210,16 @@ class _Files(CompileResultCacheImpl):
         self._filename_base = f"{self.stem}{self.key}.py{sys.version_info[0]}{sys.version_info[1]}"
 
 
+class _IndexFile(IndexDataCacheFile):
+    """A function's index. One that names a class which has been moved or removed since counts as empty."""
+
+    def _load_index(self) -> Any:
+        try:
+            return super()._load_index()  # type: ignore[no-untyped-call]
+        except (AttributeError, ImportError):  # the class of a named tuple among the arguments
+            return {}
+
+
 class _Cache(FunctionCache):
     """numba's cache of one function, for any number of processes and versions of the function at once.
 
@@ -231,7 +241,7 @@ class _Cache(FunctionCache):
 
     @cached_property
     def _cache_file(self) -> IndexDataCacheFile:  # type: ignore[override]  # nobody sets it
-        return IndexDataCacheFile(self.cache_path, self._impl.filename_base, "")  # type: ignore[no-untyped-call]
+        return _IndexFile(self.cache_path, self._impl.filename_base, "")  # type: ignore[no-untyped-call]
 
     @property
     def cache_path(self) -> str:

@@ -23,7 +23,7 @@ EXHAUSTED = -2
 
 
 @compiled
-def raise_field(
+def raise_field(  # noqa: PLR0917
     walls: WallIndex, west: float, south: float, step_m: float, columns: int, rows: int, reach_m: float
 ) -> Floats:
     """(rows, columns) Height of the highest roof within `reach_m` of each place, in metres; 0 without any.
@@ -50,7 +50,7 @@ def raise_field(
 
 
 @compiled
-def search(
+def search(  # noqa: PLR0917
     field: Floats,
     step_m: float,
     heights_m: Floats,
@@ -131,7 +131,7 @@ def search(
 
 
 @compiled
-def is_free(field: Floats, west: float, south: float, step_m: float, margin_m: float, a: Floats, b: Floats) -> bool:
+def is_free(field: Floats, west: float, south: float, step_m: float, margin_m: float, a: Floats, b: Floats) -> bool:  # noqa: PLR0917
     """Whether every place near the straight line from `a` to `b` (east, north, up) is free at its lower end."""
     low_m = min(a[2], b[2])
     length = math.hypot(b[0] - a[0], b[1] - a[1])

@@ -1,11 +1,61 @@
-"""What a route may be, and the error of one that there is not."""
+"""Limits of a route: what it may be, what a straight flight costs, and the error of a route that there is not."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from skyrange.planning.costs import Costs
+import numpy as np
+from numpy.typing import NDArray
+
+CLIMB_MPS: Final = 2.5
+SINK_MPS: Final = 1.5
+"""ArduCopter's WPNAV_SPEED_UP and WPNAV_SPEED_DN."""
+COMPASS: Final = tuple((north, east) for north in (-1, 0, 1) for east in (-1, 0, 1) if (north, east) != (0, 0))
+"""The eight level moves of the lattice in their order: (rows, columns)."""
+Power = Callable[[float, float, float], float]
+"""Watts at a velocity through the air: east, north and up, in m/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Costs:
+    """What a straight flight costs. Horizontal and vertical motion overlap; the longer of the two times counts."""
+
+    speed_mps: float = 5.0
+    """Ground speed."""
+    wind_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Velocity of the air: east, north, up."""
+    power_w: Power | None = None
+    """The cost is the energy that this power takes, in joules; without it the time in seconds."""
+
+    def of(self, one: Sequence[float], other: Sequence[float]) -> float:
+        """The cost of the flight from one point (east, north, up) to another one."""
+        seconds = self.seconds(one, other)
+        if self.power_w is None or seconds == 0.0:
+            return seconds
+        through = [(there - here) / seconds - wind for here, there, wind in zip(one, other, self.wind_mps, strict=True)]
+        return seconds * self.power_w(through[0], through[1], through[2])
+
+    def seconds(self, one: Sequence[float], other: Sequence[float]) -> float:
+        """How long the flight takes."""
+        rise_m = other[2] - one[2]
+        tall_s = rise_m / CLIMB_MPS if rise_m > 0.0 else -rise_m / SINK_MPS
+        return max(math.hypot(other[0] - one[0], other[1] - one[1]) / self.speed_mps, tall_s)
+
+    def least(self, one: Sequence[float], other: Sequence[float]) -> float:
+        """About what the flight costs at least, whatever way it takes: a descent in still air takes little power."""
+        per_second = 1.0 if self.power_w is None else self.power_w(0.0, 0.0, -SINK_MPS)
+        return per_second * self.seconds(one, other)
+
+    def paces(self) -> NDArray[np.float64]:
+        """(10,) How many metres one gets for a unit of cost by the level moves of `COMPASS`, up, and down."""
+        if self.power_w is None:
+            return np.array([self.speed_mps] * len(COMPASS) + [CLIMB_MPS, SINK_MPS])
+        ways = [(east, north, 0.0) for north, east in COMPASS] + [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0)]
+        return np.array([math.hypot(*way) / self.of((0.0, 0.0, 0.0), way) for way in ways])
+
 
 Place = tuple[float, float]
 """East and north in metres."""

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.city.city import City
-from skyrange.planning.costs import Costs
 from skyrange.planning.lattice import EXHAUSTED, NO_WAY, is_free, raise_field, search
-from skyrange.planning.limits import AROUND_M, Limits, NoRouteError, Place
+from skyrange.planning.limits import AROUND_M, Costs, Limits, NoRouteError, Place
 from skyrange.planning.sampling import Point3, Sampling, sample_leg
 
 Floats = NDArray[np.float64]
@@ -75,7 +74,7 @@ def _find_leg(city: City, one: Place, other: Place, limits: Limits, name: str) -
     if done == EXHAUSTED:
         raise NoRouteError(f"{name} is too long for one search; give places between (via)")
     if done == NO_WAY:
-        raise NoRouteError(_explain(city, roofs, one, other, (start, goal), limits, name))
+        raise NoRouteError(_explain(city, roofs, one, other, ends=(start, goal), limits=limits, name=name))
     if len(way) == 1:  # both ends are nearest to one place of the lattice
         way = np.repeat(way, 2)
     plane = columns * rows
@@ -118,7 +117,7 @@ def _spend(points: Floats, costs: Costs) -> Floats:
 
 
 def _explain(
-    city: City, roofs: Floats, one: Place, other: Place, ends: tuple[int, int], limits: Limits, name: str
+    city: City, roofs: Floats, one: Place, other: Place, *, ends: tuple[int, int], limits: Limits, name: str
 ) -> str:
     """Who is in the way, and from which height on there is a way."""
     straight = [(*one, limits.alt_m), (*other, limits.alt_m)]
@@ -132,7 +131,7 @@ def _explain(
         done, _ = search(roofs, step, heights, margin, *ends, paces, MAX_EXPANDED)
         return done >= 0
 
-    place = bisect_left(tops, True, key=is_way)  # what is free at one height is so above it
+    place = bisect_left(tops, x=True, key=is_way)  # what is free at one height is so above it
     if place < len(tops):
         below = f"there is no way below {limits.ceiling_m:g} m"
         return f"{name}: {who}, and {below}; there is one at {tops[place] + margin:.0f} m"

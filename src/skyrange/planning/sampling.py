@@ -14,8 +14,7 @@ from typing import Any, Final
 
 from skyrange.city.city import City
 from skyrange.core.errors import InputError
-from skyrange.planning.costs import Costs
-from skyrange.planning.limits import AROUND_M, Limits, NoRouteError, Place
+from skyrange.planning.limits import AROUND_M, Costs, Limits, NoRouteError, Place
 
 Point3 = tuple[float, float, float]
 """East, north and up in metres."""

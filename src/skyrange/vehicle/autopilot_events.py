@@ -34,5 +34,5 @@ AUTOPILOT_EVENTS: Final[Mapping[str, str]] = MappingProxyType(
 )
 """The kinds that the builtin autopilot notes; by each, why none is read from an ArduPilot, or "" where it is.
 
-`vehicle.mavlink_state` reads those of ArduPilots and external vehicles from their messages.
+`vehicle.event_detection` reads those of ArduPilots and external vehicles from their messages.
 """

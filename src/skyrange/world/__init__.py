@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from skyrange.world.airframes import AIRFRAMES, Airframe, Rotor
-from skyrange.world.wind import Wind
+from skyrange.world.bodies import Wind
 
 if TYPE_CHECKING:
     from skyrange.world.bodies import Body

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from skyrange.core.compiled import compiled
 from skyrange.world.airframes import MOTORS, Airframe
-
-Floats = NDArray[np.float64]
+from skyrange.world.body_state import BodyState, Floats, Marks
 
 BATTERY_NS = 10_000_000
 """Interval at which voltage and charge are computed: as often as an autopilot reads them."""
@@ -69,26 +68,14 @@ def resting_v(charge: float) -> float:
 
 
 @compiled
-def discharge(
-    step_s: float,
-    parameters: Floats,
-    airframe: NDArray[np.int64],
-    alive: NDArray[np.uint8],
-    speed_share: Floats,
-    work_j: Floats,
-    charge: Floats,
-    volts: Floats,
-    amperes: Floats,
-    limit: Floats,
-) -> None:
+def discharge(step_s: float, bodies: BodyState) -> None:
     """Subtract the energy of the last `step_s` seconds (0 only reads), and compute the rotor speeds at full command.
 
-    Shapes, n aircraft: `parameters` (airframes, numbers), `airframe` (n,), `alive` (n, motors) 0 where a motor is
-    lost, `speed_share` (n, motors) 0…1 of a sound motor's speed, `work_j` (n,) used and cleared, `charge` (n,) 0…1,
-    `volts` and `amperes` (n,), `limit` (n, motors) in rad/s.
+    `work_j` is used and cleared; `charge`, `battery_v`, `battery_a` and `limit` are computed.
     """
+    charge, volts, amperes, work_j = bodies.charge, bodies.battery_v, bodies.battery_a, bodies.work_j
     for i in range(charge.shape[0]):
-        p = parameters[airframe[i]]
+        p = bodies.batteries[bodies.airframe[i]]
         power = p[_AVIONICS_W]
         if step_s > 0.0:
             power += work_j[i] * p[_PER_EFFICIENCY] / step_s
@@ -104,12 +91,10 @@ def discharge(
         if charge[i] == 0.0:
             volts[i] = amperes[i] = full = 0.0
         for m in range(MOTORS):
-            limit[i, m] = full * alive[i, m] * speed_share[i, m]
+            bodies.limit[i, m] = full * bodies.alive[i, m] * bodies.speed_share[i, m]
 
 
-def speed_limits(
-    parameters: Floats, alive: NDArray[np.uint8], speed_share: Floats, volts: Floats
-) -> NDArray[np.float64]:
+def speed_limits(parameters: Floats, alive: Marks, speed_share: Floats, volts: Floats) -> NDArray[np.float64]:
     """The rotor speeds at full command (n, motors) in rad/s that `discharge` computes, of batteries at `volts` (n,).
 
     `parameters` (n, numbers) are those of each aircraft, the other arguments as there.

@@ -19,15 +19,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.components import Floats, Poses
+from skyrange.contracts.components import Poses
 from skyrange.core.compiled import compiled
 from skyrange.world import multirotor
 from skyrange.world.airframes import GRAVITY_MPS2
+from skyrange.world.body_state import BodyState, Floats, Ints, Marks
 from skyrange.world.collision.broad_phase import NEAR_M
 from skyrange.world.multirotor import (
     ALOFT,
@@ -40,9 +41,6 @@ from skyrange.world.multirotor import (
     TIPPED,
     TOUCHED,
 )
-
-Ints = NDArray[np.int64]
-Marks = NDArray[np.uint8]
 
 CARRY_S = 0.25
 """Longest extrapolation by velocity: two poses missed at 10 Hz."""
@@ -70,62 +68,91 @@ _WRONG = {
 }
 
 
+class _Given(NamedTuple):
+    """Poses as an engine reports them, of k bodies."""
+
+    fresh: NDArray[np.bool_]
+    position: Floats
+    velocity: Floats
+    attitude: Floats
+    rates: Floats
+
+
+class Reported(NamedTuple):
+    """The last reported poses of n bodies."""
+
+    poses: Floats
+    """(n, 16): the table of poses."""
+    pending: Marks
+    """(n,) 1 where a pose waits."""
+    since: Ints
+    """(n,) ticks since the last one."""
+    final: Marks
+    """(n,) 1 where the pose is that at the end of the quantum."""
+    jump_m: Floats
+    """(n,) distance of the last jump."""
+
+
 class ImposedPoses:
     """The imposed poses of a world's n bodies. Deep copies continue alike."""
 
-    def __init__(self, count: int, step_s: float) -> None:
+    def __init__(self, is_imposed: Marks, step_s: float) -> None:
+        """`is_imposed` is the bodies' own (n,), which `set_imposed` writes."""
+        count = len(is_imposed)
         self._step_s = step_s
-        self.is_imposed: Marks = np.zeros(count, dtype=np.uint8)
-        """(n,) `IMPOSED` or `SIMULATED` if the pose is imposed, else 0."""
+        self._is_imposed = is_imposed
         self.rows: Ints = np.zeros(0, dtype=np.int64)
         """The rows whose pose is imposed."""
-        self.jump_m = np.zeros(count)
+        self._reported = Reported(
+            poses=np.zeros((count, _NUMBERS)),
+            pending=np.zeros(count, dtype=np.uint8),
+            since=np.zeros(count, dtype=np.int64),
+            final=np.zeros(count, dtype=np.uint8),
+            jump_m=np.zeros(count),
+        )
+
+    @property
+    def jump_m(self) -> Floats:
         """(n,) distance of the last jump."""
-        self._poses = np.zeros((count, _NUMBERS))
-        self._pending = np.zeros(count, dtype=np.uint8)
-        self._since = np.zeros(count, dtype=np.int64)
-        self._final = np.zeros(count, dtype=np.uint8)
+        return self._reported.jump_m
 
     def set_imposed(self, rows: Ints, is_imposed: int, velocity: Floats) -> None:
         """Set whether the poses of some bodies are imposed from now on: 0, `IMPOSED` or `SIMULATED`.
 
         `velocity` (n, 3) is that of all bodies now.
         """
-        self.is_imposed[rows] = is_imposed
-        self.rows = np.flatnonzero(self.is_imposed)
-        self._pending[rows] = 0
-        self._since[rows] = 0
-        self._poses[rows] = 0.0
-        self._poses[rows, _VELOCITY:_ATTITUDE] = velocity[rows]
+        self._is_imposed[rows] = is_imposed
+        self.rows = np.flatnonzero(self._is_imposed)
+        reported = self._reported
+        reported.pending[rows] = 0
+        reported.since[rows] = 0
+        reported.poses[rows] = 0.0
+        reported.poses[rows, _VELOCITY:_ATTITUDE] = velocity[rows]
 
     def accept(self, rows: Ints, poses: Poses, vehicles: Sequence[str]) -> None:
         """Keep the fresh poses for the next tick. Raises `ValueError` for an invalid pose, and then takes none."""
         fresh = np.ascontiguousarray(poses.fresh, dtype=np.bool_)
         arrays = (poses.position_enu_m, poses.vel_enu_mps, poses.attitude, poses.rates_radps)
-        position, velocity, attitude, rates = given = [np.ascontiguousarray(a, dtype=np.float64) for a in arrays]
-        shapes = [array.shape for array in (fresh, *given)]
+        given = _Given(fresh, *(np.ascontiguousarray(array, dtype=np.float64) for array in arrays))
+        shapes = [array.shape for array in given]
         wanted = [(len(rows),), *((len(rows), width) for width in (3, 3, 4, 3))]
         if shapes != wanted:
             raise ValueError(f"imposed poses of the shapes {shapes}, expected {wanted}")
-        row, wrong = _find_invalid(rows, self.is_imposed, fresh, position, velocity, attitude, rates)
+        row, wrong = _find_invalid(rows, self._is_imposed, given)
         if wrong == _NOT_IMPOSED:
             raise ValueError(f"imposed a pose on {vehicles[rows[row]]}, which the world moves")
         if wrong != _FINE:
             what, expected = _WRONG[wrong]
             raise ValueError(
-                f"imposed on {vehicles[rows[row]]} the {what} {given[wrong - _BAD_POSITION][row].tolist()}, "
+                f"imposed on {vehicles[rows[row]]} the {what} {given[1 + wrong - _BAD_POSITION][row].tolist()}, "
                 f"expected {expected}"
             )
-        _accept(
-            self._step_s, rows, fresh, position, velocity, attitude, rates, self._poses, self._pending, self._since
-        )  # fmt: skip
-        self._final[rows] = poses.at_next_tick
+        _accept(self._step_s, rows, given, self._reported)
+        self._reported.final[rows] = poses.at_next_tick
 
-    def follow(self, *state: Any) -> int:
-        """Take the bodies through one quantum; `state` is what the kernel `follow` reads from `parameters` on."""
-        return int(
-            follow(self._step_s, self.rows, self._poses, self._pending, self._since, self._final, self.jump_m, *state)
-        )
+    def follow(self, bodies: BodyState) -> int:
+        """Take the bodies through one quantum; returns the number of flagged events."""
+        return follow(self._step_s, self.rows, self._reported, bodies)
 
 
 @compiled
@@ -138,16 +165,9 @@ def _beyond(vector: Floats, most: float) -> bool:
 
 
 @compiled
-def _find_invalid(
-    rows: Ints,
-    is_imposed: Marks,
-    fresh: NDArray[np.bool_],
-    position: Floats,
-    velocity: Floats,
-    attitude: Floats,
-    rates: Floats,
-) -> tuple[int, int]:
+def _find_invalid(rows: Ints, is_imposed: Marks, given: _Given) -> tuple[int, int]:
     """The first row with an invalid pose, and what is wrong with it."""
+    fresh, position, velocity, attitude, rates = given
     for k in range(rows.shape[0]):
         if not fresh[k]:
             continue
@@ -168,18 +188,9 @@ def _find_invalid(
 
 
 @compiled
-def _accept(
-    step_s: float,
-    rows: Ints,
-    fresh: NDArray[np.bool_],
-    position: Floats,
-    velocity: Floats,
-    attitude: Floats,
-    rates: Floats,
-    poses: Floats,
-    pending: Marks,
-    since: Ints,
-) -> None:
+def _accept(step_s: float, rows: Ints, given: _Given, reported: Reported) -> None:
+    fresh, position, velocity, attitude, rates = given
+    poses, pending, since = reported.poses, reported.pending, reported.since
     for k in range(rows.shape[0]):
         if not fresh[k]:
             continue
@@ -203,36 +214,15 @@ def _accept(
 
 
 @compiled
-def follow(
-    step_s: float,
-    rows: Ints,
-    poses: Floats,
-    pending: Marks,
-    since: Ints,
-    final: Marks,
-    jump_m: Floats,
-    parameters: Floats,
-    airframe: Ints,
-    floor: Floats,
-    position: Floats,
-    velocity: Floats,
-    attitude: Floats,
-    rates: Floats,
-    accel: Floats,
-    flags: Marks,
-    impact_mps: Floats,
-    height: Floats,
-    before: Floats,
-    odometer_m: Floats,
-    max_step2_m2: Floats,
-) -> int:
+def follow(step_s: float, rows: Ints, reported: Reported, bodies: BodyState) -> int:
     """Take the bodies in `rows` (k,) through one quantum, after `multirotor.advance`; returns the number of flagged
     events.
 
-    `poses` (n, 16), `pending` (n,) 1 where a pose waits, `since` (n,) ticks since the last one, `final` (n,) 1 where
-    the pose is that at the end of the quantum, `jump_m` (n,) receives the distance of a jump; the rest as in
-    `multirotor.advance`, whose `max_step2_m2` grows where one of these moved farther.
+    `jump_m` receives the distance of a jump; `max_step2_m2` grows where one of these moved farther.
     """
+    poses, pending, since = reported.poses, reported.pending, reported.since
+    position, velocity, attitude, rates = bodies.position, bodies.velocity, bodies.attitude, bodies.rates
+    accel, flags, height, max_step2_m2 = bodies.accel, bodies.flags, bodies.height, bodies.max_step2_m2
     events = 0
     for k in range(rows.shape[0]):
         i = rows[k]
@@ -243,11 +233,11 @@ def follow(
         ahead_s = step_s
         px, py, pz = position[i, 0], position[i, 1], position[i, 2]
         nx, ny, nz = px, py, pz
-        ground = floor[i]
+        ground = bodies.floor[i]
         if pending[i]:
             pending[i] = 0
             since[i] = 0
-            if final[i]:
+            if reported.final[i]:
                 ahead_s = 0.0
             nx, ny, nz = poses[i, _POSITION], poses[i, _POSITION + 1], poses[i, _POSITION + 2]
             far = math.sqrt((nx - px) * (nx - px) + (ny - py) * (ny - py) + (nz - pz) * (nz - pz))
@@ -260,7 +250,7 @@ def follow(
                 ground = 0.0  # the collision check finds the roof below, if there is one
             if far > JUMP_M:
                 jumped = True
-                jump_m[i] = far
+                reported.jump_m[i] = far
                 flags[i, EVENTS] |= JUMPED
                 events += 1
                 for axis in range(3):
@@ -295,21 +285,21 @@ def follow(
             falls = 0.0
             for axis in range(3):
                 falls += velocity[i, axis] * velocity[i, axis]
-            impact_mps[i] = math.sqrt(max(fell, falls))  # the pose on the ground may have lost its speed already
+            bodies.impact_mps[i] = math.sqrt(max(fell, falls))  # the pose on the ground may have lost its speed already
             flags[i, EVENTS] |= TOUCHED
             events += 1
-            if impact_mps[i] > MAX_TOUCHDOWN_MPS and not flags[i, CRASHED]:
+            if bodies.impact_mps[i] > MAX_TOUCHDOWN_MPS and not flags[i, CRASHED]:
                 flags[i, EVENTS] |= BROKEN
                 flags[i, CRASHED] = 1
-        if standing and r22 < parameters[airframe[i], multirotor.TIP_COS] and not flags[i, CRASHED]:
+        if standing and r22 < bodies.parameters[bodies.airframe[i], multirotor.TIP_COS] and not flags[i, CRASHED]:
             flags[i, EVENTS] |= TIPPED
             flags[i, CRASHED] = 1
             events += 1
 
         dx, dy, dz = nx - px, ny - py, nz - pz
-        odometer_m[i] += abs(dx) + abs(dy) + abs(dz)
+        bodies.odometer_m[i] += abs(dx) + abs(dy) + abs(dz)
         max_step2_m2[0] = max(max_step2_m2[0], dx * dx + dy * dy + dz * dz)
         position[i, 0], position[i, 1], position[i, 2] = nx, ny, nz
         if jumped:
-            before[i, 0], before[i, 1], before[i, 2] = nx, ny, nz
+            bodies.before[i, 0], bodies.before[i, 1], bodies.before[i, 2] = nx, ny, nz
     return events

@@ -31,12 +31,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyrange.core.compiled import compiled, inlined
 from skyrange.world.airframes import AIR_DENSITY_KGM3, GRAVITY_MPS2, MOTORS, Airframe
-
-Floats = NDArray[np.float64]
+from skyrange.world.body_state import BodyArrays, BodyState, Floats, Marks
 
 ALOFT, ON_GROUND, CRASHED, EVENTS = 0, 1, 2, 3
 """Columns of the flags table: zero or one; EVENTS holds the bits of what happened since it was cleared."""
@@ -129,7 +127,7 @@ def spin_rotors(
 
 
 @inlined
-def rotate_attitude(
+def rotate_attitude(  # noqa: PLR0917
     qw: float, qx: float, qy: float, qz: float, tx: float, ty: float, tz: float
 ) -> tuple[float, float, float, float]:
     """An attitude rotated by a body vector: the quaternion exponential's series to fourth order, normalised."""
@@ -150,7 +148,7 @@ def rotate_attitude(
 
 
 @compiled
-def _land(
+def _land(  # arrays and not a `BodyState`: each that is taken out of one is counted, here too often  # noqa: PLR0917
     i: int,
     step_s: float,
     p: Floats,
@@ -167,8 +165,8 @@ def _land(
     rates: Floats,
     accel: Floats,
     limit: Floats,
-    alive: NDArray[np.uint8],
-    flags: NDArray[np.uint8],
+    alive: Marks,
+    flags: Marks,
     impact_mps: Floats,
 ) -> int:
     """Finish the quantum of an aircraft whose new velocity and rates take it into the ground; returns the number of
@@ -321,51 +319,23 @@ def _move_lanes(step_s: float, s: Floats) -> None:
 
 
 @compiled
-def advance(
-    step_s: float,
-    parameters: Floats,
-    airframe: NDArray[np.int64],
-    expo: Floats,
-    lag_up: Floats,
-    lag_down: Floats,
-    wind: Floats,
-    floor: Floats,
-    limit: Floats,
-    alive: NDArray[np.uint8],
-    commands: Floats,
-    position: Floats,
-    velocity: Floats,
-    attitude: Floats,
-    rates: Floats,
-    rotor_radps: Floats,
-    accel: Floats,
-    flags: NDArray[np.uint8],
-    impact_mps: Floats,
-    height: Floats,
-    work_j: Floats,
-    before: Floats,
-    odometer_m: Floats,
-    max_step2_m2: Floats,
-    is_imposed: NDArray[np.uint8],
-) -> int:
+def advance(step_s: float, bodies: BodyState) -> int:
     """Move every aircraft by one quantum; returns the number of events it flagged.
 
-    Shapes, n aircraft: `parameters` (airframes, numbers), `airframe` (n,) rows of it, `expo`, `lag_up`, `lag_down` (n,
-    motors) of `motor_rows`, `wind` (n, 3) the air's velocity at each, `floor` (n,) the height of what is below it,
-    `limit` (n, motors) a rotor's speed at full command, `alive` (n, motors) 0 where a motor is lost, `commands` and
-    `rotor_radps` (n, motors), `position`, `velocity` (n, 3) east-north-up, `attitude` (n, 4) body to local, `rates`
-    and `accel` (specific force) (n, 3) forward-left-up, `flags` (n, 4). `impact_mps` (n,) receives the speed of a
-    touchdown, `height` (n,) the height above the floor; `work_j` (n,) gains the rotors' work against the air; `before`
-    (n, 3) receives the old positions; `odometer_m` (n,) gains an upper bound of the distance moved (the sum over the
-    axes, which needs no root), and `max_step2_m2` (1,) receives the square of the longest distance that any aircraft
-    moved. Where `is_imposed` (n,) is not 0 only the rotors turn: `imposed_poses.follow` moves the body.
+    `work_j` gains the rotors' work, `before` receives the old positions. Where `is_imposed` is not 0 only the rotors
+    turn: `imposed_poses.follow` moves the body.
     """
+    parameters, airframe, wind, floor = bodies.parameters, bodies.airframe, bodies.air, bodies.floor
+    position, velocity, attitude, rates = bodies.position, bodies.velocity, bodies.attitude, bodies.rates
+    rotor_radps, accel, flags, height = bodies.rotor_radps, bodies.accel, bodies.flags, bodies.height
+    limit, alive, impact_mps = bodies.limit, bodies.alive, bodies.impact_mps
+    work_j, before, odometer_m, is_imposed = bodies.work_j, bodies.before, bodies.odometer_m, bodies.is_imposed
     spin_rotors(
-        expo.reshape(-1),
-        lag_up.reshape(-1),
-        lag_down.reshape(-1),
-        limit.reshape(-1),
-        commands.reshape(-1),
+        bodies.expo.reshape(-1),
+        bodies.lag_up.reshape(-1),
+        bodies.lag_down.reshape(-1),
+        bodies.limit.reshape(-1),
+        bodies.commands.reshape(-1),
         rotor_radps.reshape(-1),
     )
     events = 0
@@ -422,5 +392,11 @@ def advance(
             dx, dy, dz = nx - px, ny - py, nz - pz
             odometer_m[i] += abs(dx) + abs(dy) + abs(dz)
             longest = max(longest, dx * dx + dy * dy + dz * dz)
-    max_step2_m2[0] = longest
+    bodies.max_step2_m2[0] = longest
     return events
+
+
+@compiled
+def advance_arrays(step_s: float, arrays: BodyArrays) -> int:
+    """`advance`, of bodies in a plain tuple."""
+    return advance(step_s, BodyState(*arrays))

@@ -29,6 +29,7 @@ neither its channelled wind nor the wakes of its buildings.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,26 +91,28 @@ def _step_chain(first: float, second: float, a: float, d: float, n1: float, n2: 
     return a * first + l11 * n1, a * (second + d * first) + l21 * n1 + l22 * n2
 
 
-@compiled
-def gust(
-    start: bool,
-    step_s: float,
-    seed: np.uint64,
-    stream: np.uint64,
-    when: np.uint64,
-    who: Words,
-    steady_enu_mps: Floats,
-    w20_mps: float,
-    velocity: Floats,
-    height: Floats,
-    state: Floats,
-    air: Floats,
-) -> None:
-    """Step every aircraft's gusts by `step_s`, or draw their steady state at the `start`; writes the air's velocity.
+class Gusts(NamedTuple):
+    """The gusts of n aircraft, and what they are drawn by."""
 
-    Shapes, n aircraft: `who` (n,) their addresses in chance, `steady_enu_mps` (3,), `velocity` (n, 3), `height` (n,)
-    above the floor, `state` (n, 5) of the filters, `air` (n, 3) east-north-up.
+    seed: np.uint64
+    stream: np.uint64
+    who: Words
+    """(n,) their addresses in chance."""
+    steady_enu_mps: Floats
+    """(3,)."""
+    w20_mps: float
+    state: Floats
+    """(n, 5) of the filters."""
+
+
+@compiled
+def gust(when: np.uint64, step_s: float, gusts: Gusts, velocity: Floats, height: Floats, air: Floats) -> None:
+    """Step every aircraft's gusts by `step_s`, or draw their steady state if it is negative; writes the air's velocity.
+
+    Shapes, n aircraft: `velocity` (n, 3), `height` (n,) above the floor, `air` (n, 3) east-north-up.
     """
+    seed, stream, who, steady_enu_mps, w20_mps, state = gusts
+    start = step_s < 0.0
     mean = math.sqrt(steady_enu_mps[0] * steady_enu_mps[0] + steady_enu_mps[1] * steady_enu_mps[1])
     along_e, along_n = (steady_enu_mps[0] / mean, steady_enu_mps[1] / mean) if mean > 0.0 else (1.0, 0.0)
     for i in range(state.shape[0]):

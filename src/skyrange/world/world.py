@@ -20,14 +20,13 @@ from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world import battery, multirotor, turbulence
 from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
-from skyrange.world.bodies import Body, check_bodies
+from skyrange.world.bodies import CALM, Body, Wind, check_bodies
+from skyrange.world.body_state import BodyState
 from skyrange.world.collision.broad_phase import shape_row
-from skyrange.world.collision.contact_tracker import ContactTracker
-from skyrange.world.collision.reported_contacts import apply_contacts
-from skyrange.world.collision.response import CollisionState
+from skyrange.world.collision.contact_tracker import ContactTracker, apply_contacts
 from skyrange.world.imposed_poses import ImposedPoses
+from skyrange.world.sensing.sensor_errors import SensingArrays
 from skyrange.world.sensing.sensors import IDEAL, SensorSpec, SensorSuite
-from skyrange.world.wind import CALM, Wind
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -35,6 +34,50 @@ if TYPE_CHECKING:
 DEFAULT_QUANTUM_NS: Time = 2_500_000
 _NO_NOTES: tuple[Note, ...] = ()
 _NO_CHANCE = Chance(0)
+
+
+def make_state(airframes: Sequence[Airframe], step_s: float) -> BodyState:
+    """Bodies at rest in calm air at the origin, one of each airframe of the list, with full batteries.
+
+    `step_s` is the quantum, on which the lag of motors depends.
+    """
+    n = len(airframes)
+    kinds = list(dict.fromkeys(sorted(airframes, key=lambda airframe: airframe.name)))
+    motors = np.array([multirotor.motor_rows(airframe, step_s) for airframe in airframes])
+    expo, lag_up, lag_down = (np.repeat(motors[:, k : k + 1], MOTORS, axis=1) for k in range(3))
+    return BodyState(
+        parameters=np.array([multirotor.parameter_row(airframe) for airframe in kinds]),
+        batteries=np.array([battery.battery_row(airframe) for airframe in kinds]),
+        shape=np.array([shape_row(airframe) for airframe in kinds]),
+        airframe=np.array([kinds.index(airframe) for airframe in airframes], dtype=np.int64),
+        expo=expo,
+        lag_up=lag_up,
+        lag_down=lag_down,
+        air=np.zeros((n, 3)),
+        floor=np.zeros(n),
+        commands=np.zeros((n, MOTORS)),
+        alive=np.ones((n, MOTORS), dtype=np.uint8),
+        speed_share=np.ones((n, MOTORS)),
+        limit=np.zeros((n, MOTORS)),
+        is_imposed=np.zeros(n, dtype=np.uint8),
+        before=np.zeros((n, 3)),
+        position=np.zeros((n, 3)),
+        velocity=np.zeros((n, 3)),
+        attitude=np.zeros((n, 4)),
+        rates=np.zeros((n, 3)),
+        accel=np.zeros((n, 3)),
+        rotor_radps=np.zeros((n, MOTORS)),
+        height=np.zeros(n),
+        flags=np.zeros((n, 4), dtype=np.uint8),
+        impact_mps=np.zeros(n),
+        odometer_m=np.zeros(n),
+        max_step2_m2=np.zeros(1),
+        impulse=np.zeros((n, 6)),
+        work_j=np.zeros(n),
+        charge=np.ones(n),
+        battery_v=np.zeros(n),
+        battery_a=np.zeros(n),
+    )
 
 
 class World:
@@ -56,7 +99,6 @@ class World:
         """`chance` is the source of turbulence. Raises `InputError` with every problem of the bodies at once."""
         check_bodies(bodies, quantum_ns, wind, city)
         n = len(bodies)
-        names = sorted({body.airframe for body in bodies})
         step_s = quantum_ns / NS_PER_S
         self.quantum_ns: Time = quantum_ns
         self.vehicles: Sequence[str] = tuple(body.vehicle for body in bodies)
@@ -64,155 +106,47 @@ class World:
         self.city = city
         self._now: Time | None = None
         self._step_s = step_s
-        self._parameters = np.array([multirotor.parameter_row(AIRFRAMES[name]) for name in names])
-        self._airframe = np.array([names.index(body.airframe) for body in bodies], dtype=np.int64)
-        motors = np.array([multirotor.motor_rows(airframe, step_s) for airframe in self.airframes])
-        self._motors = tuple(np.repeat(motors[:, k : k + 1], MOTORS, axis=1) for k in range(3))
-        self._position = np.array([(b.east_m, b.north_m, b.up_m) for b in bodies], dtype=np.float64)
-        self._velocity = np.zeros((n, 3))
-        self._attitude = np.zeros((n, 4))
-        self._rates = np.zeros((n, 3))
-        self._rotor_radps = np.zeros((n, MOTORS))
-        self._commands = np.zeros((n, MOTORS))
-        self._accel = np.zeros((n, 3))
-        self._flags = np.zeros((n, 4), dtype=np.uint8)
-        self._impact_mps = np.zeros(n)
-        self._height = np.zeros(n)
-        self._floor = np.zeros(n)
-        self._before = self._position.copy()
-        self._odometer_m = np.zeros(n)
-        self._max_step2_m2 = np.zeros(1)
+        self._bodies = state = make_state(self.airframes, step_s)
+        self._arrays = tuple(state)
+        state.position[:] = [(body.east_m, body.north_m, body.up_m) for body in bodies]
+        state.before[:] = state.position
+        state.charge[:] = [body.charge for body in bodies]
         self._wind = wind
-        self._steady = np.array(wind.steady_enu_mps, dtype=np.float64)
-        self._air = np.tile(self._steady, (n, 1))
-        self._gusts = np.zeros((n, turbulence.STATES))
-        self._gust_seed = np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF)
-        self._addresses = np.array([hash64(vehicle) for vehicle in self.vehicles], dtype=np.uint64)
+        steady = np.array(wind.steady_enu_mps, dtype=np.float64)
+        state.air[:] = steady
+        self._gusts = turbulence.Gusts(
+            seed=np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF),
+            stream=np.uint64(hash64(turbulence.STREAM)),
+            who=np.array([hash64(vehicle) for vehicle in self.vehicles], dtype=np.uint64),
+            steady_enu_mps=steady,
+            w20_mps=float(wind.turbulence_mps),
+            state=np.zeros((n, turbulence.STATES)),
+        )
         self._gusted_ns: Time | None = None
-        self._batteries = np.array([battery.battery_row(AIRFRAMES[name]) for name in names])
-        self._charge = np.array([body.charge for body in bodies], dtype=np.float64)
-        self._battery_v = np.zeros(n)
-        self._battery_a = np.zeros(n)
-        self._work_j = np.zeros(n)
         self._discharged_ns: Time = 0
-        self._alive = np.ones((n, MOTORS), dtype=np.uint8)
-        self._speed_share = np.ones((n, MOTORS))
-        self._limit = np.zeros((n, MOTORS))
         self._mean_air: Floats | None = None  # the air without gusts, from the first gust on
         self._gust_mps = np.zeros((n, 3))
-        self._shape = np.array([shape_row(AIRFRAMES[name]) for name in names])
-        self._imposed = ImposedPoses(n, step_s)
+        self._imposed = ImposedPoses(state.is_imposed, step_s)
         self._reported: list[tuple[NDArray[np.int64], Contacts, Floats]] = []  # until the next tick
-        self._impulse = np.zeros((n, 6))
         self._sources: tuple[Source, ...] = (Source.DYNAMIC,) * n
         self._present = np.array([body.present for body in bodies], dtype=np.bool_)
         self._soon_present = self._present.copy()
         self._appearing = np.zeros(n, dtype=np.bool_)
         self._contact_tracker = ContactTracker(self.vehicles, city)
-        self._sensing = SensorSuite(sensors, self.vehicles, self._sensed_state(), self._commands, self._power_state())
-        self._bind()
-        self._contact_tracker.begin(self._bodies)
-        battery.discharge(0.0, *self._power)
+        self._sensing = SensorSuite(sensors, self.vehicles, state)
+        self._contact_tracker.begin(state)
+        battery.discharge(0.0, state)
         for i, body in enumerate(bodies):
             half_yaw = 0.5 * math.radians(90.0 - body.heading_deg)
-            self._attitude[i, 0], self._attitude[i, 3] = math.cos(half_yaw), math.sin(half_yaw)
-            standing = body.up_m == self._floor[i]
-            self._flags[i, multirotor.ON_GROUND if standing else multirotor.ALOFT] = 1
-            self._accel[i, 2] = GRAVITY_MPS2 if standing else 0.0
-            self._height[i] = body.up_m - self._floor[i]
-
-    def _sensed_state(self) -> tuple[Floats, ...]:
-        """The arrays that sensors read."""
-        return self._rates, self._accel, self._attitude, self._position, self._velocity, self._height
-
-    def _power_state(self) -> tuple[Floats, Floats, Floats]:
-        """Voltage and current at the batteries' terminals, and the resulting rotor speeds."""
-        return self._battery_v, self._battery_a, self._rotor_radps
-
-    def _bind(self) -> None:
-        """Make everything that refers to the arrays: the kernel's arguments and the read-only views."""
-        self._arguments: tuple[Any, ...] = (
-            self._step_s,
-            self._parameters,
-            self._airframe,
-            *self._motors,
-            self._air,
-            self._floor,
-            self._limit,
-            self._alive,
-            self._commands,
-            self._position,
-            self._velocity,
-            self._attitude,
-            self._rates,
-            self._rotor_radps,
-            self._accel,
-            self._flags,
-            self._impact_mps,
-            self._height,
-            self._work_j,
-            self._before,
-            self._odometer_m,
-            self._max_step2_m2,
-            self._imposed.is_imposed,
-        )
-        self._power: tuple[Any, ...] = (
-            self._batteries,
-            self._airframe,
-            self._alive,
-            self._speed_share,
-            self._work_j,
-            self._charge,
-            self._battery_v,
-            self._battery_a,
-            self._limit,
-        )
-        self._followed: tuple[Any, ...] = (
-            self._parameters,
-            self._airframe,
-            self._floor,
-            self._position,
-            self._velocity,
-            self._attitude,
-            self._rates,
-            self._accel,
-            self._flags,
-            self._impact_mps,
-            self._height,
-            self._before,
-            self._odometer_m,
-            self._max_step2_m2,
-        )
-        self._bodies = CollisionState(
-            self._before,
-            self._position,
-            self._velocity,
-            self._attitude,
-            self._rates,
-            self._rotor_radps,
-            self._accel,
-            self._limit,
-            self._floor,
-            self._alive,
-            self._odometer_m,
-            self._shape,
-            self._airframe,
-            self._imposed.is_imposed,
-            self._flags,
-            self._impulse,
-        )
-        self._sensing.bind(self._sensed_state(), self._commands, self._power_state())
-
-    def __getstate__(self) -> dict[str, Any]:
-        """All but the views: copied arrays get views of their own."""
-        state = self.__dict__.copy()
-        for key in ("_arguments", "_followed", "_bodies"):
-            del state[key]
-        return state
+            state.attitude[i, 0], state.attitude[i, 3] = math.cos(half_yaw), math.sin(half_yaw)
+            standing = body.up_m == state.floor[i]
+            state.flags[i, multirotor.ON_GROUND if standing else multirotor.ALOFT] = 1
+            state.accel[i, 2] = GRAVITY_MPS2 if standing else 0.0
+            state.height[i] = body.up_m - state.floor[i]
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._bind()
+        self._sensing.bind(self._bodies)
 
     def advance(self, now: Time) -> Sequence[Note]:
         """Move all bodies by the whole quanta between the last tick and `now` under the last actuators.
@@ -241,17 +175,17 @@ class World:
         end = self._now = start + self.quantum_ns
         if self._gust_due(start):
             self._gust(start)
-        events = multirotor.advance(*self._arguments)
+        events = multirotor.advance_arrays(self._step_s, self._arrays)
         touched: Sequence[Note] = _NO_NOTES
         if len(self._imposed.rows):
             self._present[:] = self._soon_present
             touched = self._take_contacts(end)
-            followed = self._imposed.follow(*self._followed)
+            followed = self._imposed.follow(self._bodies)
             if followed:
                 self._stop_crashed_motors()
             events += followed
         if end // battery.BATTERY_NS > self._discharged_ns // battery.BATTERY_NS:
-            battery.discharge((end - self._discharged_ns) / NS_PER_S, *self._power)
+            battery.discharge((end - self._discharged_ns) / NS_PER_S, self._bodies)
             self._discharged_ns = end
         return [*touched, *self._resolve(end, events)]
 
@@ -266,15 +200,17 @@ class World:
 
     def _stop_crashed_motors(self) -> None:
         """Stop the motors of simulated bodies that have crashed, as `multirotor` does of its own."""
-        crashed = self._flags[:, multirotor.CRASHED] & (self._imposed.is_imposed == multirotor.SIMULATED)
+        crashed = self._bodies.flags[:, multirotor.CRASHED] & (self._bodies.is_imposed == multirotor.SIMULATED)
         if crashed.any():
             rows = np.flatnonzero(crashed)
-            self._alive[rows] = 0
-            self._limit[rows] = 0.0
+            self._bodies.alive[rows] = 0
+            self._bodies.limit[rows] = 0.0
 
     def _resolve(self, end: Time, events: int) -> Sequence[Note]:
         """Resolve the collisions of the tick that ended; returns notes of these and of the bodies' events."""
-        collided = self._contact_tracker.resolve_tick(end, self._step_s, float(self._max_step2_m2[0]), self._bodies)
+        collided = self._contact_tracker.resolve_tick(
+            end, self._step_s, float(self._bodies.max_step2_m2[0]), self._bodies
+        )
         if events == 0:
             return collided
         return [*collided, *self._notes()]
@@ -284,17 +220,13 @@ class World:
         start = first - self.quantum_ns
         return self._now == start and not len(self._imposed.rows) and not self._gust_due(start)
 
-    def batch_state(self) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
-        """What a compiled call needs that runs ticks: the arguments of `multirotor.advance`; of these the motor
-        commands, the odometers and the longest step; those of `battery.discharge` after the first; and
-        `SensorSuite.arguments`.
-        """
-        moved = self._commands, self._odometer_m, self._max_step2_m2
-        return self._arguments, moved, self._power, self._sensing.arguments
+    def batch_state(self) -> SensingArrays:
+        """What a compiled call needs that runs ticks: the sensors, and with them the bodies."""
+        return self._sensing.arrays
 
     def lost_motors(self, vehicle: str) -> list[int]:
         """The motors of an aircraft that turn no more, counted from 0. Raises `ValueError` for an unknown aircraft."""
-        return np.flatnonzero(self._alive[self.vehicles.index(vehicle)] == 0).tolist()
+        return np.flatnonzero(self._bodies.alive[self.vehicles.index(vehicle)] == 0).tolist()
 
     @property
     def discharged_ns(self) -> Time:
@@ -333,18 +265,12 @@ class World:
     def _gust(self, now: Time) -> None:
         since = self._gusted_ns
         turbulence.gust(
-            since is None,
-            0.0 if since is None else (now - since) / NS_PER_S,
-            self._gust_seed,
-            np.uint64(hash64(turbulence.STREAM)),
             np.uint64(now & 0xFFFFFFFFFFFFFFFF),
-            self._addresses,
-            self._steady,
-            self._wind.turbulence_mps,
-            self._velocity,
-            self._height,
+            -1.0 if since is None else (now - since) / NS_PER_S,
             self._gusts,
-            self._air if self._mean_air is None else self._mean_air,
+            self._bodies.velocity,
+            self._bodies.height,
+            self._bodies.air if self._mean_air is None else self._mean_air,
         )
         self._gusted_ns = now
         if self._mean_air is not None:
@@ -353,21 +279,21 @@ class World:
     def _notes(self) -> list[Note]:
         """The events that the last step of the dynamics flagged, in vehicle order; clears them."""
         notes = []
-        for i in np.flatnonzero(self._flags[:, multirotor.EVENTS]).tolist():
+        for i in np.flatnonzero(self._bodies.flags[:, multirotor.EVENTS]).tolist():
             vehicle = self.vehicles[i]
-            event = int(self._flags[i, multirotor.EVENTS])
-            speed = float(self._impact_mps[i])
+            event = int(self._bodies.flags[i, multirotor.EVENTS])
+            speed = float(self._bodies.impact_mps[i])
             if event & multirotor.TOUCHED:
                 notes.append(Note("event.contact", vehicle, {"speed_mps": speed}))
             if event & (multirotor.TIPPED | multirotor.BROKEN):
-                _, x, y, _ = self._attitude[i].tolist()
+                _, x, y, _ = self._bodies.attitude[i].tolist()
                 tilt = math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
                 notes.append(Note("event.crash", vehicle, {"tilt_deg": tilt, "speed_mps": speed}))
             if event & multirotor.JUMPED and not self._appearing[i]:
                 notes.append(Note("event.jump", vehicle, {"distance_m": float(self._imposed.jump_m[i])}))
             if event & multirotor.JUMPED:
                 self._appearing[i] = False
-            self._flags[i, multirotor.EVENTS] = 0
+            self._bodies.flags[i, multirotor.EVENTS] = 0
         return notes
 
     def sensors(self, rows: slice | NDArray[np.int64]) -> Sensors:
@@ -380,7 +306,7 @@ class World:
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: Floats) -> None:
         """Set motor commands, (rows, motors) in 0…1; values beyond are clipped by the motors, a NaN stops one."""
-        self._commands[rows] = actuators
+        self._bodies.commands[rows] = actuators
 
     def disturb(self, rows: NDArray[np.int64], thrust_share: Floats, wind_enu_mps: Floats) -> None:
         """Set what faults make of some bodies, until it is set anew; all 1 and 0 undo it.
@@ -389,21 +315,24 @@ class World:
         A motor with a share s of its thrust turns at √s of its speed at every command, because thrust is k·ω².
         """
         share = np.sqrt(thrust_share)
-        if (share != self._speed_share[rows]).any():
-            self._speed_share[rows] = share
-            self._limit[rows] = battery.speed_limits(
-                self._batteries[self._airframe[rows]], self._alive[rows], share, self._battery_v[rows]
+        if (share != self._bodies.speed_share[rows]).any():
+            self._bodies.speed_share[rows] = share
+            self._bodies.limit[rows] = battery.speed_limits(
+                self._bodies.batteries[self._bodies.airframe[rows]],
+                self._bodies.alive[rows],
+                share,
+                self._bodies.battery_v[rows],
             )
         if self._mean_air is None:
             if not wind_enu_mps.any():
                 return
-            self._mean_air = self._air.copy()
+            self._mean_air = self._bodies.air.copy()
         self._gust_mps[rows] = wind_enu_mps
         self._blow(self._mean_air)
 
     def _blow(self, mean_air: Floats) -> None:
         """The air's velocity, with the gusts of faults; without one it is the mean to the bit."""
-        self._air[:] = np.where(self._gust_mps != 0.0, mean_air + self._gust_mps, mean_air)
+        self._bodies.air[:] = np.where(self._gust_mps != 0.0, mean_air + self._gust_mps, mean_air)
 
     @property
     def sources(self) -> Sequence[Source]:
@@ -413,8 +342,8 @@ class World:
     def set_source(self, rows: NDArray[np.int64], source: Source) -> None:
         """Set what moves some bodies from now on; each continues from where it is, with motors at rest."""
         kind = multirotor.SIMULATED if source is Source.SIMULATOR else multirotor.IMPOSED
-        self._imposed.set_imposed(rows, 0 if source is Source.DYNAMIC else kind, self._velocity)
-        self._commands[rows] = 0.0
+        self._imposed.set_imposed(rows, 0 if source is Source.DYNAMIC else kind, self._bodies.velocity)
+        self._bodies.commands[rows] = 0.0
         sources = list(self._sources)
         for row in rows.tolist():
             sources[row] = source
@@ -436,10 +365,15 @@ class World:
 
     def body_inputs(self, rows: slice | NDArray[np.int64]) -> BodyInputs:
         """What acts on some bodies from this tick to the next; the impulses are handed out once."""
-        impulse = self._impulse[rows].copy()
-        self._impulse[rows] = 0.0
+        impulse = self._bodies.impulse[rows].copy()
+        self._bodies.impulse[rows] = 0.0
         return BodyInputs(
-            self._rotor_radps[rows], self._air[rows], impulse[:, :3], impulse[:, 3:], self._position, self._attitude
+            self._bodies.rotor_radps[rows],
+            self._bodies.air[rows],
+            impulse[:, :3],
+            impulse[:, 3:],
+            self._bodies.position,
+            self._bodies.attitude,
         )
 
     @property
@@ -449,33 +383,33 @@ class World:
 
     def motion(self) -> tuple[Floats, Floats]:
         """Position of the gear and velocity, (n, 3) each: read-only views that later ticks refill."""
-        return as_read_only(self._position), as_read_only(self._velocity)
+        return as_read_only(self._bodies.position), as_read_only(self._bodies.velocity)
 
     def truth(self) -> Mapping[str, Floats]:
         """The true state as (n,) columns; `throttle` is the mean motor command, flags are 0 or 1."""
         columns: dict[str, Floats] = {}
         for names, table in (
-            (("east_m", "north_m", "up_m"), self._position),
-            (("vel_east_mps", "vel_north_mps", "vel_up_mps"), self._velocity),
-            (("qw", "qx", "qy", "qz"), self._attitude),
-            (("rate_x_radps", "rate_y_radps", "rate_z_radps"), self._rates),
+            (("east_m", "north_m", "up_m"), self._bodies.position),
+            (("vel_east_mps", "vel_north_mps", "vel_up_mps"), self._bodies.velocity),
+            (("qw", "qx", "qy", "qz"), self._bodies.attitude),
+            (("rate_x_radps", "rate_y_radps", "rate_z_radps"), self._bodies.rates),
         ):
             for k, name in enumerate(names):
                 columns[name] = table[:, k].copy()
         throttle = np.zeros(len(self.vehicles))
-        commands = np.fmin(np.fmax(self._commands, 0.0), 1.0)  # a NaN is no command
+        commands = np.fmin(np.fmax(self._bodies.commands, 0.0), 1.0)  # a NaN is no command
         for m in range(MOTORS):  # motor by motor: a row's sum must not depend on how many rows there are
             throttle += commands[:, m]
         columns["throttle"] = throttle / MOTORS
-        columns["on_ground"] = self._flags[:, multirotor.ON_GROUND].astype(np.float64)
-        columns["crashed"] = self._flags[:, multirotor.CRASHED].astype(np.float64)
+        columns["on_ground"] = self._bodies.flags[:, multirotor.ON_GROUND].astype(np.float64)
+        columns["crashed"] = self._bodies.flags[:, multirotor.CRASHED].astype(np.float64)
         for name, values in (
-            ("battery_v", self._battery_v),
-            ("battery_a", self._battery_a),
-            ("charge", self._charge),
-            ("wind_east_mps", self._air[:, 0]),
-            ("wind_north_mps", self._air[:, 1]),
-            ("wind_up_mps", self._air[:, 2]),
+            ("battery_v", self._bodies.battery_v),
+            ("battery_a", self._bodies.battery_a),
+            ("charge", self._bodies.charge),
+            ("wind_east_mps", self._bodies.air[:, 0]),
+            ("wind_north_mps", self._bodies.air[:, 1]),
+            ("wind_up_mps", self._bodies.air[:, 2]),
         ):
             columns[name] = values.copy()
         return columns

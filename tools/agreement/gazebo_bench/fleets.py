@@ -17,9 +17,8 @@ from skyrange.bench.isolation import run_in_process
 from skyrange.bench.suite.machine import describe_machine
 from skyrange.record import load as load_record
 from skyrange.runtime.run import Run
-from skyrange.vehicle.gazebo.program.gazebo_commands import Flavour, Gazebo
-from skyrange.vehicle.gazebo.program.gazebo_release import find_gazebo, find_window
-from skyrange.vehicle.gazebo.program.plugin_library import find_plugin
+from skyrange.vehicle.gazebo.gazebo_program import Flavour, Gazebo, find_gazebo, find_window
+from skyrange.vehicle.gazebo.plugin_library import find_plugin
 
 Row = dict[str, Any]
 

@@ -288,7 +288,7 @@ def _ardupilots(sizes: Sequence[tuple[int, float]], rates: str) -> tuple[Case, .
 
 
 def _require_ardupilot() -> None:
-    from skyrange.vehicle.ardupilot.program.arducopter_binary import find_binary
+    from skyrange.vehicle.ardupilot.arducopter_binary import find_binary
 
     find_binary()
 

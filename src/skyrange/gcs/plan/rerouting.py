@@ -17,8 +17,7 @@ from skyrange.gcs.plan.paths import Leg, Point, leg
 from skyrange.gcs.plan.plans import LANDINGS, TAKEOFFS, End, FlightPlan, is_navigation
 from skyrange.gcs.plan.routes import final_legs, place
 from skyrange.gcs.plan.volumes import Margins, leg_volumes
-from skyrange.planning.costs import Costs
-from skyrange.planning.limits import Limits, NoRouteError
+from skyrange.planning.limits import Costs, Limits, NoRouteError
 from skyrange.planning.routes import find_route
 from skyrange.utm.airspace.claimed_airspace import Airspace, Query
 

@@ -50,7 +50,7 @@ from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, 
 from skyrange.scenario.validation.cross_checks import cross_check
 from skyrange.scenario.validation.plugin_params import checked, describe, describe_by_kind, normalized, params_of
 from skyrange.utm.contract import ApprovalPlugin
-from skyrange.world.wind import Wind as Air
+from skyrange.world.bodies import Wind as Air
 
 __all__ = [
     "AttackTable",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from skyrange.vehicle.ardupilot.arducopter_binary import BATTERY, find_binary
 from skyrange.vehicle.ardupilot.lockstep_fleet import LockstepFleet
 from skyrange.vehicle.ardupilot.native_fleet import NativeFleet
 from skyrange.vehicle.ardupilot.options import Options
 from skyrange.vehicle.ardupilot.process_fleet import ProcessFleet
-from skyrange.vehicle.ardupilot.program.arducopter_binary import BATTERY, find_binary
 from skyrange.vehicle.contract import AutopilotContext, AutopilotPlugin
 
 

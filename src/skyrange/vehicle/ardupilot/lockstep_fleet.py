@@ -1,8 +1,13 @@
 """ArduPilot in lockstep with the range's world, by its JSON physics backend.
 
 Every tick each process gets the tick's sensors, or with the last tick of an iteration of its main loop those of all
-(`exchange_batches`); all processes compute side by side, and the tick ends when all have answered. The machine's clock
+(a batch); all processes compute side by side, and the tick ends when all have answered. The machine's clock
 plays no part: the same inputs give the same bytes.
+
+Batches of exchanges: those of one iteration of ArduPilot's main loop are sent together. Its loop sets the motors once
+per iteration and reads its gyros about twice. So the pulse widths of all exchanges but the last are known already, the
+world can advance with them, and a process that gets all lines of an iteration at once wakes up half as often. Its
+answers show which exchange is the last of an iteration.
 """
 
 from __future__ import annotations
@@ -16,6 +21,7 @@ from numpy.typing import NDArray
 from skyrange.codec.mavlink import Message
 from skyrange.contracts.components import Finished, InstanceStatus, Sensors
 from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.core.compiled import compiled
 from skyrange.core.errors import ComponentError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
@@ -23,14 +29,97 @@ from skyrange.io.ardupilot.batch_exchange import BatchExchange
 from skyrange.io.ardupilot.sitl import LockstepSitl, wall_s
 from skyrange.io.processes.core_sharing import CoreSharing
 from skyrange.vehicle.ardupilot import parameters
-from skyrange.vehicle.ardupilot.json_backend.exchange_batches import ExchangeBatches
+from skyrange.vehicle.ardupilot.arducopter_binary import BATTERY
 from skyrange.vehicle.ardupilot.json_backend.json_lines import LineWriter
 from skyrange.vehicle.ardupilot.json_backend.motion import MeanForce, Motion, read_commands, to_ardupilot_motion
 from skyrange.vehicle.ardupilot.options import ProcessOptions
 from skyrange.vehicle.ardupilot.process_fleet import QUANTUM_NS, START_S, WARM_UP_NS, Instance, ProcessFleet
-from skyrange.vehicle.ardupilot.program.arducopter_binary import BATTERY
 from skyrange.vehicle.contract import VehicleSpec
-from skyrange.world.airframes import AIRFRAMES
+from skyrange.world.airframes import AIRFRAMES, MOTORS
+
+
+class ExchangeBatches:
+    """The batches of all aircraft of a fleet. A moment is a tick with exchanges, whose lines are
+    always sent together.
+    """
+
+    def __init__(self, per_tick: Ints, ticks: Ints, moments: Ints) -> None:
+        """Arrays (n,): exchanges per tick and ticks per exchange, as `parameters.exchange_steps`; `moments` per
+        iteration.
+        """
+        self.pending_lines: Ints = np.zeros(len(ticks), dtype=np.int64)
+        """(n,) how many lines are written and not answered."""
+        self._per_tick, self._ticks, self._moments = per_tick, ticks, moments
+        self._all_at_once = not (ticks > 1).any()
+        self._wanted: Ints = moments.copy()
+        """Number of moments in the next batch."""
+        self._pulses: NDArray[np.uint8] = np.zeros((len(ticks), 2 * MOTORS), dtype=np.uint8)
+
+    def due_rows(self, number: int, rows: Ints) -> Ints:
+        """Those of `rows` that have a moment in the tick with this number."""
+        return rows if self._all_at_once else _at(number, self._ticks, rows)
+
+    def mark_written(self, rows: Ints) -> Ints:
+        """Count the lines of a moment as written for `rows`; returns the rows whose batch is complete and has to be
+        sent.
+        """
+        return _written(rows, self._per_tick, self._wanted, self.pending_lines)
+
+    def mark_answered(self, rows: Ints, taken: Ints, answers: NDArray[np.uint8]) -> None:
+        """Take in that `rows` have answered all their lines, or are lost: of `answers` (k, n, bytes) the first `taken`
+        (n,).
+        """
+        _answered(rows, taken, answers, self._per_tick, self._moments, self._pulses, self._wanted, self.pending_lines)
+
+
+@compiled
+def _at(number: int, ticks: Ints, rows: Ints) -> Ints:
+    there = np.empty_like(rows)
+    count = 0
+    for row in rows:
+        if number % ticks[row] == 0:
+            there[count] = row
+            count += 1
+    return there[:count]
+
+
+@compiled
+def _written(rows: Ints, per_tick: Ints, wanted: Ints, lines: Ints) -> Ints:
+    due = np.empty_like(rows)
+    count = 0
+    for row in rows:
+        lines[row] += per_tick[row]
+        if lines[row] >= wanted[row] * per_tick[row]:
+            due[count] = row
+            count += 1
+    return due[:count]
+
+
+@compiled
+def _answered(  # noqa: PLR0917
+    rows: Ints,
+    taken: Ints,
+    answers: NDArray[np.uint8],
+    per_tick: Ints,
+    moments: Ints,
+    pulses: NDArray[np.uint8],
+    wanted: Ints,
+    lines: Ints,
+) -> None:
+    for row in rows:
+        last = lines[row] // per_tick[row] - 1
+        changed = last
+        for turn in range(taken[row] if moments[row] > 1 else 0):
+            new = False
+            for k in range(pulses.shape[1]):
+                new |= answers[turn, row, k] != pulses[row, k]
+                pulses[row, k] = answers[turn, row, k]
+            if new:
+                changed = min(changed, turn // per_tick[row])
+        # an iteration ends where the pulses change; if that was not the last moment, the next batch ends there
+        wanted[row] = changed + 1 if changed < last else moments[row]
+        lines[row] = 0
+
 
 Ints = NDArray[np.int64]
 
@@ -112,7 +201,7 @@ class LockstepFleet(ProcessFleet):
         self._live = np.arange(count)
         self._exchanges = BatchExchange(self._sitls, most)
         self._batches = ExchangeBatches(self._per_tick, ticks, moments)
-        self._writer = LineWriter(count, most, self._feeds_battery)
+        self._writer = LineWriter(count, most, battery=self._feeds_battery)
         if count == 1:
             self._core_sharing = CoreSharing(self._sitls[0].program)
 
@@ -137,7 +226,7 @@ class LockstepFleet(ProcessFleet):
             self._mean.add(sensors.accel_mps2)
         self._due = rows
         if len(rows):
-            after = to_ardupilot_motion(sensors, self._home_up_m, self._feeds_battery)
+            after = to_ardupilot_motion(sensors, self._home_up_m, battery=self._feeds_battery)
             if self._skips_ticks:
                 self._mean.apply(after, rows)
             before, self._motion = (self._motion if self._motion is not None else after), after
@@ -148,7 +237,15 @@ class LockstepFleet(ProcessFleet):
         batches, exchanges = self._batches, self._exchanges
         assert batches is not None
         assert exchanges is not None
-        self._writer.write(rows, batches.pending_lines, self._per_tick, self._steps, self._step_ns, before, after)
+        self._writer.write(
+            rows,
+            first=batches.pending_lines,
+            per_tick=self._per_tick,
+            steps=self._steps,
+            step_ns=self._step_ns,
+            before=before,
+            after=after,
+        )
         due = batches.mark_written(rows)
         exchanges.send(due, batches.pending_lines, self._writer.text, self._writer.lengths)
         return due

@@ -26,8 +26,8 @@ from skyrange.vehicle.ardupilot.json_backend.motion import PWM_MIN, PWM_RANGE
 from skyrange.vehicle.ardupilot.options import Options
 from skyrange.vehicle.ardupilot.process_fleet import PRIVATE, START_S, WARM_UP_NS, ProcessFleet
 from skyrange.vehicle.contract import VehicleSpec
-from skyrange.vehicle.mavlink_state.event_detection import REPORTS
-from skyrange.vehicle.mavlink_state.reported_poses import ReportedPoses, state_from_sim_state
+from skyrange.vehicle.event_detection import REPORTS
+from skyrange.vehicle.reported_poses import ReportedPoses, state_from_sim_state
 
 MODEL: Final = "x"
 """ArduPilot's own: 3 kg, 0.35 m arms, hovers at 0.39 (SIM_Frame.h)."""
@@ -140,10 +140,10 @@ class NativeFleet(ProcessFleet):
                     self._send_boot_fix(row, tick + clock.reported_ns - WARM_UP_NS, sensors)
                 self._slow_down(row)
                 if clock.reported_ns >= WARM_UP_NS:
-                    self._set_stopped(row, True)
+                    self._set_stopped(row, stopped=True)
                     clock.origin_ns = clock.reported_ns
         for row in range(len(self._clocks)):
-            self._set_stopped(row, False)
+            self._set_stopped(row, stopped=False)
         self._flying = True
         self._watchdog = Watchdog([one.sitl.program for one in self._instances], WATCHDOG_S)
 
@@ -163,7 +163,7 @@ class NativeFleet(ProcessFleet):
         if wanted <= 0.5 * clock.speed or (wanted == self.pace and clock.speed != wanted):
             self._speed(row, wanted)
 
-    def _set_stopped(self, row: int, stopped: bool) -> None:
+    def _set_stopped(self, row: int, *, stopped: bool) -> None:
         """Stop a process's time, or let it continue."""
         clock = self._clocks[row]
         clock.stopped, clock.received_s = stopped, wall_s()
@@ -224,7 +224,7 @@ class NativeFleet(ProcessFleet):
         if self._watchdog is not None and self._watchdog.kick():
             for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
                 if one.alive and not clock.stopped:
-                    self._set_stopped(row, False)
+                    self._set_stopped(row, stopped=False)
 
     def _lag_s(self, tick: Time) -> float:
         """Time on the machine's clock until the slowest process will have reached the tick."""
@@ -244,12 +244,12 @@ class NativeFleet(ProcessFleet):
             ahead_s = (clock.reported_ns - clock.origin_ns - tick) / NS_PER_S / self.pace
             if clock.stopped:
                 if ahead_s <= -MAX_EXTRAPOLATION_S:  # it makes up this much when it continues
-                    self._set_stopped(row, False)
+                    self._set_stopped(row, stopped=False)
             elif ahead_s > MAX_SLIP_S:
                 self._slipped_ns += clock.reported_ns - clock.origin_ns - tick
                 clock.origin_ns = clock.reported_ns - tick
             elif ahead_s > MAX_AHEAD_S:
-                self._set_stopped(row, True)
+                self._set_stopped(row, stopped=True)
 
     def _mark_ended(self, outbox: Outbox) -> None:
         for row, one in enumerate(self._instances):

@@ -3,6 +3,8 @@
 `lockstep_fleet` and `native_fleet` differ in whose physics moves the aircraft, and so in how time passes. In both,
 serial port 0 of each process is the link `autopilot`; port 1 is private: GNSS fixes go in, and reports about its state
 come out. If MAVLink is signed or may become so, the ports are swapped (`parameters.swap_serial_ports`).
+
+Clock offsets of processes: how far their clocks are from the run's, and from one another.
 """
 
 from __future__ import annotations
@@ -27,14 +29,47 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
 from skyrange.io.ardupilot.sitl import FILES, SerialPoller, Sitl, check_free
 from skyrange.io.processes.program import raise_file_limit
 from skyrange.vehicle.ardupilot import parameters
-from skyrange.vehicle.ardupilot.clock_offsets import ClockOffsets
+from skyrange.vehicle.ardupilot.arducopter_binary import find_binary
 from skyrange.vehicle.ardupilot.gps_input import GnssReceivers
 from skyrange.vehicle.ardupilot.options import ProcessOptions
-from skyrange.vehicle.ardupilot.program.arducopter_binary import find_binary
-from skyrange.vehicle.ardupilot.program.parameter_list import list_parameters
+from skyrange.vehicle.ardupilot.parameters import list_parameters
 from skyrange.vehicle.contract import VehicleSpec
-from skyrange.vehicle.mavlink_state.event_detection import POSITION_VALID_FLAG, REPORTS, EventDetector
+from skyrange.vehicle.event_detection import POSITION_VALID_FLAG, REPORTS, EventDetector
 from skyrange.world.airframes import MOTORS
+
+
+class ClockOffsets:
+    """Statistics of each process's clock against the run's; positive is ahead."""
+
+    def __init__(self) -> None:
+        self._last: dict[int, Time] = {}
+        self._count = 0
+        self._total = 0
+        self._max = 0
+        self._between = 0
+
+    def record(self, row: int, ahead_ns: Time) -> None:
+        """A report of process `row` was this far ahead of the tick in which it was read."""
+        self._last[row] = ahead_ns
+        self._count += 1
+        self._total += abs(ahead_ns)
+        self._max = max(self._max, abs(ahead_ns))
+        self._between = max(self._between, max(self._last.values()) - min(self._last.values()))
+
+    def forget(self, row: int) -> None:
+        """Forget a process that was restarted or has ended."""
+        self._last.pop(row, None)
+
+    @property
+    def summary(self) -> dict[str, float]:
+        """`mean` and `max` distance from the run's clock, and the largest distance `between` two processes, ms; {}
+        without data.
+        """
+        if not self._count:
+            return {}
+        parts = {"mean": self._total / self._count, "max": self._max, "between": self._between}
+        return {name: round(part / NS_PER_MS, 3) for name, part in parts.items()}
+
 
 QUANTUM_NS: Time = 2_500_000
 """The world's tick; in lockstep any other is refused."""

@@ -1,4 +1,4 @@
-"""Conflict detection: when a moving aircraft enters the cylinder around another.
+"""Conflict detection: when a moving aircraft enters the cylinder around another, for one aircraft and for many.
 
 Both fly straight on. In the plane |r + v·t| < R is a quadratic in t, upwards |z + w·t| < H is linear; a conflict is
 where both hold (a cylinder as in the well-clear volumes of RTCA DO-365 and NASA's DAIDALUS, by distance alone). Who
@@ -8,11 +8,16 @@ is inside already and not closing in is no conflict: to go on is the way out, an
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.codec.f3411 import Status
+from skyrange.contracts.frames.payloads import Ints
 from skyrange.core.compiled import compiled
+from skyrange.core.time import Time
+from skyrange.remoteid.tracks import TrackTable
 from skyrange.vehicle.avoidance.contract import AvoidanceLimits, Tracks, Vector
 
 _CLOSING_MPS = 0.5
@@ -20,7 +25,7 @@ _CLOSING_MPS = 0.5
 
 
 @compiled
-def entry_s(
+def entry_s(  # noqa: PLR0917
     rx: float, ry: float, rz: float, vx: float, vy: float, vz: float, radius: float, half_height: float
 ) -> float:
     """When something at `r` m, moving at `v` m/s, both relative to oneself, enters: seconds, inf for never."""
@@ -55,7 +60,7 @@ def entry_s(
 
 
 @compiled
-def _entries(
+def _entries(  # noqa: PLR0917
     x: float, y: float, z: float, u: float, v: float, w: float, pos: NDArray[np.float64], vel: NDArray[np.float64],
     radius: float, half_height: float, standing_mps: float, moving_s: float, standing_s: float,
     out: NDArray[np.float64],
@@ -73,6 +78,7 @@ def find_conflicts(
     vel: Vector,
     tracks: Tracks,
     limits: AvoidanceLimits,
+    *,
     scale: float = 1.0,
     moving_s: float | None = None,
     standing_s: float | None = None,
@@ -99,3 +105,57 @@ def velocity_towards(start: Vector, goal: Vector, speed_mps: float) -> tuple[Vec
         return (0.0, 0.0, 0.0), 0.0
     scale = speed_mps / length
     return (away[0] * scale, away[1] * scale, away[2] * scale), length / speed_mps
+
+
+_GROUND = int(Status.GROUND)
+
+Floats = NDArray[np.float64]
+
+
+@compiled
+def _screen(  # noqa: PLR0917
+    rows: Any, used: Ints, stale_ns: int, now: int, places: Floats, velocities: Floats, limits: Floats,
+    asks: NDArray[np.bool_], found: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    for r in range(rows.shape[0]):
+        if not asks[r]:
+            continue
+        for k in range(used[r]):
+            row = rows[r, k]
+            if (
+                row.heard_ns < 0
+                or row.is_impossible != 0
+                or row.is_ignored != 0
+                or row.located_ns < 0
+                or now - row.located_ns > stale_ns
+            ):
+                continue
+            if math.isnan(row.east) or row.status == _GROUND:
+                continue
+            age = max(now - row.located_ns, 0) / 1e9
+            ve, vn, vu = row.ve, row.vn, row.vu
+            ve = 0.0 if math.isnan(ve) else ve
+            vn = 0.0 if math.isnan(vn) else vn
+            vu = 0.0 if math.isnan(vu) else vu
+            up = 0.0 if math.isnan(row.up) else row.up + vu * age - places[r, 2]
+            at = entry_s(
+                row.east + ve * age - places[r, 0], row.north + vn * age - places[r, 1], up,
+                ve - velocities[r, 0], vn - velocities[r, 1], vu - velocities[r, 2], limits[r, 0], limits[r, 1],
+            )  # fmt: skip
+            if at <= limits[r, 2]:
+                found[r] = True
+                break
+
+
+def detect_conflicts(
+    tracks: TrackTable, now: Time, places: Floats, velocities: Floats, limits: Floats, asks: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """(n,) which of the aircraft in `asks` are on a conflict course with an airborne track, as in
+    `avoidance.conflicts`.
+
+    `places` and `velocities` (n, 3) in the local frame; `limits` (n, 3): protected radius and half height in m, and
+    look-ahead in s.
+    """
+    found = np.zeros(len(asks), dtype=np.bool_)
+    _screen(tracks.rows, tracks.used, tracks.stale_ns, now, places, velocities, limits, asks, found)
+    return found

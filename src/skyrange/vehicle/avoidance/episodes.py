@@ -79,7 +79,13 @@ class EpisodicAvoidance(ABC):
         limits = self.limits
         ahead_s = limits.look_ahead_s * limits.margin
         rows = find_conflicts(
-            own.pos_enu_m, velocity, tracks, limits, limits.margin, min(takes_s, ahead_s), standing_s=takes_s
+            own.pos_enu_m,
+            velocity,
+            tracks,
+            limits,
+            scale=limits.margin,
+            moving_s=min(takes_s, ahead_s),
+            standing_s=takes_s,
         )
         return rows, not rows and is_straight_clear(self.walls, own.pos_enu_m, own.goal_enu_m, limits.wall_m)
 

@@ -42,7 +42,7 @@ def _apart2(px: float, py: float, ax: float, ay: float, bx: float, by: float) ->
 
 
 @compiled
-def _crosses(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> bool:
+def _crosses(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> bool:  # noqa: PLR0917
     one = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     two = (bx - ax) * (dy - ay) - (by - ay) * (dx - ax)
     three = (dx - cx) * (ay - cy) - (dy - cy) * (ax - cx)
@@ -51,7 +51,7 @@ def _crosses(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, d
 
 
 @compiled
-def is_leg_clear(
+def is_leg_clear(  # noqa: PLR0917
     walls: WallIndex, near: Ints, ax: float, ay: float, az: float, bx: float, by: float, bz: float, margin_m: float
 ) -> bool:
     """Whether a straight leg keeps `margin_m` from the buildings `near`, as `City.is_clear` has it.

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.compiled import compiled
-from skyrange.vehicle.builtin.check_layout import NO_PRIORITY
 from skyrange.vehicle.builtin.fleet import Fleet
+from skyrange.vehicle.builtin.layout import NO_PRIORITY
 
 _MAH_PER_AS = 1.0 / 3.6
 _FAST_S = 0.5  # AP_BATT_MONITOR_RES_EST_TC_1

@@ -30,26 +30,25 @@ from skyrange.core.whole_numbers import worth_noting
 from skyrange.vehicle.builtin import commands, loop
 from skyrange.vehicle.builtin.arming import open_drone_id
 from skyrange.vehicle.builtin.arming.arming import auto_disarm_time, disarm
-from skyrange.vehicle.builtin.commands import aux_functions
 from skyrange.vehicle.builtin.commands import flight as flight_commands
-from skyrange.vehicle.builtin.control.gain_sets import GainSets
+from skyrange.vehicle.builtin.control.gains import GainSets
 from skyrange.vehicle.builtin.estimation import resets
 from skyrange.vehicle.builtin.estimation.estimator import Estimator
 from skyrange.vehicle.builtin.failsafes import checks, crash, ground_station
-from skyrange.vehicle.builtin.fence import fence
 from skyrange.vehicle.builtin.file_transfer import server as file_server
 from skyrange.vehicle.builtin.fleet import COMPONENT_ID, Causes, Fleet, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import guided, rtl
 from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, FlightEvent, Records, new_records
-from skyrange.vehicle.builtin.messages import log_requests, parameter_protocol, rc_override, setup_signing
-from skyrange.vehicle.builtin.messages.heartbeats import consume_heartbeats
-from skyrange.vehicle.builtin.mission import do_commands, execution, pause
+from skyrange.vehicle.builtin.messages import consume_heartbeats
+from skyrange.vehicle.builtin.mission import (
+    do_commands,
+    execution,
+)
 from skyrange.vehicle.builtin.mission.items import decode_item
 from skyrange.vehicle.builtin.mission_protocol import server as mission_protocol
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters.table import PARAMETERS, SETTINGS, fill_settings
-from skyrange.vehicle.builtin.pilot import rc_channels
-from skyrange.vehicle.builtin.telemetry import streams, timesync
+from skyrange.vehicle.builtin.telemetry import schedule
 from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS, Schedule
 from skyrange.vehicle.builtin.tick_batch import FleetTickBatch
 from skyrange.vehicle.contract import AutopilotContext, AutopilotPlugin, VehicleSpec
@@ -83,19 +82,19 @@ _HANDLERS: dict[int, Handler] = {
     _ID.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: guided.on_position_target_local,
     _ID.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: guided.on_position_target_global,
     _ID.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: guided.on_attitude_target,
-    _ID.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: rc_override.on_override,
-    _ID.MAVLINK_MSG_ID_MANUAL_CONTROL: rc_override.on_manual_control,
+    _ID.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: messages.on_override,
+    _ID.MAVLINK_MSG_ID_MANUAL_CONTROL: messages.on_manual_control,
     _ID.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: parameter_protocol.on_request_list,
     _ID.MAVLINK_MSG_ID_PARAM_REQUEST_READ: parameter_protocol.on_request_read,
     _ID.MAVLINK_MSG_ID_PARAM_SET: parameter_protocol.on_set,
-    _ID.MAVLINK_MSG_ID_TIMESYNC: timesync.on_timesync,
+    _ID.MAVLINK_MSG_ID_TIMESYNC: messages.on_timesync,
     _ID.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: file_server.on_file_transfer,
-    _ID.MAVLINK_MSG_ID_LOG_REQUEST_LIST: log_requests.on_log_request_list,
-    _ID.MAVLINK_MSG_ID_SETUP_SIGNING: setup_signing.on_setup_signing,
-    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_ARM_STATUS: open_drone_id.on_arm_status,
-    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_BASIC_ID: open_drone_id.on_basic_id,
-    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_SYSTEM: open_drone_id.on_system,
-    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_SYSTEM_UPDATE: open_drone_id.on_system_update,
+    _ID.MAVLINK_MSG_ID_LOG_REQUEST_LIST: messages.on_log_request_list,
+    _ID.MAVLINK_MSG_ID_SETUP_SIGNING: messages.on_setup_signing,
+    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_ARM_STATUS: prearm.on_arm_status,
+    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_BASIC_ID: prearm.on_basic_id,
+    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_SYSTEM: prearm.on_system,
+    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_SYSTEM_UPDATE: prearm.on_system_update,
 }
 _COMMANDS = (_ID.MAVLINK_MSG_ID_COMMAND_LONG, _ID.MAVLINK_MSG_ID_COMMAND_INT)
 _RADIO = (_ID.MAVLINK_MSG_ID_RADIO, _ID.MAVLINK_MSG_ID_RADIO_STATUS)
@@ -149,12 +148,12 @@ class BuiltinFleet(EngineBase):
         self._fleet.stored_params[:] = stored
         self._gain_sets = GainSets([spec.airframe for spec in specs], settings)
         for vehicle in vehicles:
-            rc_channels.update_sticks(self._fleet, vehicle)
+            pilot.update_sticks(self._fleet, vehicle)
         phases = [int(chance.uniform4(PHASE_STREAM, hash64(spec.vehicle), 0)[0] * NS_PER_S) for spec in specs]
         self._fleet.report_phases_ns[:] = phases
         self._schedule = Schedule(self._fleet.report_phases_ns)
         for vehicle in vehicles:
-            streams.start_boot_streams(self._schedule, self._fleet, vehicle)
+            schedule.start_boot_streams(self._schedule, self._fleet, vehicle)
             checks.reset_state(self._fleet, vehicle)
         self._actuators = np.zeros((count, MOTORS))
         self._fleet.actuators = self._actuators
@@ -173,7 +172,13 @@ class BuiltinFleet(EngineBase):
         gain_sets = self._gain_sets
         gain_sets.update(tick, dt_s)
         if self._estimator.update(
-            tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], gain_sets.set_index, gain_sets.parameter_sets
+            tick,
+            dt_s,
+            sensors,
+            fleet.estimate,
+            armed=fleet.flight["armed"],
+            set_index=gain_sets.set_index,
+            settings=gain_sets.parameter_sets,
         ):
             resets.report_events(fleet, self._estimator.filters)
         if tick % SERVICE_NS == 0:
@@ -196,7 +201,7 @@ class BuiltinFleet(EngineBase):
         """What a tick ends with, once its events are handled."""
         fleet = self._fleet
         if fleet.aux_pending:
-            aux_functions.run_pending(fleet)
+            flight_commands.run_pending(fleet)
         if fleet.new_keys:
             self._set_keys(tick)
         if self._signed is not None:
@@ -268,7 +273,7 @@ class BuiltinFleet(EngineBase):
             dt_s,
         )
 
-    def end_batch(self, last: Time, flagged: bool) -> None:
+    def end_batch(self, last: Time, *, flagged: bool) -> None:
         """Take over complete ticks of a batch, the last at `last`; `flagged` if its loop raised an event."""
         fleet = self._fleet
         fleet.now = self._last_tick = last
@@ -308,10 +313,10 @@ class BuiltinFleet(EngineBase):
             vehicle.ignored_frames += 1
             return
         if vehicle.paused:
-            pause.restore_targets(fleet, vehicle)
+            execution.restore_targets(fleet, vehicle)
         self._dispatch(vehicle, message, peer, (arrival.ref,))
         if vehicle.paused:
-            pause.suspend_targets(fleet, vehicle)
+            execution.suspend_targets(fleet, vehicle)
 
     def _dispatch(self, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes) -> None:
         """Pass a message to its handler."""
@@ -327,7 +332,7 @@ class BuiltinFleet(EngineBase):
                 fleet, vehicle, message.base_mode, message.custom_mode, causes
             )  # never acknowledged
         elif number == _ID.MAVLINK_MSG_ID_REQUEST_DATA_STREAM:
-            streams.on_request_data_stream(fleet, self._schedule, vehicle, message)
+            schedule.on_request_data_stream(fleet, self._schedule, vehicle, message)
 
     def _handle_events(self) -> None:
         """Report the events of the loop to modes and missions."""
@@ -351,10 +356,10 @@ class BuiltinFleet(EngineBase):
             if fleet.timers[row, column] <= now:  # an earlier one may have cleared it
                 fleet.timers[row, column] = NEVER
                 if vehicle.paused:
-                    pause.restore_targets(fleet, vehicle)
+                    execution.restore_targets(fleet, vehicle)
                 _TIMERS[Timer(column)](fleet, vehicle)
                 if vehicle.paused:
-                    pause.suspend_targets(fleet, vehicle)
+                    execution.suspend_targets(fleet, vehicle)
         fleet.next_timer = min(fleet.next_timer, int(fleet.timers.min()))
 
 
@@ -401,7 +406,7 @@ def _on_landed_timer(fleet: Fleet, vehicle: Vehicle) -> None:
 def _on_disarm_timer(fleet: Fleet, vehicle: Vehicle) -> None:
     if not (fleet.armed(vehicle) and fleet.landed(vehicle)):
         return
-    if rc_channels.throttle_input(fleet, vehicle) > 0.0:  # a raised throttle postpones it (auto_disarm_check)
+    if pilot.throttle_input(fleet, vehicle) > 0.0:  # a raised throttle postpones it (auto_disarm_check)
         fleet.set_timer(vehicle, Timer.DISARM_DELAY, auto_disarm_time(fleet, vehicle))
     else:
         disarm(fleet, vehicle, "disarm_delay", ())
@@ -414,7 +419,7 @@ _TIMERS: dict[Timer, Callable[[Fleet, Vehicle], None]] = {
     Timer.DISARM_DELAY: _on_disarm_timer,
     Timer.GUIDED_TIMEOUT: guided.on_timeout,
     Timer.PARAM_LIST: parameter_protocol.on_timer,
-    Timer.RC_OVERRIDE: rc_override.on_timer,
+    Timer.RC_OVERRIDE: messages.on_timer,
     Timer.CONDITION: do_commands.on_timer,
     Timer.FILE_BURST: file_server.on_burst_timer,
     Timer.FILE_IDLE: file_server.on_idle_timer,

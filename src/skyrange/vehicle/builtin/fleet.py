@@ -21,9 +21,17 @@ from skyrange.contracts.mailboxes import Outbox
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time
-from skyrange.vehicle.builtin.check_layout import BATTERY_STATE, CHECK_STATE, FENCE_STATE, ZONES
-from skyrange.vehicle.builtin.files.store import FileStore
-from skyrange.vehicle.builtin.layout import LEGS, ControlMode, Records, new_records
+from skyrange.vehicle.builtin.layout import (
+    BATTERY_STATE,
+    CHECK_STATE,
+    FENCE_STATE,
+    LEGS,
+    ZONES,
+    ControlMode,
+    Records,
+    new_records,
+)
+from skyrange.vehicle.builtin.memory_card import FileStore
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters.table import INDEX, MAX_VALUES, MIN_VALUES, PARAMETERS
 from skyrange.vehicle.builtin.utc_clocks import UtcClocks
@@ -363,7 +371,7 @@ class Fleet:
         vehicle.mode = self.modes[vehicle.row] = mode
         vehicle.auto_rtl = False
 
-    def set_auto_rtl(self, vehicle: Vehicle, shown: bool) -> None:
+    def set_auto_rtl(self, vehicle: Vehicle, *, shown: bool) -> None:
         """Start or stop to report AUTO as AUTO_RTL."""
         vehicle.auto_rtl = shown
         self.modes[vehicle.row] = vehicle.reported_mode

@@ -1,4 +1,4 @@
-"""When an aircraft logs: from its first arming after a boot on, one log for each boot.
+"""Entries of the flight log: when an aircraft logs, and what begins a log.
 
 As AP_Logger with LOG_DISARMED 0 and LOG_FILE_DSRMROT 0, their defaults: after a landing no mode and no event is logged,
 and the next arming continues the log. Parameters that are set meanwhile are in it too, other than in ArduPilot.
@@ -6,11 +6,16 @@ and the next arming continues the log. Parameters that are set meanwhile are in 
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
-from skyrange.vehicle.builtin.files.flight_log import EV_ARMED, EV_DISARMED, REASONS, FlightLog
-from skyrange.vehicle.builtin.firmware import BANNER
 from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
+from skyrange.vehicle.builtin.memory_card import EV_ARMED, EV_DISARMED, REASONS, FlightLog
+
+BANNER: Final = ("ArduCopter V4.6.0-dev (skyrange)", "Frame: QUAD/X")
+"""The texts that precede a list of parameters and begin a log, as in ArduCopter (`send_banner`)."""
+
 
 _US_PER_S = 1_000_000
 

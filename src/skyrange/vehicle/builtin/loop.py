@@ -13,7 +13,12 @@ import numpy as np
 
 from skyrange.contracts.components import Floats, Ints
 from skyrange.core.compiled import compiled
-from skyrange.vehicle.builtin.control import attitude, motor_control, position_lanes
+from skyrange.vehicle.builtin import pilot
+from skyrange.vehicle.builtin.control import (
+    attitude,
+    motor_control,
+    position,
+)
 from skyrange.vehicle.builtin.control.gains import SLOW_LOOP_S
 from skyrange.vehicle.builtin.control.motor_control import (
     COMING_DOWN,
@@ -27,7 +32,6 @@ from skyrange.vehicle.builtin.control.position import relax_controllers, update_
 from skyrange.vehicle.builtin.guidance.reference import update_reference
 from skyrange.vehicle.builtin.guidance.yaw_target import update_yaw_target
 from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode, FlightEvent, Records
-from skyrange.vehicle.builtin.pilot import stick_input
 
 _OFF = int(ControlMode.OFF)
 _IDLE = int(ControlMode.IDLE)
@@ -134,14 +138,14 @@ def _run_takeoff(e: Any, f: Any, p: Any, dt_s: float) -> tuple[int, float]:
 def _wait_for_pilot(e: Any, f: Any, p: Any, dt_s: float) -> tuple[int, float]:
     """Keep the motors idle on the ground in a pilot's mode until the throttle is raised; returns as `_prepare_row`."""
     if f.control == _STABILIZE:
-        if not stick_input.update_throttle_zero(f, dt_s):
+        if not pilot.update_throttle_zero(f, dt_s):
             command = _spool(e, f, p, dt_s)
             if command == _KEEP:
                 _leave_ground(f)
             return 0, command
     else:
-        climbing = stick_input.desired_climb_rate(f, p) > 0.0
-        stick_input.update_throttle_zero(f, dt_s)
+        climbing = pilot.desired_climb_rate(f, p) > 0.0
+        pilot.update_throttle_zero(f, dt_s)
         if climbing:
             todo, command = _run_takeoff(e, f, p, dt_s)
             return todo, command
@@ -219,9 +223,10 @@ def _run_attitude_modes(e: Any, f: Any, p: Any, g: Any, dt_s: float) -> None:
         f.ref_pos[axis] = e.pos[axis]
         f.ref_vel[axis] = e.vel[axis]
     if control in (_STABILIZE, _ALT_HOLD):
-        forward, left = stick_input.desired_lean_accel(e, f, most, most)
-        acc_e, acc_n = stick_input.heading_to_local(e, forward, left)
-        attitude.input_thrust_vector(f, g, acc_e, acc_n, True, 0.0, stick_input.desired_yaw_rate(f, p), dt_s)
+        forward, left = pilot.desired_lean_accel(e, f, most, most)
+        acc_e, acc_n = pilot.heading_to_local(e, forward, left)
+        yaw_rate = pilot.desired_yaw_rate(f, p)
+        attitude.input_thrust_vector(f, g, acc_e, acc_n, turning=True, yaw=0.0, yaw_rate=yaw_rate, dt_s=dt_s)
         return
     if f.rates_only == 1:
         for axis in range(3):
@@ -234,14 +239,14 @@ def _run_attitude_modes(e: Any, f: Any, p: Any, g: Any, dt_s: float) -> None:
 
 @compiled
 def _request_position_control(e: Any, f: Any, p: Any, dt_s: float) -> tuple[float, bool, float, float]:
-    """Return what position control is asked for, the arguments of `position_lanes.load_lane` from the speed on."""
+    """Return what position control is asked for, the arguments of `position.load_lane` from the speed on."""
     if f.control == _LOITER:
-        return stick_input.MAX_LOITER_CORRECTION_MPS, True, 0.0, stick_input.desired_yaw_rate(f, p)
+        return pilot.MAX_LOITER_CORRECTION_MPS, True, 0.0, pilot.desired_yaw_rate(f, p)
     turning, yaw, yaw_rate = update_yaw_target(e, f, dt_s)
     if f.sticks[2] != 0.0:  # the yaw stick overrides the yaw mode (AutoYaw::get_heading)
         f.auto_yaw_mode = _HOLD
         turning = True
-        yaw_rate = stick_input.desired_yaw_rate(f, p)
+        yaw_rate = pilot.desired_yaw_rate(f, p)
     return max(f.speed_xy, 1.0), turning, yaw, yaw_rate
 
 
@@ -267,8 +272,8 @@ def _prepare_flight(e: Any, f: Any, p: Any, control: int, dt_s: float) -> tuple[
             return HELD | FOLLOWS_CLIMB | RATES_ONLY, _KEEP
         down = control == _LAND and e.height < _LAND_HEIGHT_M
         return HELD | FOLLOWS_CLIMB | (COMING_DOWN if down else 0), _KEEP
-    if not stick_input.update_throttle_zero(f, dt_s):
-        f.throttle = stick_input.desired_throttle(f, p)
+    if not pilot.update_throttle_zero(f, dt_s):
+        f.throttle = pilot.desired_throttle(f, p)
         return HELD, _KEEP
     f.throttle = 0.0
     f.rate_i[0] = 0.0
@@ -311,7 +316,7 @@ def _prepare_row(e: Any, f: Any, p: Any, w: Any, g: Any, dt_s: float) -> tuple[i
 
 
 @compiled
-def run_loop(
+def run_loop(  # noqa: PLR0917
     estimate: Records,
     flight: Records,
     legs: Records,
@@ -331,7 +336,7 @@ def run_loop(
     todo = np.zeros(_CHUNK, dtype=np.int64)
     slow_s = np.zeros(_CHUNK)
     rows = np.zeros(LANES, dtype=np.int64)
-    position = np.zeros(position_lanes.COLUMNS)
+    lanes = np.zeros(position.COLUMNS)
     position_set = np.full(LANES, -1)  # the set of gains in each lane
     motors = np.zeros(motor_control.COLUMNS)
     motor_set = np.full(LANES, -1)
@@ -352,16 +357,16 @@ def run_loop(
             if slow_s[k] > 0.0 and _controls_position(control):
                 speed, turning, yaw, yaw_rate = _request_position_control(e, f, settings[number], slow_s[k])
                 level = f.land_nogps == 1  # drifting with the wind
-                position_lanes.load_lane(position, used, e, f, speed, level, turning, yaw, yaw_rate, slow_s[k])
+                position.load_lane(lanes, used, e, f, speed, level, turning, yaw, yaw_rate, slow_s[k])
                 rows[used] = i
                 if position_set[used] != number:
                     position_set[used] = number
-                    position_lanes.load_gains(position, used, tuned[number])
+                    position.load_gains(lanes, used, tuned[number])
                 used += 1
             if used == LANES or (k == size - 1 and used > 0):
-                position_lanes.run_position_control(position, used)
+                position.run_position_control(lanes, used)
                 for lane in range(used):
-                    position_lanes.store_lane(position, lane, flight[rows[lane]])
+                    position.store_lane(lanes, lane, flight[rows[lane]])
                 used = 0
         for k in range(size):
             i = first + k
@@ -414,4 +419,4 @@ def init_reference(estimate: Records, flight: Records, row: int) -> None:
 @compiled
 def init_loiter(estimate: Records, flight: Records, row: int) -> None:
     """Start LOITER for one row."""
-    stick_input.init_loiter_target(estimate[row], flight[row])
+    pilot.init_loiter_target(estimate[row], flight[row])

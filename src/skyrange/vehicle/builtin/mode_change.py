@@ -10,18 +10,18 @@ from collections.abc import Callable
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NEVER, from_seconds
-from skyrange.vehicle.builtin import loop
+from skyrange.vehicle.builtin import fence, loop, pilot
 from skyrange.vehicle.builtin.arming.arming import auto_disarm_time
 from skyrange.vehicle.builtin.estimation import validity
-from skyrange.vehicle.builtin.fence import fence
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, SubMode, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import auto_rtl, guided, rtl
 from skyrange.vehicle.builtin.guidance import auto_yaw
 from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode
 from skyrange.vehicle.builtin.log_events import log_mode
-from skyrange.vehicle.builtin.mission import execution, landing_sequence
+from skyrange.vehicle.builtin.mission import (
+    execution,
+)
 from skyrange.vehicle.builtin.modes import MANUAL_THROTTLE, PILOT_CONTROLS, REQUIRES_POSITION, Mode, mode_of
-from skyrange.vehicle.builtin.pilot import rc_channels
 from skyrange.vehicle.builtin.telemetry.table import build_message
 
 _BRAKE_SPEED_Z_MPS = 2.5  # config.h BRAKE_MODE_SPEED_Z
@@ -43,7 +43,7 @@ def _refusal(fleet: Fleet, vehicle: Vehicle, mode: Mode) -> str:
             fleet.send_text(vehicle, dialect.MAV_SEVERITY_CRITICAL, "Auto: Missing Takeoff Cmd")
             return "init failed"
     by_hand = mode in MANUAL_THROTTLE and vehicle.mode not in MANUAL_THROTTLE and fleet.landed(vehicle)
-    if by_hand and rc_channels.manual_thrust(fleet, vehicle) > 0.5 * fleet.param(vehicle, "MOT_THST_HOVER"):
+    if by_hand and pilot.manual_thrust(fleet, vehicle) > 0.5 * fleet.param(vehicle, "MOT_THST_HOVER"):
         return "throttle too high"  # it must not jump off the ground (get_non_takeoff_throttle)
     return ""
 
@@ -134,7 +134,7 @@ def set_mode(fleet: Fleet, vehicle: Vehicle, number: int, reason: str, causes: C
     vehicle.mode_reason = reason
     vehicle.submode = SubMode.NONE
     vehicle.paused, vehicle.suspended_targets = False, ()
-    rc_channels.update_sticks(fleet, vehicle)
+    pilot.update_sticks(fleet, vehicle)
     fleet.set_timer(vehicle, Timer.HOLD)
     fleet.set_timer(vehicle, Timer.GUIDED_TIMEOUT)
     fleet.note("event.mode", vehicle, {"mode": mode.name, "number": int(mode), "reason": str(reason)}, causes)
@@ -164,7 +164,7 @@ def set_mode(fleet: Fleet, vehicle: Vehicle, number: int, reason: str, causes: C
 
 def _enter_auto_rtl(fleet: Fleet, vehicle: Vehicle, reason: str, causes: Causes) -> bool:
     """Enter AUTO_RTL (`return_path_or_jump_to_landing_sequence_auto_RTL`)."""
-    if landing_sequence.jump_unless_active(fleet, vehicle, causes):
+    if execution.jump_unless_active(fleet, vehicle, causes):
         return _fly_landing_sequence(fleet, vehicle, reason, causes)
     _send_landing_refusal(fleet, vehicle, "No return path or landing sequence found", causes)
     return False
@@ -172,7 +172,7 @@ def _enter_auto_rtl(fleet: Fleet, vehicle: Vehicle, reason: str, causes: Causes)
 
 def enter_landing_sequence(fleet: Fleet, vehicle: Vehicle, reason: str, causes: Causes) -> bool:
     """Jump to the nearest DO_LAND_START in any case (ModeAuto::jump_to_landing_sequence_auto_RTL)."""
-    if landing_sequence.jump_to_start(fleet, vehicle, causes):
+    if execution.jump_to_start(fleet, vehicle, causes):
         return _fly_landing_sequence(fleet, vehicle, reason, causes)
     _send_landing_refusal(fleet, vehicle, "No landing sequence found", causes)
     return False

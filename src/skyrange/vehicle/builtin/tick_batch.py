@@ -18,7 +18,7 @@ from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS
 from skyrange.world.battery import discharge
 from skyrange.world.collision.broad_phase import count_due
 from skyrange.world.multirotor import advance
-from skyrange.world.sensing.sensor_errors import sample
+from skyrange.world.sensing.sensor_errors import SensingArrays, name_arrays, sample
 from skyrange.world.world import World
 
 _STOPS = tuple(TickProgress)
@@ -26,17 +26,14 @@ _COMPLETE, _WORLD, _ENGINE, _SERVICE = (int(stop) for stop in TickProgress)
 
 
 @compiled
-def run_ticks(
+def run_ticks(  # noqa: PLR0917
     first: int,
     quantum_ns: int,
     count: int,
-    service: bool,
+    service: bool,  # noqa: FBT001
     discharged_ns: int,
     search: Any,
-    bodies: Any,
-    moved: Any,
-    power: Any,
-    sensing: Any,
+    arrays: SensingArrays,
     navigation: Any,
     control: Any,
     outputs: Any,
@@ -48,13 +45,15 @@ def run_ticks(
     `sensing` are `World.batch_state`; `navigation`, `control` and `outputs` are `BuiltinFleet.batch_state`.
     """
     idle, travelled, census_due, pair_due, wall_due = search
-    commands, odometer_m, max_step2_m2 = moved
+    sensing = name_arrays(arrays)
+    bodies = sensing.bodies
+    commands, odometer_m, max_step2_m2 = bodies.commands, bodies.odometer_m, bodies.max_step2_m2
     step_s = quantum_ns / NS_PER_S
     for tick in range(count + service):
         now = first + tick * quantum_ns
-        events = advance(*bodies)
+        events = advance(step_s, bodies)
         if tick == count:
-            discharge((now - discharged_ns) / NS_PER_S, *power)
+            discharge((now - discharged_ns) / NS_PER_S, bodies)
         if idle:
             if events > 0:
                 return tick + 1, _WORLD, events, travelled
@@ -63,7 +62,7 @@ def run_ticks(
             if events > 0 or far > census_due or count_due(far, pair_due, odometer_m, wall_due) > 0:
                 return tick + 1, _WORLD, events, travelled
             travelled = far
-        sample(now, step_s, tick == count, *sensing)
+        sample(now, step_s, tick == count, sensing)
         if tick == count:
             return count + 1, _SERVICE, 0, travelled
         step_strapdown(*navigation)
@@ -92,7 +91,7 @@ class BatchedFleet(Protocol):
         """The arguments of `step_strapdown` and of `run_loop`, and of these the motor commands."""
         ...
 
-    def end_batch(self, last: Time, flagged: bool) -> None:
+    def end_batch(self, last: Time, *, flagged: bool) -> None:
         """Take over complete ticks of a batch, the last at `last`; `flagged` if its loop raised an event."""
         ...
 
@@ -125,7 +124,7 @@ class FleetTickBatch:
         gains = fleet.gains
         if self._arguments is None or gains is not self._gains:
             self._gains = gains
-            self._arguments = (*world.batch_state(), *fleet.batch_state(world.sensors(self._rows)))
+            self._arguments = (world.batch_state(), *fleet.batch_state(world.sensors(self._rows)))
         quantum_ns = world.quantum_ns
         begun, stop, self._events, travelled = run_ticks(
             first, quantum_ns, count, service, world.discharged_ns, world.contact_search, *self._arguments
@@ -135,7 +134,7 @@ class FleetTickBatch:
         world.end_batch(moved, travelled, discharged_ns)
         flown = min(moved, count)
         if flown:
-            fleet.end_batch(first + (flown - 1) * quantum_ns, stop == _ENGINE)
+            fleet.end_batch(first + (flown - 1) * quantum_ns, flagged=stop == _ENGINE)
         return begun, _STOPS[stop]
 
     def complete_world_tick(self) -> Sequence[Note]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -32,6 +33,7 @@ from skyrange.core.ids import FrameId, Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.core.whole_numbers import has_one_worth_noting
 from skyrange.remoteid.autopilot_belief import Beliefs, clock_us, is_fresh
+from skyrange.remoteid.broadcast_profiles import Broadcast
 from skyrange.remoteid.broadcaster import (
     ARM_STATUS_TEXTS,
     HEARTBEAT_TIMEOUT_NS,
@@ -40,16 +42,34 @@ from skyrange.remoteid.broadcaster import (
     Broadcaster,
 )
 from skyrange.remoteid.tracks import ReceivedBroadcasts, TrackSnapshot, TrackTable
-from skyrange.vehicle.avoidance.contract import AvoidanceDecision, Own, Tracks, Vector
+from skyrange.vehicle.avoidance.conflicts import detect_conflicts
+from skyrange.vehicle.avoidance.contract import Avoidance, AvoidanceDecision, Own, Tracks, Vector
 from skyrange.vehicle.avoidance.none import NoAvoidance
 from skyrange.vehicle.companion import autopilot_commands
-from skyrange.vehicle.companion.conflict_detection import detect_conflicts
+from skyrange.vehicle.companion.autopilot_commands import MessageRequests
 from skyrange.vehicle.companion.control_handover import CompanionCommand, ControlHandover, ControlState
-from skyrange.vehicle.companion.message_requests import MessageRequests
-from skyrange.vehicle.companion.spec import CompanionSpec
 
 if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
+    from skyrange.remoteid.drip.verification.policy import Verification
+if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
     from skyrange.remoteid.drip.verification.verifier import Verifier
+
+
+@dataclass(frozen=True, slots=True)
+class CompanionSpec:
+    """One aircraft: its MAVLink system id, what it broadcasts, and how it avoids others (None: not at all)."""
+
+    vehicle: str
+    system_id: int
+    broadcast: Broadcast
+    avoidance: Avoidance | None = None
+    cruise_mps: float = 10.0
+    """The mission's ground speed, kept during and after avoidance."""
+    signing_key: SigningKey | None = field(default=None, repr=False)
+    """The autopilot's key, if its MAVLink is signed: the companion signs its commands and verifies what it receives."""
+    verification: Verification | None = None
+    """How it verifies the Remote ID of others; None: not at all."""
+
 
 SERVICE_NS: Final[Time] = LEAD_NS
 """Its own program runs at 20 Hz; what it forwards is handled by a route, more often."""
@@ -251,7 +271,7 @@ class Companion:
             handover = self._handovers.get(row) or ControlHandover()
             mode, heartbeat_ns = int(table["mode"][row]), int(table["heartbeat_ns"][row])
             failsafe = int(table["state"][row]) >= mav.MAV_STATE_CRITICAL
-            command = handover.observe(now, mode, heartbeat_ns, bool(flying[row]), failsafe)
+            command = handover.observe(now, mode, heartbeat_ns, flying=bool(flying[row]), failsafe=failsafe)
             if command is not None:
                 self._carry_out(now, row, command, None, (), out)
             may = handover.engaged or (bool(free[row]) and now >= handover.quiet_until_ns)

@@ -74,7 +74,7 @@ class ControlHandover:
         return self.control is not ControlState.MISSION
 
     def observe(
-        self, now: Time, mode: int, heartbeat_ns: Time, flying: bool, failsafe: bool
+        self, now: Time, mode: int, heartbeat_ns: Time, *, flying: bool, failsafe: bool
     ) -> CompanionCommand | None:
         """Take in the state in the heartbeat of `heartbeat_ns`; returns what has to be done about it."""
         if not self.engaged:

@@ -1,8 +1,10 @@
-"""Engine of external vehicles: real autopilots, or foreign simulations, in a world that only observes them.
+"""Engine of external vehicles and its options: real autopilots, or foreign simulations, that the world only observes.
 
 Their reports are the truth, imposed on bodies that are extrapolated by velocity in between. Their bytes are the link
 `autopilot`, and what the range sends to them passes the interlock. Their time is not controlled: they run on the
 machine's clock, and whoever drives the kernel paces it to that.
+
+Options are those of the table `[autopilots.options.external]`.
 """
 
 from __future__ import annotations
@@ -11,20 +13,93 @@ from collections.abc import Sequence
 from typing import Any, Final, Literal
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from skyrange.contracts.components import EngineBase, Finished, InstanceStatus, Sensors, Source
 from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.core.errors import ComponentError
+from skyrange.contracts.params import Number, Params, refuse
+from skyrange.core.errors import ComponentError, InputError, Problem, nearest
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, link_name
 from skyrange.core.time import NS_PER_S, Time, ceil_to
 from skyrange.io.ardupilot.sitl import wall_s
-from skyrange.io.mavlink.connections import make_connection, sleep_for
+from skyrange.io.mavlink.connections import ADDRESS_FORMS, Address, make_connection, sleep_for
 from skyrange.vehicle.contract import AutopilotContext, AutopilotPlugin, VehicleSpec
-from skyrange.vehicle.external.options import Options
 from skyrange.vehicle.external.vehicle_session import VehicleSession
-from skyrange.vehicle.mavlink_state.reported_poses import ReportedPoses
+from skyrange.vehicle.reported_poses import ReportedPoses
 from skyrange.world.airframes import MOTORS
+
+
+class Options(Params):
+    """Options of the external vehicles of a scenario: addresses, and whether they may be moved."""
+
+    connect: dict[str, str] = Field(
+        default_factory=dict,
+        description=f"MAVLink address of each vehicle, by operator/vehicle: {', '.join(ADDRESS_FORMS.values())}.",
+    )
+    allow_motion: bool = Field(
+        default=False,
+        strict=True,
+        description="Whether to pass arming and motion commands to them; this also needs --allow-motion on the "
+        "command line.",
+    )
+    rate_hz: Number = Field(
+        default=10.0,
+        ge=5,
+        le=50,
+        description="Rate in Hz at which position and attitude are requested of each vehicle.",
+    )
+    boot_s: Number = Field(
+        default=20.0,
+        gt=0,
+        le=120,
+        description="Wall time in seconds before time 0, within which each vehicle must connect and report its "
+        "position.",
+    )
+
+    @model_validator(mode="after")
+    def _check_addresses(self) -> Options:
+        problems: list[Problem] = []
+        held: dict[Address, str] = {}
+        for vehicle, text in self.connect.items():
+            try:
+                address = Address.of(text, f"connect.{vehicle}")
+            except InputError as error:
+                problems += error.problems
+                continue
+            other = held.setdefault(address, vehicle)
+            if other != vehicle:
+                problems.append(
+                    Problem(f"connect.{vehicle}", text, f"an address that no other vehicle has; {other} already has it")
+                )
+        if problems:
+            raise refuse(*problems)
+        return self
+
+    def addresses(self, vehicles: Sequence[str]) -> list[Address]:
+        """The address of each of `vehicles`. Raises `InputError` for vehicles without an address, and for unknown
+        ones.
+        """
+        known = "autopilots.options.external.connect"
+        problems = [
+            Problem(f"{known}.{name}", text, "an external vehicle of the scenario", nearest(name, vehicles))
+            for name, text in self.connect.items()
+            if name not in vehicles
+        ]
+        problems += [
+            Problem(
+                known,
+                f"no address for {vehicle}",
+                "an address for each external vehicle",
+                f'Such as "{vehicle}" = "tcp:127.0.0.1:5760".',
+            )
+            for vehicle in vehicles
+            if vehicle not in self.connect
+        ]
+        if problems:
+            raise InputError("external vehicles", problems)
+        return [Address.of(self.connect[vehicle]) for vehicle in vehicles]
+
 
 QUANTUM_NS: Final[Time] = 2_500_000
 """The world's tick."""
@@ -45,7 +120,7 @@ class ExternalEngine(EngineBase):
     source = Source.EXTERNAL
 
     def __init__(
-        self, name: str, specs: Sequence[VehicleSpec], origin: Origin, options: Options, motion: bool = False
+        self, name: str, specs: Sequence[VehicleSpec], origin: Origin, options: Options, *, motion: bool = False
     ) -> None:
         """Connects to no vehicle yet. Raises `InputError` for vehicles without a connection in `options`, and for
         unknown ones.
@@ -60,7 +135,7 @@ class ExternalEngine(EngineBase):
         self._open = (options.allow_motion, motion)
         wires = [make_connection(address) for address in options.addresses(self.vehicles)]
         self._sessions = [
-            VehicleSession(spec, wire, origin, all(self._open), options.rate_hz)
+            VehicleSession(spec, wire, origin, options.rate_hz, open_=all(self._open))
             for spec, wire in zip(specs, wires, strict=True)
         ]
         self._poses = ReportedPoses(len(specs))
@@ -140,7 +215,7 @@ class ExternalEngine(EngineBase):
 
 
 def _make(options: Options, context: AutopilotContext) -> ExternalEngine:
-    return ExternalEngine(context.name, context.specs, context.origin, options, context.motion)
+    return ExternalEngine(context.name, context.specs, context.origin, options, motion=context.motion)
 
 
 def _reads_sensors(options: Options) -> bool:

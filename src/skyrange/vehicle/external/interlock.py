@@ -81,7 +81,7 @@ class Refusal(NamedTuple):
 class Interlock:
     """Between the range and one vehicle of MAVLink system `system_id`; `open_` lets motion through."""
 
-    def __init__(self, system_id: int, open_: bool = False) -> None:
+    def __init__(self, system_id: int, *, open_: bool = False) -> None:
         self.system_id = system_id
         self.open = open_
         self.passed = 0

@@ -18,9 +18,9 @@ from skyrange.core.time import Time
 from skyrange.core.whole_numbers import worth_noting
 from skyrange.io.mavlink.connections import MavlinkConnection
 from skyrange.vehicle.contract import VehicleSpec
+from skyrange.vehicle.event_detection import EventDetector
 from skyrange.vehicle.external.interlock import Interlock
-from skyrange.vehicle.external.position_reports import REACH_M, PositionReports
-from skyrange.vehicle.mavlink_state.event_detection import EventDetector
+from skyrange.vehicle.reported_poses import REACH_M, PositionReports
 
 FAR_M: Final = 50.0
 """A vehicle farther than this from its `start` is not where the scenario says, and that is noted."""
@@ -46,7 +46,9 @@ Note = tuple[str, Mapping[str, Any], tuple[FrameId, ...]]
 class VehicleSession:
     """One vehicle. Notes wait in `notes`; what repeats is noted at its 1st, 2nd, 4th … time."""
 
-    def __init__(self, spec: VehicleSpec, wire: MavlinkConnection, origin: Origin, open_: bool, rate_hz: float) -> None:
+    def __init__(
+        self, spec: VehicleSpec, wire: MavlinkConnection, origin: Origin, rate_hz: float, *, open_: bool
+    ) -> None:
         """`open_` permits motion: the interlock opens once a heartbeat says that the vehicle is one that is flown."""
         self.spec = spec
         self.wire = wire

@@ -10,8 +10,9 @@ import math
 from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element
 
-from skyrange.vehicle.gazebo.names import BODY, FRAME, model_name, rotor_name, visual_name
 from skyrange.vehicle.gazebo.sdf_elements import (
+    BODY,
+    FRAME,
     Colour,
     Point,
     add,
@@ -21,6 +22,9 @@ from skyrange.vehicle.gazebo.sdf_elements import (
     add_material,
     add_pose,
     bar_between,
+    model_name,
+    rotor_name,
+    visual_name,
 )
 from skyrange.world.airframes import AIRFRAMES, Airframe
 
@@ -46,7 +50,7 @@ class PlacedAircraft(NamedTuple):
     heading_deg: float
 
 
-def make_aircraft_model(aircraft: PlacedAircraft, colour: Colour, mirrored: bool = False) -> Element:
+def make_aircraft_model(aircraft: PlacedAircraft, colour: Colour, *, mirrored: bool = False) -> Element:
     """The `<model>` of an aircraft in the colour of its operator.
 
     A `mirrored` one only shows where another simulator moves it: static, without collisions. Raises `KeyError` for an
@@ -57,8 +61,8 @@ def make_aircraft_model(aircraft: PlacedAircraft, colour: Colour, mirrored: bool
     yaw = math.radians(90.0 - aircraft.heading_deg)
     add_pose(model, (aircraft.east_m, aircraft.north_m, aircraft.up_m), yaw=math.remainder(yaw, math.tau))
     add(model, "static", mirrored)
-    add(model, "self_collide", False)
-    add(model, "allow_auto_disable", False)  # a body at rest is stepped like any other
+    add(model, "self_collide", "false")
+    add(model, "allow_auto_disable", "false")  # a body at rest is stepped like any other
     link = add(model, "link", name=BODY)
     if not mirrored:
         _add_inertial(link, airframe)

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from skyrange.city.city import Building, City
 from skyrange.core.errors import InputError
-from skyrange.vehicle.gazebo.names import building_name, city_name, visual_name
 from skyrange.vehicle.gazebo.sdf_elements import (
     Colour,
     Point,
@@ -27,6 +26,9 @@ from skyrange.vehicle.gazebo.sdf_elements import (
     add_material,
     add_mesh,
     add_pose,
+    building_name,
+    city_name,
+    visual_name,
 )
 
 HARD_MU: Final = 100.0
@@ -74,7 +76,7 @@ def make_city_models(city: City, folder: Path) -> list[Element]:
         tile = (math.floor(place[0] / _TILE_M), math.floor(place[1] / _TILE_M))
         if tile not in models:
             models[tile] = Element("model", name=city_name(len(models)))
-            add(models[tile], "static", True)
+            add(models[tile], "static", "true")
         link = add(models[tile], "link", name=building_name(index))
         add_pose(link, place, yaw=0.0 if box is None else box.yaw)
         for tag in ("collision", "visual"):

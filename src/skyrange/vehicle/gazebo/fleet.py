@@ -25,14 +25,12 @@ from skyrange.core.time import NS_PER_S, Time
 from skyrange.io.gazebo import GazeboSimulator, take_port
 from skyrange.vehicle.ardupilot.lockstep_fleet import LockstepFleet
 from skyrange.vehicle.ardupilot.process_fleet import QUANTUM_NS
-from skyrange.vehicle.ardupilot.program.arducopter_binary import find_binary
 from skyrange.vehicle.contract import AutopilotContext, VehicleSpec
 from skyrange.vehicle.gazebo.aircraft_model import PlacedAircraft
-from skyrange.vehicle.gazebo.names import model_name
+from skyrange.vehicle.gazebo.gazebo_program import Gazebo, find_gazebo, find_window, window_command
 from skyrange.vehicle.gazebo.options import GazeboOptions
-from skyrange.vehicle.gazebo.program.gazebo_commands import Gazebo
-from skyrange.vehicle.gazebo.program.gazebo_release import find_gazebo, find_window, window_command
-from skyrange.vehicle.gazebo.program.plugin_library import find_plugin
+from skyrange.vehicle.gazebo.plugin_library import find_plugin
+from skyrange.vehicle.gazebo.sdf_elements import model_name
 from skyrange.vehicle.gazebo.world_file import write_world
 from skyrange.world.airframes import AIR_DENSITY_KGM3, AIRFRAMES, MOTORS
 
@@ -156,12 +154,12 @@ class GazeboFleet(LockstepFleet):
             folder,
             [_placed(spec) for spec in self._specs],
             [_placed(spec) for spec in self._shown_specs],
-            self._city,
-            self._origin,
-            self._specs[0].wind_enu_mps,
-            step_s,
-            self._gazebo.flavour.value,
-            self._plugin,
+            city=self._city,
+            origin=self._origin,
+            wind_enu_mps=self._specs[0].wind_enu_mps,
+            step_s=step_s,
+            flavour=self._gazebo.flavour.value,
+            plugin=self._plugin,
         )
         hello = encode_hello(
             [describe_aircraft(spec) for spec in self._specs],

@@ -1,7 +1,11 @@
-"""World file for Gazebo 11 and Gazebo Sim, made from a scenario's aircraft, city, place and wind."""
+"""World file for Gazebo 11 and Gazebo Sim, made from a scenario's aircraft, city, place and wind, with its view.
+
+The view of its window: light, colours, and a camera that looks at the fleet.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, Literal
@@ -11,18 +15,87 @@ from skyrange.city.city import City
 from skyrange.core.geodesy import Origin
 from skyrange.vehicle.gazebo.aircraft_model import PlacedAircraft, make_aircraft_model
 from skyrange.vehicle.gazebo.building_models import HARD_MU, make_city_models
-from skyrange.vehicle.gazebo.names import GROUND, WORLD, visual_name
 from skyrange.vehicle.gazebo.sdf_elements import (
+    GROUND,
     VERSION,
+    WORLD,
     Colour,
+    Point,
     add,
     add_friction,
     add_material,
     add_plane,
     add_pose,
+    format_numbers,
+    visual_name,
 )
-from skyrange.vehicle.gazebo.world_view import add_view
 from skyrange.world.airframes import GRAVITY_MPS2
+
+_SKY: Final = (0.70, 0.80, 0.92, 1.0)
+_AMBIENT: Final = (0.55, 0.55, 0.55, 1.0)
+_PITCH: Final = math.radians(40.0)
+"""Of the camera, downwards: steep enough to see into a street."""
+_YAW: Final = math.radians(60.0)
+"""Of the camera: it stands in the south-south-west and looks to the north-north-east."""
+_NEAREST_M: Final = 4.0
+_SIM_WINDOW: Final = (
+    ("GzSceneManager", "Scene manager"),
+    ("InteractiveViewControl", "View control"),
+    ("CameraTracking", "Camera tracking"),
+    ("EntityContextMenuPlugin", "Entity context menu"),
+    ("SelectEntities", "Select entities"),
+    ("WorldStats", "World stats"),
+    ("EntityTree", "Entity tree"),
+)
+"""Plugins of Gazebo Sim's window beside the one that draws. There is no button to pause: skyrange steps the world."""
+
+
+def add_view(world: Element, aircraft: Sequence[PlacedAircraft], *, sim: bool) -> None:
+    """Add light, scene and window to a world; the window of Gazebo Sim if `sim`, otherwise that of Gazebo 11."""
+    scene = add(world, "scene")
+    add(scene, "ambient", *_AMBIENT)
+    add(scene, "background", *_SKY)
+    add(scene, "shadows", "false")
+    add(scene, "grid", "false")
+    sun = add(world, "light", name="sun", type="directional")
+    add_pose(sun, (0.0, 0.0, 100.0))
+    add(sun, "cast_shadows", "false")
+    add(sun, "diffuse", 0.85, 0.85, 0.82, 1.0)
+    add(sun, "specular", 0.2, 0.2, 0.2, 1.0)
+    add(sun, "direction", -0.4, 0.5, -0.8)
+    place = camera_place(aircraft)
+    gui = add(world, "gui")
+    if not sim:
+        camera = add(gui, "camera", name="camera")
+        add_pose(camera, place, pitch=_PITCH, yaw=_YAW)
+        return
+    view = add(gui, "plugin", filename="MinimalScene", name="3D View")
+    window = add(view, "gz-gui")
+    add(window, "title", "3D View")
+    add(window, "property", "false", type="bool", key="showTitleBar")
+    add(window, "property", "docked", type="string", key="state")
+    add(view, "engine", "ogre2")
+    add(view, "scene", "scene")
+    add(view, "ambient_light", *_AMBIENT[:3])
+    add(view, "background_color", *_SKY[:3])
+    add(view, "camera_pose", format_numbers(*place, 0.0, _PITCH, _YAW))
+    for file, name in _SIM_WINDOW:
+        add(gui, "plugin", filename=file, name=name)
+
+
+def camera_place(aircraft: Sequence[PlacedAircraft]) -> Point:
+    """A place from which a camera at `_PITCH` and `_YAW` has all aircraft within 30 degrees of its axis."""
+    places = [(one.east_m, one.north_m, one.up_m) for one in aircraft] or [(0.0, 0.0, 0.0)]
+    spans = [(min(axis), max(axis)) for axis in zip(*places, strict=True)]
+    middle = [0.5 * (low + high) for low, high in spans]
+    radius_m = 0.5 * math.hypot(*(high - low for low, high in spans))
+    away_m = max(_NEAREST_M, 2.0 * radius_m)
+    return (
+        middle[0] - away_m * math.cos(_PITCH) * math.cos(_YAW),
+        middle[1] - away_m * math.cos(_PITCH) * math.sin(_YAW),
+        middle[2] + away_m * math.sin(_PITCH),
+    )
+
 
 Flavour = Literal["sim", "classic"]
 """Gazebo Sim (Harmonic and newer), or Gazebo 11."""
@@ -54,6 +127,7 @@ def write_world(
     folder: Path,
     aircraft: Sequence[PlacedAircraft],
     mirrored: Sequence[PlacedAircraft],
+    *,
     city: City | None,
     origin: Origin,
     wind_enu_mps: tuple[float, float, float],
@@ -78,7 +152,7 @@ def write_world(
     _add_physics(world, step_s, flavour)
     _add_place(world, origin, wind_enu_mps)
     _add_plugins(world, flavour, plugin)
-    add_view(world, everyone, flavour == "sim")
+    add_view(world, everyone, sim=flavour == "sim")
     world.append(_make_ground(everyone, city))
     if city is not None:
         world.extend(make_city_models(city, folder))
@@ -126,7 +200,7 @@ def _add_place(world: Element, origin: Origin, wind_enu_mps: tuple[float, float,
 
 def _add_plugins(world: Element, flavour: Flavour, plugin: Path | None) -> None:
     if flavour == "sim":
-        add(add(world, "gz:policies"), "include_server_config_plugins", False)  # the user's own would be added
+        add(add(world, "gz:policies"), "include_server_config_plugins", "false")  # the user's own would be added
         for file, name in _SIM_SYSTEMS:
             add(world, "plugin", filename=file, name=name)
     if plugin is not None:
@@ -140,7 +214,7 @@ def _make_ground(aircraft: Sequence[PlacedAircraft], city: City | None) -> Eleme
         corners += [city.bounds[:2], city.bounds[2:]]
     reach_m = _MARGIN_M + max((abs(part) for corner in corners for part in corner), default=0.0)
     model = Element("model", name=GROUND)
-    add(model, "static", True)
+    add(model, "static", "true")
     link = add(model, "link", name=GROUND)
     collision = add(link, "collision", name=GROUND)
     add_plane(collision, 2.0 * reach_m, 2.0 * reach_m)

@@ -1,7 +1,13 @@
-"""Collision events: decides when collisions have to be checked, and reports one event per contact.
+"""Collision events: when collisions have to be checked, contacts that a simulator reports, and one event per contact.
 
 Two bodies that touch, separate and touch again within a second are in one contact, and so is an aircraft that hits
 several buildings within a second: it is noted once, with the first building.
+
+Contacts that a simulator reports: the damage that they do, and their rows for the contact tracker. A touch faster than
+`GENTLE_MPS` breaks the propellers that touched, and all of an aircraft whose speed it changes by more than
+`DESTRUCTION_MPS`; the energy is that of the relative motion, as in `response`. How fast a touch is, is how fast the
+bodies close along its normal, or along the line between them: the normal of flat propellers that overlap at their rims
+may point up. The frame that comes down on a building has landed there: `imposed_poses` notes that touchdown.
 """
 
 from __future__ import annotations
@@ -11,12 +17,27 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyrange.city.wall_index import NO_WALLS
+from skyrange.contracts.components import Contacts
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.time import NS_PER_S, Time
+from skyrange.world.body_state import BodyState, Floats
 from skyrange.world.collision import broad_phase, response
-from skyrange.world.collision.response import ENERGY, NO_DAMAGE, SPEED, WHO, WITH, CollisionState, Floats
+from skyrange.world.collision.broad_phase import CG, MASS
+from skyrange.world.collision.response import (
+    DESTRUCTION_MPS,
+    EAST,
+    ENERGY,
+    GENTLE_MPS,
+    NO_DAMAGE,
+    NORTH,
+    SPEED,
+    UP,
+    WHO,
+    WITH,
+)
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -44,7 +65,7 @@ class ContactTracker:
         self._idle = city is None and len(vehicles) == 1
         self._touched: dict[tuple[int, int], Time] = {}
 
-    def begin(self, bodies: CollisionState) -> None:
+    def begin(self, bodies: BodyState) -> None:
         """Find the floor below each aircraft and its distance to the walls."""
         if self._city is not None:
             walls = self._city.walls()
@@ -61,7 +82,7 @@ class ContactTracker:
         """Take over how far aircraft have travelled in ticks that needed no `resolve_tick`."""
         self._travelled = travelled
 
-    def resolve_tick(self, now: Time, step_s: float, stride2_m2: float, bodies: CollisionState) -> Sequence[Note]:
+    def resolve_tick(self, now: Time, step_s: float, stride2_m2: float, bodies: BodyState) -> Sequence[Note]:
         """Resolve the collisions of the tick that ended; `stride2_m2` is the square of the longest distance any
         aircraft moved.
         """
@@ -107,3 +128,53 @@ class ContactTracker:
             }
             notes.append(Note("event.collision", self._vehicles[who], data))
         return notes
+
+
+_NEAR_M = 1e-6
+_LANDED_COS = 0.7
+"""A normal that points up more than this is that of a roof: the friction of gear on it holds up to 45 degrees."""
+
+
+def apply_contacts(rows: NDArray[np.int64], contacts: Contacts, after_mps: Floats, state: BodyState) -> Floats:
+    """Break what the contacts break in `state`, which is that before them; returns the hits (k, 7).
+
+    `rows` are the world's rows of the engine's vehicles, `after_mps` (vehicles, 3) their velocities after the tick.
+    """
+    hits: list[list[float]] = []
+    for k in range(len(contacts.vehicle)):
+        place, other = int(contacts.vehicle[k]), int(contacts.other[k])
+        normal = contacts.normal_enu[k]
+        if other < 0 and contacts.rotor[k] < 0 and normal[2] > _LANDED_COS:
+            continue
+        i, j = int(rows[place]), int(rows[other]) if other >= 0 else -1
+        apart = state.velocity[i] - (state.velocity[j] if other >= 0 else 0.0)
+        speed = math.sqrt(float(apart @ apart))
+        hit = [0.0] * 7
+        hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, j if other >= 0 else other, speed, NO_DAMAGE
+        between = state.position[i] - (state.position[j] if other >= 0 else contacts.position_enu_m[k])
+        if other < 0:
+            between[2] += state.shape[state.airframe[i], CG]
+        along = float(apart @ between) / max(math.sqrt(float(between @ between)), _NEAR_M)
+        if max(-float(apart @ normal), -along) > GENTLE_MPS:
+            mass = float(state.shape[state.airframe[i], MASS])
+            if other >= 0:
+                second = float(state.shape[state.airframe[j], MASS])
+                mass *= second / (mass + second)
+                _break_motors(j, int(contacts.other_rotor[k]), after_mps[other], state)
+            _break_motors(i, int(contacts.rotor[k]), after_mps[place], state)
+            hit[ENERGY] = 0.5 * mass * speed * speed
+            hit[EAST], hit[NORTH], hit[UP] = contacts.position_enu_m[k].tolist()
+        hits.append(hit)
+        if other >= 0:
+            twin = list(hit)
+            twin[WHO], twin[WITH] = j, i
+            hits.append(twin)
+    return np.array(hits, dtype=np.float64).reshape(-1, 7)
+
+
+def _break_motors(i: int, rotor: int, after_mps: Floats, state: BodyState) -> None:
+    change = after_mps - state.velocity[i]
+    lost = slice(None) if math.sqrt(float(change @ change)) > DESTRUCTION_MPS else [rotor] if rotor >= 0 else []
+    state.alive[i, lost] = 0
+    state.limit[i, lost] = 0.0
+    state.rotor_radps[i, lost] = 0.0

@@ -15,20 +15,20 @@ below none; and all of them if the impulse changes the aircraft's speed by more 
 
 A body whose pose is imposed by an engine does not yield: it is treated as infinitely heavy, and flies on marked as
 crashed. One that a simulator moves yields and breaks like any other: the impulse goes to the simulator. Its contacts
-with buildings and with others of its kind are the simulator's (`reported_contacts`).
+with buildings and with others of its kind are the simulator's (`contact_tracker`).
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyrange.city.wall_index import WallIndex, cell_of, distance_to_box, distance_to_footprint
 from skyrange.core.compiled import compiled
 from skyrange.world.airframes import MOTORS
+from skyrange.world.body_state import BodyState, Floats, Ints
 from skyrange.world.collision.broad_phase import (
     CG,
     HEIGHT,
@@ -44,9 +44,6 @@ from skyrange.world.collision.broad_phase import (
     floor_and_clearance,
 )
 from skyrange.world.multirotor import CRASHED, IMPOSED, SIMULATED
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 RESTITUTION = 0.3
 """Coefficient of restitution along the normal, 0 inelastic, 1 elastic; a modelling choice."""
@@ -66,31 +63,6 @@ NO_DAMAGE = -1.0
 reported."""
 
 
-class CollisionState(NamedTuple):
-    """The world's arrays that a collision reads and writes; n aircraft, shapes as in `multirotor.advance`."""
-
-    before: Floats
-    position: Floats
-    velocity: Floats
-    attitude: Floats
-    rates: Floats
-    rotor_radps: Floats
-    accel: Floats
-    limit: Floats
-    floor: Floats
-    alive: NDArray[np.uint8]
-    """(n, motors): 0 where a motor is lost."""
-    odometer_m: Floats
-    shape: Floats
-    """(airframes, numbers): `shape_row`."""
-    airframe: Ints
-    is_imposed: NDArray[np.uint8]
-    """(n,) `multirotor.IMPOSED` if an engine imposes the pose: nothing pushes such a body; or `SIMULATED`."""
-    flags: NDArray[np.uint8]
-    impulse: Floats
-    """(n, 6) impulses for the simulator, in the local frame: linear, and angular about the centre of gravity."""
-
-
 @compiled
 def _into_body(q: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A vector of the local frame in the body frame."""
@@ -100,7 +72,7 @@ def _into_body(q: Floats, x: float, y: float, z: float) -> tuple[float, float, f
 
 
 @compiled
-def _contact_response(i: int, state: Any, r: Any, n: Any) -> tuple[float, float]:
+def _contact_response(i: int, state: BodyState, r: Any, n: Any) -> tuple[float, float]:
     """The speed of a body along `n` at a point `r` from its centre of gravity, and its inverse effective mass there."""
     velocity, attitude, rates, p = state.velocity[i], state.attitude[i], state.rates[i], state.shape[state.airframe[i]]
     nx, ny, nz = _into_body(attitude, n[0], n[1], n[2])
@@ -112,7 +84,7 @@ def _contact_response(i: int, state: Any, r: Any, n: Any) -> tuple[float, float]
 
 
 @compiled
-def _apply_impulse(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: float) -> None:
+def _apply_impulse(i: int, state: BodyState, r: Any, n: Any, impulse: float, step_s: float) -> None:
     """Apply an impulse along `n` at a point `r` from the centre of gravity; the accelerometer measures it."""
     if state.is_imposed[i] == IMPOSED:
         return
@@ -143,7 +115,9 @@ def _apply_impulse(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: f
 
 
 @compiled
-def _break_motors(i: int, state: Any, n: Any, east_m: float, north_m: float, reach_m: float, change: float) -> None:
+def _break_motors(  # noqa: PLR0917
+    i: int, state: BodyState, n: Any, east_m: float, north_m: float, reach_m: float, change: float
+) -> None:
     """Stop the motors that a contact breaks: `n` points away from it; the last arguments locate the other's disc.
 
     A body that is `IMPOSED` is marked as crashed instead, because its motors are outside the world.
@@ -210,7 +184,7 @@ def _first_overlap(d0: Floats, d1: Floats, radii: float, height_a: float, height
 
 
 @compiled
-def _collide_pair(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
+def _collide_pair(i: int, j: int, state: BodyState, step_s: float, hit: Floats) -> tuple[float, bool]:
     """Resolve the collision of two aircraft if their paths crossed: how far one was pushed, and
     whether they collided.
     """
@@ -283,7 +257,7 @@ def _collide_pair(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tup
 
 
 @compiled
-def _collide_building(i: int, walls: WallIndex, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
+def _collide_building(i: int, walls: WallIndex, state: BodyState, step_s: float, hit: Floats) -> tuple[float, bool]:
     """Resolve the collision of one aircraft with the first building on its path; returns as `_collide_pair`."""
     p = state.shape[state.airframe[i]]
     radius, height = p[RADIUS], p[HEIGHT]
@@ -346,7 +320,7 @@ def _collide_building(i: int, walls: WallIndex, state: Any, step_s: float, hit: 
 
 
 @compiled
-def resolve_collisions(
+def resolve_collisions(  # noqa: PLR0917
     travelled: float,
     step_s: float,
     pairs: Ints,
@@ -354,12 +328,12 @@ def resolve_collisions(
     order: Ints,
     walls: WallIndex,
     wall_due: Floats,
-    state: Any,
+    state: BodyState,
 ) -> tuple[Floats, float]:
     """Check all pairs and walls that are due and resolve their collisions.
 
-    Returns the hits (k, 7) in the order of ids, and the longest push. `state` is a `CollisionState`; `pair_due` and
-    `wall_due` are updated for what was checked.
+    Returns the hits (k, 7) in the order of ids, and the longest push. `pair_due` and `wall_due` are updated
+    for what was checked.
     """
     hits = np.empty((2 * pairs.shape[0] + wall_due.shape[0], 7))
     count = 0

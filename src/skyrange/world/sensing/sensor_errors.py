@@ -12,7 +12,7 @@ a filter of 100 Hz; drawing it at 400 Hz would cost four times as much and be av
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,8 @@ from skyrange.core.chance import philox, uniform4
 from skyrange.core.compiled import compiled, inlined
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_MS, NS_PER_S
+from skyrange.world.body_state import BodyArrays, BodyState, Floats, Ints
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Words = NDArray[np.uint64]
 
 # inertial: [S] SIM_Aircraft.cpp `add_noise` (0.1 deg/s and 0.3 m/s² at full throttle) above the quantisation floor of
@@ -120,6 +119,92 @@ GNSS, BARO, COMPASS, RANGE = 0, 1, 2, 3
 PERIODS: Final = (GNSS_PERIOD_NS, BARO_PERIOD_NS, COMPASS_PERIOD_NS, RANGE_PERIOD_NS)
 
 
+class Quality(NamedTuple):
+    """What the errors of all sensors are drawn by."""
+
+    level: float
+    """Multiplies every error."""
+    gnss: float
+    """Scales the slow error and the velocity error of the receiver."""
+    instability: float
+    """Scales the bias that wanders in a run."""
+    seed: np.uint64
+    who: Words
+    """(rows,) addresses of the aircraft in chance."""
+    field: Floats
+    """(3,) the Earth's field: east, north, up."""
+
+
+class Drawn(NamedTuple):
+    """Errors that were drawn and hold until the next draw, and when that is."""
+
+    bias: Floats
+    """(rows, 6): of gyroscopes and accelerometers, as `error`, `drift` and the first of `warm`."""
+    error: Floats
+    warm: Floats
+    """(rows, 7): what a full warming adds; the last is the barometer's."""
+    drift: Floats
+    """The bias that wanders in a run."""
+    offset: Floats
+    """(rows, 3): the compass."""
+    wander: Floats
+    """(rows, 4): the position error of GNSS, and the barometer's drift."""
+    phase: Ints
+    """(rows, 4): the phase of each slow sensor."""
+    epoch: Ints
+    """(rows, 4): the number of its last sample."""
+    pending: Floats
+    """(rows, 6): the fix that is being delayed."""
+    pending_time: Ints
+
+
+class Shown(NamedTuple):
+    """Readings, which hold until the next sample."""
+
+    gyro: Floats
+    force: Floats
+    gnss_enu_m: Floats
+    gnss_vel: Floats
+    accuracy: Floats
+    fix: Ints
+    satellites: Ints
+    gnss_time: Ints
+    baro: Floats
+    rangefinder: Floats
+    compass: Floats
+    sums: Floats
+    """(rows, 6): integrals of the inertial readings, angles before velocities."""
+    deltas: Floats
+    """(rows, 6): what is shown of these."""
+
+
+class Sensing(NamedTuple):
+    """The sensors of all aircraft, and the bodies that they sense."""
+
+    ideal: bool
+    quality: Quality
+    bodies: BodyState
+    drawn: Drawn
+    shown: Shown
+
+
+SensingArrays = tuple[bool, tuple[Any, ...], BodyArrays, tuple[Any, ...], tuple[Any, ...]]
+"""The fields of a `Sensing` in their order, in plain tuples (see `body_state`)."""
+
+
+def take_arrays(sensing: Sensing) -> SensingArrays:
+    """Of a `Sensing`, for compiled functions that are called in every tick."""
+    ideal, quality, bodies, drawn, shown = sensing
+    return ideal, tuple(quality), tuple(bodies), tuple(drawn), tuple(shown)
+
+
+@compiled
+def name_arrays(arrays: SensingArrays) -> Sensing:
+    """The opposite of `take_arrays`."""
+    ideal, quality, bodies, drawn, shown = arrays
+    return Sensing(ideal, Quality(*quality), BodyState(*bodies), Drawn(*drawn), Shown(*shown))
+
+
 @compiled
 def normal6(
     seed: np.uint64, stream: np.uint64, who: np.uint64, when: int, k: np.uint64
@@ -153,11 +238,12 @@ def body_field(attitude: Floats, field: Floats, out: Floats) -> None:
 
 
 @compiled
-def read_ideal(now: int, attitude: Floats, field: Floats, compass: Floats, gnss_time: Ints) -> None:
+def read_ideal(now: int, field: Floats, bodies: BodyState, shown: Shown) -> None:
     """The two readings of ideal sensors that are not copies of the state: magnetic field and time of the fix."""
+    attitude, compass = bodies.attitude, shown.compass
     for i in range(attitude.shape[0]):
         body_field(attitude[i], field, compass[i])
-        gnss_time[i] = now
+        shown.gnss_time[i] = now
 
 
 @compiled
@@ -173,28 +259,11 @@ def in_outage(seed: np.uint64, who: np.uint64, at: int, level: float) -> bool:
 
 
 @compiled
-def power_on(
-    now: int,
-    level: float,
-    gnss: float,
-    seed: np.uint64,
-    who: Words,
-    position: Floats,
-    bias: Floats,
-    wander: Floats,
-    offset: Floats,
-    phase: Ints,
-    epoch: Ints,
-    pending: Floats,
-    pending_time: Ints,
-    gnss_enu_m: Floats,
-    gnss_vel: Floats,
-    accuracy: Floats,
-    fix: Ints,
-    satellites: Ints,
-    gnss_time: Ints,
-) -> None:
+def power_on(now: int, quality: Quality, bodies: BodyState, drawn: Drawn, shown: Shown) -> None:
     """Switch all sensors on: draw biases and phases, and give each receiver its first fix, at rest."""
+    level, gnss, seed, who = quality.level, quality.gnss, quality.seed, quality.who
+    bias, wander, offset, phase, epoch = drawn.bias, drawn.wander, drawn.offset, drawn.phase, drawn.epoch
+    pending, gnss_enu_m, accuracy = drawn.pending, shown.gnss_enu_m, shown.accuracy
     for i in range(who.shape[0]):
         g = normal6(seed, _S_START, who[i], 0, np.uint64(0))
         m = normal6(seed, _S_START, who[i], 0, np.uint64(1))
@@ -213,20 +282,21 @@ def power_on(
             phase[i, k] = np.int64(u[k] * period) // IMU_PERIOD_NS * IMU_PERIOD_NS
             epoch[i, k] = (now - phase[i, k]) // period - (0 if k == GNSS else 1)  # all but GNSS are read at once
         for axis in range(3):
-            gnss_enu_m[i, axis] = position[i, axis] + wander[i, axis]
-            gnss_vel[i, axis] = 0.0
+            gnss_enu_m[i, axis] = bodies.position[i, axis] + wander[i, axis]
+            shown.gnss_vel[i, axis] = 0.0
             pending[i, axis] = gnss_enu_m[i, axis]
             pending[i, 3 + axis] = 0.0
-        gnss_time[i] = now - GNSS_LAG_NS
-        pending_time[i] = gnss_time[i]
+        shown.gnss_time[i] = now - GNSS_LAG_NS
+        drawn.pending_time[i] = shown.gnss_time[i]
         accuracy[i, 0], accuracy[i, 1], accuracy[i, 2] = _ACCURACY_H, _ACCURACY_V, _ACCURACY_S
-        fix[i] = FIX_3D
-        satellites[i] = GNSS_SATELLITES
+        shown.fix[i] = FIX_3D
+        shown.satellites[i] = GNSS_SATELLITES
 
 
 @compiled
-def draw_warming(level: float, warming_k: float, seed: np.uint64, who: Words, warm: Floats) -> None:
+def draw_warming(quality: Quality, warming_k: float, warm: Floats) -> None:
     """Draw what a warming of `warming_k` kelvin adds to gyroscopes, accelerometers and barometer: `warm` (rows, 7)."""
+    level, seed, who = quality.level, quality.seed, quality.who
     for i in range(who.shape[0]):
         w = normal6(seed, _S_START, who[i], 0, np.uint64(4))
         b = normal6(seed, _S_START, who[i], 0, np.uint64(5))
@@ -270,47 +340,13 @@ def _is_due(now: int, phase: int, epoch: int, period: int) -> bool:
 
 
 @compiled
-def draw_errors(
-    now: int,
-    level: float,
-    seed: np.uint64,
-    who: Words,
-    commands: Floats,
-    position: Floats,
-    height: Floats,
-    velocity: Floats,
-    attitude: Floats,
-    field: Floats,
-    bias: Floats,
-    error: Floats,
-    wander: Floats,
-    offset: Floats,
-    phase: Ints,
-    epoch: Ints,
-    pending: Floats,
-    pending_time: Ints,
-    gnss_enu_m: Floats,
-    gnss_vel: Floats,
-    accuracy: Floats,
-    fix: Ints,
-    satellites: Ints,
-    gnss_time: Ints,
-    baro: Floats,
-    rangefinder: Floats,
-    compass: Floats,
-    gnss: float,
-    instability: float,
-    warm: Floats,
-    drift: Floats,
-) -> None:
-    """Do what is due every 10 ms: new inertial noise, and the slow sensors that sample at `now`.
-
-    `gnss` scales the slow error and the velocity error of the receiver, `instability` the bias that wanders in a run,
-    which `drift` (rows, 6) holds; `warm` (rows, 7) is what a full warming adds.
-
-    `wander` (rows, 4) holds the position error of GNSS and the barometer's drift, `phase` and `epoch` (rows, 4) the
-    phase of each slow sensor and the number of its last sample, `pending` (rows, 6) the fix that is being delayed.
-    """
+def draw_errors(now: int, quality: Quality, bodies: BodyState, drawn: Drawn, shown: Shown) -> None:
+    """Do what is due every 10 ms: new inertial noise, and the slow sensors that sample at `now`."""
+    level, gnss, instability = quality.level, quality.gnss, quality.instability
+    seed, who, commands = quality.seed, quality.who, bodies.commands
+    bias, error, warm, drift = drawn.bias, drawn.error, drawn.warm, drawn.drift
+    wander, offset, phase, epoch = drawn.wander, drawn.offset, drawn.phase, drawn.epoch
+    pending, pending_time, gnss_time, compass = drawn.pending, drawn.pending_time, shown.gnss_time, shown.compass
     heat = 1.0 - math.exp(-now / NS_PER_S / WARMING_S)
     for i in range(who.shape[0]):
         if instability > 0.0 and now % DRIFT_PERIOD_NS == 0:
@@ -344,67 +380,60 @@ def draw_errors(
             for axis in range(3):
                 size = level * gnss * (GNSS_WANDER_UP_M if axis == 2 else GNSS_WANDER_M)
                 wander[i, axis] = _GNSS_KEEP * wander[i, axis] + _GNSS_STIR * size * w[axis]
-                pending[i, axis] = position[i, axis] + wander[i, axis] + level * GNSS_WHITE_M * w[3 + axis]
-                pending[i, 3 + axis] = velocity[i, axis] + level * gnss * GNSS_SPEED_MPS * v[axis]
+                pending[i, axis] = bodies.position[i, axis] + wander[i, axis] + level * GNSS_WHITE_M * w[3 + axis]
+                pending[i, 3 + axis] = bodies.velocity[i, axis] + level * gnss * GNSS_SPEED_MPS * v[axis]
             pending_time[i] = now
         if pending_time[i] != gnss_time[i] and now >= pending_time[i] + GNSS_LAG_NS:
             if in_outage(seed, who[i], pending_time[i], level):
                 pending_time[i] = gnss_time[i]
-                fix[i] = FIX_NONE
-                satellites[i] = 3
+                shown.fix[i] = FIX_NONE
+                shown.satellites[i] = 3
             else:
                 gnss_time[i] = pending_time[i]
                 for axis in range(3):
-                    gnss_enu_m[i, axis] = pending[i, axis]
-                    gnss_vel[i, axis] = pending[i, 3 + axis]
-                fix[i] = FIX_3D
-                satellites[i] = GNSS_SATELLITES
+                    shown.gnss_enu_m[i, axis] = pending[i, axis]
+                    shown.gnss_vel[i, axis] = pending[i, 3 + axis]
+                shown.fix[i] = FIX_3D
+                shown.satellites[i] = GNSS_SATELLITES
 
         if _is_due(now, phase[i, BARO], epoch[i, BARO], BARO_PERIOD_NS):
             count = (now - phase[i, BARO]) // BARO_PERIOD_NS
             epoch[i, BARO] = count
             b = normal6(seed, _S_BARO, who[i], count * BARO_PERIOD_NS + phase[i, BARO], _0)
             wander[i, 3] = _BARO_KEEP * wander[i, 3] + _BARO_STIR * level * BARO_DRIFT_M * b[0]
-            baro[i] = position[i, 2] + wander[i, 3] + heat * warm[i, 6] + level * BARO_NOISE_M * b[1]
+            shown.baro[i] = bodies.position[i, 2] + wander[i, 3] + heat * warm[i, 6] + level * BARO_NOISE_M * b[1]
         if _is_due(now, phase[i, COMPASS], epoch[i, COMPASS], COMPASS_PERIOD_NS):
             count = (now - phase[i, COMPASS]) // COMPASS_PERIOD_NS
             epoch[i, COMPASS] = count
             c = normal6(seed, _S_COMPASS, who[i], count * COMPASS_PERIOD_NS + phase[i, COMPASS], _0)
-            body_field(attitude[i], field, compass[i])
+            body_field(bodies.attitude[i], quality.field, compass[i])
             for axis in range(3):
                 compass[i, axis] += offset[i, axis] + level * COMPASS_NOISE_GAUSS * c[axis]
         if _is_due(now, phase[i, RANGE], epoch[i, RANGE], RANGE_PERIOD_NS):
             count = (now - phase[i, RANGE]) // RANGE_PERIOD_NS
             epoch[i, RANGE] = count
             r = normal6(seed, _S_RANGE, who[i], count * RANGE_PERIOD_NS + phase[i, RANGE], _0)
-            rangefinder[i] = max(height[i] + level * RANGE_NOISE_M * r[0], 0.0)
+            shown.rangefinder[i] = max(bodies.height[i] + level * RANGE_NOISE_M * r[0], 0.0)
 
 
 @compiled
-def sample(
-    now: int,
-    step_s: float,
-    new: bool,
-    ideal: bool,
-    read: Any,
-    drawn: Any,
-    inertial: Any,
-    integrated: Any,
-    deltas: Floats,
-) -> None:
-    """Sample all sensors at the end of a tick of `step_s`; `new` at the first tick of each `READINGS_NS`.
-
-    `read` are the arguments of `read_ideal` after the time, `drawn` those of `draw_errors` after it, `inertial` those
-    of `read_inertial`, `integrated` the readings that are integrated and their integrals, `deltas` (rows, 6) what is
-    shown of these.
-    """
+def sample(now: int, step_s: float, new: bool, sensing: Sensing) -> None:  # noqa: FBT001
+    """Sample all sensors at the end of a tick of `step_s`; `new` at the first tick of each `READINGS_NS`."""
+    ideal, quality, bodies, drawn, shown = sensing
+    gyro, force = shown.gyro, shown.force
     if ideal:
-        read_ideal(now, *read)
+        read_ideal(now, quality.field, bodies, shown)
+        gyro, force = bodies.rates, bodies.accel
     else:
         if new:
-            draw_errors(now // READINGS_NS * READINGS_NS, *drawn)
-        read_inertial(*inertial)
-    gyro, force, sums = integrated
-    integrate_inertial(gyro, force, step_s, sums)
+            draw_errors(now // READINGS_NS * READINGS_NS, quality, bodies, drawn, shown)
+        read_inertial(bodies.rates, bodies.accel, drawn.error, gyro, force)
+    integrate_inertial(gyro, force, step_s, shown.sums)
     if new:
-        show_integrals(sums, deltas)
+        show_integrals(shown.sums, shown.deltas)
+
+
+@compiled
+def sample_arrays(now: int, step_s: float, new: bool, arrays: SensingArrays) -> None:  # noqa: FBT001
+    """`sample`, of sensors in plain tuples."""
+    sample(now, step_s, new, name_arrays(arrays))

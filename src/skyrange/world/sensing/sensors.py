@@ -8,19 +8,21 @@ aircraft of a world. Declared sensor faults are applied afterwards, in the kerne
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.components import READINGS_NS, Floats, Sensors
+from skyrange.contracts.components import READINGS_NS, Sensors
 from skyrange.core.arrays import as_read_only
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
+from skyrange.world.body_state import BodyState
 from skyrange.world.sensing import sensor_errors
 from skyrange.world.sensing.geomagnetism import MagneticField
+from skyrange.world.sensing.sensor_errors import Drawn, Quality, Sensing, Shown
 
 _NO_CHANCE = Chance(0)
 
@@ -52,102 +54,95 @@ class SensorSuite:
     aircraft.
     """
 
-    def __init__(
-        self,
-        spec: SensorSpec,
-        vehicles: Sequence[str],
-        state: tuple[Floats, ...],
-        commands: Floats,
-        power: tuple[Floats, Floats, Floats],
-    ) -> None:
-        """`state`: the world's own arrays of rates, specific force, attitude, position, velocity, height over ground.
-
-        `commands` (n, motors) and `power`, (n,) volts, (n,) amperes and (n, motors) rotor speeds in rad/s, are read
-        too. None is written.
-        """
+    def __init__(self, spec: SensorSpec, vehicles: Sequence[str], bodies: BodyState) -> None:
+        """The sensors read the world's `bodies` and write none of them."""
         n = len(vehicles)
-        self._level = float(spec.noise)
-        self._warming_k, self._instability, self._gnss_scale = map(float, (spec.warming_k, spec.instability, spec.gnss))
-        self._warm, self._drift = np.zeros((n, 7)), np.zeros((n, 6))
-        self._seed = np.uint64(spec.chance.seed & 0xFFFFFFFFFFFFFFFF)
-        self._who = np.array([hash64(vehicle) for vehicle in vehicles], dtype=np.uint64)
-        self._field = np.array(spec.field_enu_gauss, dtype=np.float64)
+        self._warming_k = float(spec.warming_k)
+        self._quality = Quality(
+            level=float(spec.noise),
+            gnss=float(spec.gnss),
+            instability=float(spec.instability),
+            seed=np.uint64(spec.chance.seed & 0xFFFFFFFFFFFFFFFF),
+            who=np.array([hash64(vehicle) for vehicle in vehicles], dtype=np.uint64),
+            field=np.array(spec.field_enu_gauss, dtype=np.float64),
+        )
         self._sampled_ns: Time | None = None
-        self._compass, self._accuracy = np.zeros((n, 3)), np.zeros((n, 3))
-        self._fix: NDArray[np.int64] = np.full(n, sensor_errors.FIX_RTK, dtype=np.int64)
-        self._satellites: NDArray[np.int64] = np.full(n, sensor_errors.GNSS_SATELLITES, dtype=np.int64)
-        self._time: NDArray[np.int64] = np.zeros(n, dtype=np.int64)
         self._utc_error: NDArray[np.int64] = np.zeros(n, dtype=np.int64)
-        self._error, self._bias = np.zeros((n, 6)), np.zeros((n, 6))
-        self._gyro, self._force = np.zeros((n, 3)), np.zeros((n, 3))
-        self._gnss, self._gnss_vel = np.zeros((n, 3)), np.zeros((n, 3))
-        self._sums, self._deltas = np.zeros((n, 6)), np.zeros((n, 6))
-        self._baro, self._range = np.zeros(n), np.zeros(n)
-        self._wander, self._offset = np.zeros((n, 4)), np.zeros((n, 3))
-        self._phase: NDArray[np.int64] = np.zeros((n, 4), dtype=np.int64)
-        self._epoch: NDArray[np.int64] = np.zeros((n, 4), dtype=np.int64)
-        self._pending, self._pending_time = np.zeros((n, 6)), np.zeros(n, dtype=np.int64)
-        if self._level == 0.0:
-            self._accuracy[:] = 0.01
-        self.bind(state, commands, power)
+        self._drawn = Drawn(
+            bias=np.zeros((n, 6)),
+            error=np.zeros((n, 6)),
+            warm=np.zeros((n, 7)),
+            drift=np.zeros((n, 6)),
+            offset=np.zeros((n, 3)),
+            wander=np.zeros((n, 4)),
+            phase=np.zeros((n, 4), dtype=np.int64),
+            epoch=np.zeros((n, 4), dtype=np.int64),
+            pending=np.zeros((n, 6)),
+            pending_time=np.zeros(n, dtype=np.int64),
+        )
+        self._readings = Shown(
+            gyro=np.zeros((n, 3)),
+            force=np.zeros((n, 3)),
+            gnss_enu_m=np.zeros((n, 3)),
+            gnss_vel=np.zeros((n, 3)),
+            accuracy=np.zeros((n, 3)),
+            fix=np.full(n, sensor_errors.FIX_RTK, dtype=np.int64),
+            satellites=np.full(n, sensor_errors.GNSS_SATELLITES, dtype=np.int64),
+            gnss_time=np.zeros(n, dtype=np.int64),
+            baro=np.zeros(n),
+            rangefinder=np.zeros(n),
+            compass=np.zeros((n, 3)),
+            sums=np.zeros((n, 6)),
+            deltas=np.zeros((n, 6)),
+        )
+        if self._quality.level == 0.0:
+            self._readings.accuracy[:] = 0.01
+        self.bind(bodies)
 
-    def bind(self, state: tuple[Floats, ...], commands: Floats, power: tuple[Floats, Floats, Floats]) -> None:
+    def bind(self, bodies: BodyState) -> None:
         """Read these arrays of the world from now on (a copied world has its own)."""
-        self._state = state
-        rates, force, attitude, position, velocity, height = state
-        if self._level == 0.0:
-            shown: list[NDArray[Any]] = [rates, force, attitude, position, velocity, position[:, 2], height]
-        else:
-            shown = [self._gyro, self._force, attitude, self._gnss, self._gnss_vel, self._baro, self._range]
-        shown += [self._compass, self._accuracy, self._fix, self._satellites, self._time, self._utc_error, *power]
-        shown += [self._deltas[:, :3], self._deltas[:, 3:]]
-        ideal = self._level == 0.0
-        bias, *drawn = self._drawn()
-        self.arguments: tuple[Any, ...] = (
-            ideal,
-            (attitude, self._field, self._compass, self._time),
-            (
-                self._level, self._seed, self._who, commands, position, height, velocity, attitude, self._field, bias,
-                self._error, *drawn, *self._fixes(), self._baro, self._range, self._compass,
-                self._gnss_scale, self._instability, self._warm, self._drift,
-            ),
-            (rates, force, self._error, self._gyro, self._force),
-            (*((rates, force) if ideal else (self._gyro, self._force)), self._sums),
-            self._deltas,
-        )  # fmt: skip
-        """Of `sensor_errors.sample`, after the first three."""
-        self._shown = tuple(as_read_only(array) for array in shown)
+        readings, ideal = self._readings, self._quality.level == 0.0
+        self._bodies = bodies
+        self.arrays = sensor_errors.take_arrays(Sensing(ideal, self._quality, bodies, self._drawn, readings))
+        shown = Sensors(
+            gyro_radps=bodies.rates if ideal else readings.gyro,
+            accel_mps2=bodies.accel if ideal else readings.force,
+            attitude=bodies.attitude,
+            gnss_enu_m=bodies.position if ideal else readings.gnss_enu_m,
+            gnss_vel_enu_mps=bodies.velocity if ideal else readings.gnss_vel,
+            baro_up_m=bodies.position[:, 2] if ideal else readings.baro,
+            rangefinder_m=bodies.height if ideal else readings.rangefinder,
+            compass_gauss=readings.compass,
+            gnss_accuracy=readings.accuracy,
+            gnss_fix=readings.fix,
+            gnss_satellites=readings.satellites,
+            gnss_time_ns=readings.gnss_time,
+            gnss_utc_error_ns=self._utc_error,
+            battery_v=bodies.battery_v,
+            battery_a=bodies.battery_a,
+            rotor_radps=bodies.rotor_radps,
+            delta_angle_rad=readings.deltas[:, :3],
+            delta_velocity_mps=readings.deltas[:, 3:],
+        )
+        self._shown = tuple(as_read_only(getattr(shown, field.name)) for field in fields(Sensors))
         self._by_slice: dict[tuple[int | None, int | None, int | None], Sensors] = {}
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the references to the world's arrays, which have to be bound again."""
         state = self.__dict__.copy()
-        for key in ("_state", "_shown", "_by_slice", "arguments"):
+        for key in ("arrays", "_bodies", "_shown", "_by_slice"):
             del state[key]
         return state
 
     def sample(self, now: Time) -> None:
         """Sample every sensor that is due at `now`, of all aircraft; the first call switches the sensors on."""
         last, self._sampled_ns = self._sampled_ns, now
-        if last is None and self._level != 0.0:
-            position = self._state[3]
-            of_chance = self._seed, self._who
-            sensor_errors.power_on(
-                now, self._level, self._gnss_scale, *of_chance, position, *self._drawn(), *self._fixes()
-            )
-            sensor_errors.draw_warming(self._level, self._warming_k, *of_chance, self._warm)
+        if last is None and self._quality.level != 0.0:
+            sensor_errors.power_on(now, self._quality, self._bodies, self._drawn, self._readings)
+            sensor_errors.draw_warming(self._quality, self._warming_k, self._drawn.warm)
         step_ns = 0 if last is None else now - last
         new = last is None or now // READINGS_NS != last // READINGS_NS
-        sensor_errors.sample(now, step_ns / NS_PER_S, new, *self.arguments)
-
-    def _drawn(self) -> tuple[NDArray[Any], ...]:
-        """What was drawn, but for the noise of the inertial sensors."""
-        return (
-            self._bias, self._wander, self._offset, self._phase, self._epoch, self._pending, self._pending_time,
-        )  # fmt: skip
-
-    def _fixes(self) -> tuple[NDArray[Any], ...]:
-        return self._gnss, self._gnss_vel, self._accuracy, self._fix, self._satellites, self._time
+        sensor_errors.sample_arrays(now, step_ns / NS_PER_S, new, self.arrays)
 
     def end_batch(self, last: Time) -> None:
         """Take over the ticks of a batch, the last of which was at `last`."""

@@ -55,7 +55,7 @@ _0, _POINT, _MINUS, _PLUS, _E = (ord(char) for char in "0.-+e")
 class LineWriter:
     """Writes the lines of some aircraft."""
 
-    def __init__(self, count: int, most: int = 1, battery: bool = False) -> None:
+    def __init__(self, count: int, most: int = 1, *, battery: bool = False) -> None:
         """For `count` aircraft, at most `most` lines each; `battery` says whether the lines, and motions, have it."""
         self.text = np.zeros((most, count, _LENGTH), dtype=np.uint8)
         """The first line of each aircraft, the second, …, as last written."""
@@ -64,7 +64,7 @@ class LineWriter:
         """Content of the lines: time and motion."""
 
     def write(
-        self, rows: Ints, first: Ints, per_tick: Ints, steps: Ints, step_ns: Ints, before: Motion, after: Motion
+        self, rows: Ints, *, first: Ints, per_tick: Ints, steps: Ints, step_ns: Ints, before: Motion, after: Motion
     ) -> None:
         """Write the lines of a tick for each of `rows`; all other arguments are (n,) or have n rows.
 
@@ -96,7 +96,7 @@ def _plain(said: Floats) -> bytes:
 
 
 @compiled
-def _write(
+def _write(  # noqa: PLR0917
     rows: Ints,
     first: Ints,
     per_tick: Ints,

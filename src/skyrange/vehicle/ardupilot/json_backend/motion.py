@@ -66,7 +66,7 @@ STANDING: Final = Motion(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 1.0,
 """One aircraft that stands level at home, heading north."""
 
 
-def to_ardupilot_motion(sensors: Sensors, home_up_m: Floats, battery: bool = False) -> Motion:
+def to_ardupilot_motion(sensors: Sensors, home_up_m: Floats, *, battery: bool = False) -> Motion:
     """Convert sensor readings to ArduPilot's frames. ArduPilot derives its compass from the true attitude.
 
     With `battery` the rows have its voltage and current too.
@@ -82,7 +82,7 @@ def to_ardupilot_motion(sensors: Sensors, home_up_m: Floats, battery: bool = Fal
 
 
 @compiled
-def _to_ned(
+def _to_ned(  # noqa: PLR0917
     gyro: Floats, force: Floats, baro_up: Floats, attitude: Floats, above: Floats, home_up: Floats, rows: Floats
 ) -> None:
     for i in range(len(rows)):

@@ -10,15 +10,13 @@ import math
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NEVER, Time, from_seconds
-from skyrange.vehicle.builtin import loop
+from skyrange.vehicle.builtin import fence, loop, pilot
 from skyrange.vehicle.builtin.arming import prearm
-from skyrange.vehicle.builtin.fence import fence
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, SubMode, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import auto_rtl
 from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode
 from skyrange.vehicle.builtin.log_events import log_arming, log_disarming
 from skyrange.vehicle.builtin.modes import PILOT_CONTROLS, Mode, allows_arming
-from skyrange.vehicle.builtin.pilot import rc_channels
 
 MAGIC_FORCE_ARM = 2989.0
 MAGIC_FORCE_ARM_DISARM = 21196.0
@@ -28,12 +26,12 @@ ARMING_DELAY_S = 2.0
 """After arming, the motors stay stopped for this time (ARMING_DELAY_SEC of ArduCopter/config.h, `motors_output`)."""
 
 
-def arm(fleet: Fleet, vehicle: Vehicle, checked: bool, causes: Causes) -> bool:
+def arm(fleet: Fleet, vehicle: Vehicle, causes: Causes, *, checked: bool) -> bool:
     """Arm if the checks pass, and return whether it is armed: home moves here, the motors idle after `ARMING_DELAY_S`.
 
     Without `checked` only the mandatory checks run.
     """
-    if not prearm.run_checks(fleet, vehicle, not checked, causes):
+    if not prearm.run_checks(fleet, vehicle, causes, forced=not checked):
         return False
     why = _refusal(fleet, vehicle) if checked else ""
     if why:
@@ -72,7 +70,7 @@ def _refusal(fleet: Fleet, vehicle: Vehicle) -> str:
         fleet.param(vehicle, "ANGLE_MAX") * 0.01
     ):
         return "Leaning"
-    if checks & (prearm.ArmingCheck.ALL | prearm.ArmingCheck.RC) and rc_channels.throttle_too_high(fleet, vehicle):
+    if checks & (prearm.ArmingCheck.ALL | prearm.ArmingCheck.RC) and pilot.throttle_too_high(fleet, vehicle):
         return "Throttle too high"
     return ""
 

@@ -11,7 +11,10 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.vehicle.builtin.commands import flight, reporting, system
+from skyrange.vehicle.builtin.commands import (
+    flight,
+    system,
+)
 from skyrange.vehicle.builtin.commands.command import UNSUPPORTED, Command, decode_command
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Vehicle
 from skyrange.vehicle.builtin.telemetry.schedule import Schedule
@@ -39,13 +42,13 @@ HANDLERS: Final[dict[int, Handler]] = {
     mav.MAV_CMD_DO_LAND_START: flight.land_start,
     mav.MAV_CMD_DO_PAUSE_CONTINUE: flight.pause_continue,
     mav.MAV_CMD_DO_MOTOR_TEST: flight.motor_test,
-    mav.MAV_CMD_SET_MESSAGE_INTERVAL: reporting.set_message_interval,
-    mav.MAV_CMD_GET_MESSAGE_INTERVAL: reporting.get_message_interval,
-    mav.MAV_CMD_REQUEST_MESSAGE: reporting.request_message,
-    mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: reporting.request_capabilities,
-    mav.MAV_CMD_DO_SEND_BANNER: reporting.do_send_banner,
-    mav.MAV_CMD_GET_HOME_POSITION: reporting.get_home_position,
-    mav.MAV_CMD_DO_SET_HOME: reporting.do_set_home,
+    mav.MAV_CMD_SET_MESSAGE_INTERVAL: system.set_message_interval,
+    mav.MAV_CMD_GET_MESSAGE_INTERVAL: system.get_message_interval,
+    mav.MAV_CMD_REQUEST_MESSAGE: system.request_message,
+    mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: system.request_capabilities,
+    mav.MAV_CMD_DO_SEND_BANNER: system.do_send_banner,
+    mav.MAV_CMD_GET_HOME_POSITION: system.get_home_position,
+    mav.MAV_CMD_DO_SET_HOME: system.do_set_home,
     mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: system.preflight_reboot,
     mav.MAV_CMD_PREFLIGHT_STORAGE: system.preflight_storage,
     mav.MAV_CMD_PREFLIGHT_CALIBRATION: system.preflight_calibration,

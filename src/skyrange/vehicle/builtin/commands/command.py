@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Vehicle
-from skyrange.vehicle.builtin.locations.location import (
+from skyrange.vehicle.builtin.locations import (
     ABSOLUTE_FRAMES,
     RELATIVE_FRAMES,
     TERRAIN_FRAMES,

@@ -1,7 +1,12 @@
-"""Flight commands: arming, take-off, modes, speed, yaw and targets.
+"""Flight commands: arming, take-off, modes, speed, yaw, targets, and the auxiliary functions of a mission.
 
 After ArduCopter/GCS_MAVLink_Copter.cpp (`handle_command_int_packet` and what it calls) and
 `handle_command_component_arm_disarm`, `_set_mode_common` of GCS_Common.cpp.
+
+Auxiliary functions of DO_AUX_FUNCTION: changes of mode, fence and disarming by a mission. After
+libraries/RC_Channel/RC_Channel.cpp `do_aux_function` and RC_Channel_Copter.cpp `do_aux_function_change_mode`. The low
+position of a mode's function returns to the mode of the pilot's switch, which is not fitted here. ArduCopter runs the
+function before it starts the navigation command that follows; here it runs after that, at the same time.
 """
 
 from __future__ import annotations
@@ -10,6 +15,7 @@ import math
 from typing import Final
 
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.vehicle.builtin import fence
 from skyrange.vehicle.builtin.arming.arming import MAGIC_FORCE_ARM, MAGIC_FORCE_ARM_DISARM, arm, disarm, start_takeoff
 from skyrange.vehicle.builtin.commands.command import (
     ACCEPTED,
@@ -24,12 +30,20 @@ from skyrange.vehicle.builtin.commands.command import (
     uint8,
     uint32,
 )  # fmt: skip
-from skyrange.vehicle.builtin.fence import fence
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionState, Vehicle
 from skyrange.vehicle.builtin.flight_modes import guided
 from skyrange.vehicle.builtin.guidance import auto_yaw
-from skyrange.vehicle.builtin.locations.home import send_home
-from skyrange.vehicle.builtin.mission import do_commands, execution, pause
+from skyrange.vehicle.builtin.locations import send_home
+from skyrange.vehicle.builtin.mission import (
+    do_commands,
+    execution,
+)
+from skyrange.vehicle.builtin.mission.command_ids import (
+    ARM_DISARM_FUNCTION,
+    DISARM_FUNCTION,
+    FENCE_FUNCTION,
+    MODE_FUNCTIONS,
+)
 from skyrange.vehicle.builtin.mission.sequence import find_tag
 from skyrange.vehicle.builtin.mode_change import enter_landing_sequence, set_mode
 from skyrange.vehicle.builtin.modes import Mode
@@ -46,7 +60,7 @@ def arm_disarm(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Comm
     if want == 1.0:
         if fleet.armed(vehicle):
             return ACCEPTED
-        if not arm(fleet, vehicle, magic not in (MAGIC_FORCE_ARM, MAGIC_FORCE_ARM_DISARM), command.causes):
+        if not arm(fleet, vehicle, command.causes, checked=magic not in (MAGIC_FORCE_ARM, MAGIC_FORCE_ARM_DISARM)):
             return FAILED
         send_home(fleet, vehicle, command.causes)
         execution.update(fleet, vehicle)
@@ -153,7 +167,7 @@ def condition_yaw(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: C
     if not (math.isfinite(rate) and math.isfinite(direction)):
         return FAILED
     sense = (direction > 0.0) - (direction < 0.0)
-    auto_yaw.set_fixed_yaw(fleet, vehicle, angle, max(rate, 0.0), sense, relative == 1.0)
+    auto_yaw.set_fixed_yaw(fleet, vehicle, angle, max(rate, 0.0), sense, relative=relative == 1.0)
     return ACCEPTED
 
 
@@ -218,7 +232,7 @@ def pause_continue(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: 
     what = uint8(command.params[0])
     if what > 1:
         return DENIED
-    if what == 0 and pause.pause(fleet, vehicle):
+    if what == 0 and execution.pause(fleet, vehicle):
         return ACCEPTED
     if what == 1 and vehicle.mode in (Mode.AUTO, Mode.GUIDED):
         if vehicle.mode == Mode.AUTO:
@@ -237,3 +251,27 @@ def motor_test(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Comm
         return UNSUPPORTED
     fleet.send_text(vehicle, mav.MAV_SEVERITY_CRITICAL, "Motor Test: vehicle not landed", command.causes)
     return FAILED
+
+
+_LOW: Final = 0
+_HIGH: Final = 2
+"""RC_Channel::AuxSwitchPos; a position beyond HIGH has no effect."""
+
+
+def run_pending(fleet: Fleet) -> None:
+    """Run the functions that missions have triggered in this tick, in the order of the fleet."""
+    for vehicle in fleet.vehicles:
+        while vehicle.aux_functions:
+            _run(fleet, vehicle, *vehicle.aux_functions.pop(0))
+    fleet.aux_pending = False
+
+
+def _run(fleet: Fleet, vehicle: Vehicle, function: int, position: int, causes: Causes) -> None:
+    if position > _HIGH:
+        return
+    if function in MODE_FUNCTIONS and position == _HIGH:
+        set_mode(fleet, vehicle, MODE_FUNCTIONS[function], "aux_function", causes)
+    elif function == FENCE_FUNCTION:
+        fence.handle_do_fence_enable(fleet, vehicle, int(position == _HIGH), 0)
+    elif (function, position) in ((DISARM_FUNCTION, _HIGH), (ARM_DISARM_FUNCTION, _LOW)) and fleet.armed(vehicle):
+        disarm(fleet, vehicle, "aux_switch", causes)

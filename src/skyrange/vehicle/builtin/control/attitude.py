@@ -49,7 +49,7 @@ def _angle_over_sine(s: float, c: float) -> float:
 
 
 @inlined
-def relative_rotation(
+def relative_rotation(  # noqa: PLR0917
     aw: float, ax: float, ay: float, az: float, bw: float, bx: float, by: float, bz: float
 ) -> tuple[float, float, float, float]:
     """Return the rotation from attitude a to attitude b in the frame of a: conj(a) times b, with w at least 0."""
@@ -135,7 +135,7 @@ def input_quaternion(f: Any, g: Any, dt_s: float) -> None:
     q = f.guided_quat
     rate = f.guided_ang_vel
     q[0], q[1], q[2], q[3] = rotate_by_rates(q[0], q[1], q[2], q[3], rate[0], rate[1], rate[2], dt_s)
-    shape_target(f, g, q[0], q[1], q[2], q[3], False, rate[2], dt_s)
+    shape_target(f, g, q[0], q[1], q[2], q[3], turning=False, yaw_rate=rate[2], dt_s=dt_s)
 
 
 @compiled
@@ -178,8 +178,15 @@ def turn_to_heading(w: float, x: float, y: float, cosine: float, sine: float) ->
 
 
 @compiled
-def input_thrust_vector(
-    f: Any, g: Any, acc_e: float, acc_n: float, turning: bool, yaw: float, yaw_rate: float, dt_s: float
+def input_thrust_vector(  # noqa: PLR0917
+    f: Any,
+    g: Any,
+    acc_e: float,
+    acc_n: float,
+    turning: bool,  # noqa: FBT001
+    yaw: float,
+    yaw_rate: float,
+    dt_s: float,
 ) -> None:
     """Shape the attitude target towards a thrust direction and a heading (or, with `turning`, a yaw rate alone).
 
@@ -193,8 +200,15 @@ def input_thrust_vector(
 
 
 @inlined
-def shape_yaw_rate(
-    rate: float, turn: float, p: float, accel: float, slew: float, turning: bool, yaw_rate: float, dt_s: float
+def shape_yaw_rate(  # noqa: PLR0917
+    rate: float,
+    turn: float,
+    p: float,
+    accel: float,
+    slew: float,
+    turning: bool,  # noqa: FBT001
+    yaw_rate: float,
+    dt_s: float,
 ) -> float:
     """Return the yaw rate of the target towards a heading that is `turn` away, or with `turning` towards a yaw rate."""
     wanted = clamp(yaw_rate, -slew, slew) + sqrt_controller(turn, p, accel, dt_s)
@@ -202,8 +216,16 @@ def shape_yaw_rate(
 
 
 @compiled
-def shape_target(
-    f: Any, g: Any, w: float, x: float, y: float, z: float, turning: bool, yaw_rate: float, dt_s: float
+def shape_target(  # noqa: PLR0917
+    f: Any,
+    g: Any,
+    w: float,
+    x: float,
+    y: float,
+    z: float,
+    turning: bool,  # noqa: FBT001
+    yaw_rate: float,
+    dt_s: float,
 ) -> None:
     """Shape the attitude target towards an attitude; with `turning`, its heading follows the yaw rate alone."""
     ew, ex, ey, ez = relative_rotation(f.att_target[0], f.att_target[1], f.att_target[2], f.att_target[3], w, x, y, z)
@@ -218,7 +240,7 @@ def shape_target(
 
 
 @inlined
-def rotate_by_rates(
+def rotate_by_rates(  # noqa: PLR0917
     qw: float, qx: float, qy: float, qz: float, rate_x: float, rate_y: float, rate_z: float, dt_s: float
 ) -> tuple[float, float, float, float]:
     """Return an attitude turned by body rates for one step."""

@@ -74,7 +74,7 @@ def limit_xy(east: float, north: float, most: float) -> tuple[float, float]:
 
 
 @compiled
-def shape_vel_accel(
+def shape_vel_accel(  # noqa: PLR0917
     target: float, added: float, velocity: float, accel: float, accel_max: float, jerk_max: float, dt_s: float
 ) -> float:
     """Return the next acceleration to bring `velocity` to `target`.
@@ -87,7 +87,7 @@ def shape_vel_accel(
 
 
 @compiled
-def shape_vel_accel_xy(
+def shape_vel_accel_xy(  # noqa: PLR0917
     target_e: float, target_n: float, added_e: float, added_n: float, vel_e: float, vel_n: float,
     acc_e: float, acc_n: float, accel_max: float, jerk_max: float, dt_s: float,
 ) -> tuple[float, float]:  # fmt: skip

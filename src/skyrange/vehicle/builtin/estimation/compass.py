@@ -36,7 +36,7 @@ def body_to_local(e: Any, a: float, b: float, c: float) -> tuple[float, float, f
 
 
 @compiled
-def read_compass(e: Any, k: Any, p: Any, now: int, compass: Vector3, field: Vector3, armed: bool) -> None:
+def read_compass(e: Any, k: Any, p: Any, now: int, compass: Vector3, field: Vector3, armed: bool) -> None:  # noqa: FBT001, PLR0917
     """Fuse a reading that is new."""
     since = now - k.compass_at
     same = compass[0] == k.compass[0] and compass[1] == k.compass[1] and compass[2] == k.compass[2]

@@ -1,7 +1,11 @@
-"""Estimator: the filters of a whole fleet, updated in every tick.
+"""Estimator: the filters of a whole fleet, updated in every tick, and the status that they report.
 
 The strapdown runs in every tick, the filter every 10 ms; sensors are fused when they have new data. A row's numbers
 depend on its own sensors alone. No sensor value, however wrong, makes a number that is not finite.
+
+Filter status: flags and normalised innovations. NavEKF3_core::updateFilterStatus, healthy, getVariances and
+send_status_report (AP_NavEKF3_Control.cpp, AP_NavEKF3_Outputs.cpp): the contents of EKF_STATUS_REPORT, read by pre-arm
+checks and failsafes.
 """
 
 from __future__ import annotations
@@ -17,12 +21,16 @@ from skyrange.core.compiled import compiled
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.vehicle.builtin.control.shaping import clamp
-from skyrange.vehicle.builtin.estimation.aiding import check_aiding, receiver_passes
 from skyrange.vehicle.builtin.estimation.bad_imu import HOLD_NS
 from skyrange.vehicle.builtin.estimation.compass import align_yaw, body_to_local, read_compass
 from skyrange.vehicle.builtin.estimation.covariance import predict
-from skyrange.vehicle.builtin.estimation.filter_status import update_filter_status
-from skyrange.vehicle.builtin.estimation.gnss import claimed_accuracy, process_fix, update_receiver_status
+from skyrange.vehicle.builtin.estimation.gnss import (
+    check_aiding,
+    claimed_accuracy,
+    process_fix,
+    receiver_passes,
+    update_receiver_status,
+)
 from skyrange.vehicle.builtin.estimation.height import read_baro
 from skyrange.vehicle.builtin.estimation.state import (
     ACCEL_MAX_MPS2,
@@ -34,6 +42,7 @@ from skyrange.vehicle.builtin.estimation.state import (
     STEP_NS,
     VEL_LIMIT_MPS,
     Aiding,
+    Status,
     new_filters,
 )
 from skyrange.vehicle.builtin.estimation.strapdown import (
@@ -47,6 +56,54 @@ from skyrange.vehicle.builtin.estimation.strapdown import (
 from skyrange.vehicle.builtin.estimation.yaw_by_gnss import fuse_velocity, reset_on_request
 from skyrange.vehicle.builtin.layout import Records
 from skyrange.world.sensing.geomagnetism import magnetic_field_at
+
+_ATTITUDE = int(Status.ATTITUDE)
+_VELOCITY_HORIZ = int(Status.VELOCITY_HORIZ)
+_VELOCITY_VERT = int(Status.VELOCITY_VERT)
+_POS_HORIZ_REL = int(Status.POS_HORIZ_REL | Status.PRED_POS_HORIZ_REL)
+_POS_HORIZ = int(Status.POS_HORIZ_REL | Status.POS_HORIZ_ABS | Status.PRED_POS_HORIZ_REL | Status.PRED_POS_HORIZ_ABS)
+_POS_VERT_ABS = int(Status.POS_VERT_ABS)
+_POS_VERT_AGL = int(Status.POS_VERT_AGL)
+_CONST_POS = int(Status.CONST_POS_MODE)
+_GLITCHING = int(Status.GPS_GLITCHING)
+
+
+@compiled
+def update_filter_status(e: Any, k: Any, p: Any, ranged: bool) -> None:  # noqa: FBT001
+    """Update the status fields of the estimate; `ranged` is whether the rangefinder sees the ground.
+
+    Dead reckoning is a position that has timed out while the wind is known (`doingWindRelNav`), which a copter knows
+    only with EK3_DRAG_BCOEF_X or _Y. Drag is not fused here: the position is extrapolated.
+    """
+    e.vel_ratio = math.sqrt(k.vel_test)
+    e.pos_ratio = math.sqrt(k.pos_test)
+    e.hgt_ratio = math.sqrt(k.hgt_test)
+    e.mag_ratio = math.sqrt(k.mag_test)
+    navigating = k.aiding == _ABSOLUTE and k.pos_timeout == 0
+    knows_wind = p.EK3_DRAG_BCOEF_X > 0.0 or p.EK3_DRAG_BCOEF_Y > 0.0
+    reckons = k.aiding == _ABSOLUTE and k.pos_timeout == 1 and knows_wind
+    e.dead_reckoning = 1 if reckons else 0
+    flags = 0
+    if not (k.vel_test > 1.0 and k.pos_test > 1.0 and k.hgt_test > 1.0):
+        flags = _ATTITUDE
+        if reckons or not (k.vel_timeout == 1 and k.pos_timeout == 1):
+            flags |= _VELOCITY_HORIZ
+        if k.vel_timeout == 0 or k.hgt_timeout == 0:
+            flags |= _VELOCITY_VERT
+        if navigating:
+            flags |= _POS_HORIZ
+        elif reckons:
+            flags |= _POS_HORIZ_REL
+        if k.hgt_timeout == 0:
+            flags |= _POS_VERT_ABS
+        if ranged:
+            flags |= _POS_VERT_AGL
+        if k.aiding == _NONE:
+            flags |= _CONST_POS
+    if k.aiding == _ABSOLUTE and not (k.sacc_good == 1 and k.innov_good == 1):
+        flags |= _GLITCHING
+    e.status = flags
+
 
 Ints = NDArray[np.int64]
 
@@ -63,7 +120,7 @@ _START_YAW_RAD = math.radians(5.0)
 
 
 @compiled
-def initialise_filters(
+def initialise_filters(  # noqa: PLR0917
     now: int,
     accel: Floats,
     position: Floats,
@@ -162,11 +219,11 @@ def initialise_filters(
 @compiled
 def step_strapdown(gyro: Floats, accel: Floats, dt_s: float, estimate: Records, filters: Records) -> None:
     """Run one tick of every row that is no filter step."""
-    _run_strapdowns(gyro, accel, dt_s, True, estimate, filters)
+    _run_strapdowns(gyro, accel, dt_s, shown=True, estimate=estimate, filters=filters)
 
 
 @compiled
-def _run_strapdowns(gyro: Floats, accel: Floats, dt_s: float, shown: bool, estimate: Records, filters: Records) -> None:
+def _run_strapdowns(gyro: Floats, accel: Floats, dt_s: float, shown: bool, estimate: Records, filters: Records) -> None:  # noqa: FBT001
     count = estimate.shape[0]
     lanes = np.zeros(COLUMNS)
     for first in range(0, count, LANES):
@@ -174,7 +231,7 @@ def _run_strapdowns(gyro: Floats, accel: Floats, dt_s: float, shown: bool, estim
 
 
 @compiled
-def step_filters(
+def step_filters(  # noqa: PLR0917
     now: int,
     dt_s: float,
     step_s: float,
@@ -278,6 +335,7 @@ class Estimator:
         dt_s: float,
         sensors: Sensors,
         estimate: Records,
+        *,
         armed: Ints,
         set_index: Ints,
         settings: Records,

@@ -38,7 +38,7 @@ _REST_NOISE_M = 0.5  # FuseVelPosNED: noise of the assumed position before take-
 
 
 @compiled
-def read_baro(e: Any, k: Any, p: Any, now: int, height: float, armed: bool) -> None:
+def read_baro(e: Any, k: Any, p: Any, now: int, height: float, armed: bool) -> None:  # noqa: FBT001
     """Fuse a height that is new: another value, at most every 50 ms, or the same one after 100 ms."""
     since = now - k.baro_at
     if since < INTERVAL_MIN_NS or (height == k.baro and since < HGT_AVG_NS):
@@ -77,7 +77,7 @@ def _update_timeout(k: Any, now: int) -> None:
 
 
 @compiled
-def _reset_height(k: Any, p: Any, now: int, noise: float, armed: bool) -> None:
+def _reset_height(k: Any, p: Any, now: int, noise: float, armed: bool) -> None:  # noqa: FBT001
     """Reset the height to the barometer; the climb rate to GNSS's in flight, to zero on the ground."""
     k.reset_delta_pos[2] += k.baro - (k.pos[2] - k.pending_pos[2])
     k.corrected_pos[2] += k.baro - k.pos[2]
@@ -103,7 +103,7 @@ def _reset_height(k: Any, p: Any, now: int, noise: float, armed: bool) -> None:
 
 
 @compiled
-def _fuse_rest(e: Any, k: Any, p: Any, armed: bool) -> None:
+def _fuse_rest(e: Any, k: Any, p: Any, armed: bool) -> None:  # noqa: FBT001
     """Without aiding, fuse the last known position, with noise EK3_NOAID_M_NSE, which keeps tilt from drifting."""
     noise = clamp(p.EK3_NOAID_M_NSE, 0.5, 50.0) if armed else _REST_NOISE_M
     c = k.cov_horizontal

@@ -47,7 +47,7 @@ def valid_reading(value: float, before: float, most: float) -> float:
 
 
 @inlined
-def yaw_near(
+def yaw_near(  # noqa: PLR0917
     reference: float, cosine: float, sine: float, w: float, x: float, y: float, z: float
 ) -> tuple[float, bool]:
     """Return the yaw of an attitude by its difference to a reference direction, and whether it is near enough for that.
@@ -67,8 +67,8 @@ def yaw_near(
 
 
 @compiled
-def run_strapdown(
-    lanes: Floats, first: int, used: int, gyro: Floats, accel: Floats, dt_s: float, shown: bool,
+def run_strapdown(  # noqa: PLR0917
+    lanes: Floats, first: int, used: int, gyro: Floats, accel: Floats, dt_s: float, shown: bool,  # noqa: FBT001
     estimate: Records, filters: Records,
 ) -> None:  # fmt: skip
     """Advance the state of `used` rows from `first` on by a tick, with everything of the estimate that changes then.
@@ -86,7 +86,7 @@ def run_strapdown(
 
 
 @inlined
-def _load_lane(s: Floats, lane: int, row: int, gyro: Floats, accel: Floats, e: Any, k: Any) -> None:
+def _load_lane(s: Floats, lane: int, row: int, gyro: Floats, accel: Floats, e: Any, k: Any) -> None:  # noqa: PLR0917
     for axis in range(3):
         at = axis * LANES + lane
         s[_GX + at] = gyro[row, axis]
@@ -108,7 +108,7 @@ def _load_lane(s: Floats, lane: int, row: int, gyro: Floats, accel: Floats, e: A
 
 
 @inlined
-def _store_lane(s: Floats, lane: int, shown: bool, e: Any, k: Any) -> None:
+def _store_lane(s: Floats, lane: int, shown: bool, e: Any, k: Any) -> None:  # noqa: FBT001
     for axis in range(3):
         at = axis * LANES + lane
         k.force[axis] = s[_FX + at]

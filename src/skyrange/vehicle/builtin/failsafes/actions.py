@@ -1,6 +1,9 @@
-"""Failsafe actions: ArduCopter/events.cpp `do_failsafe_action` and what it calls.
+"""Alarms of the failsafe checks, and failsafe actions (ArduCopter/events.cpp `do_failsafe_action`).
 
 There is no SmartRTL here, as on a vehicle whose path memory is off: its actions report so and take the fallback.
+
+Alarms of the failsafe checks: bits, in the order in which they are acted upon. The order is that of ArduCopter's
+scheduler table (Copter.cpp): fence, battery, ground station and dead reckoning, estimator, GNSS.
 """
 
 from __future__ import annotations
@@ -13,6 +16,30 @@ from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
 from skyrange.vehicle.builtin.layout import ControlMode
 from skyrange.vehicle.builtin.mode_change import set_mode
 from skyrange.vehicle.builtin.modes import Mode
+
+
+class Alarm(IntFlag):
+    """New findings of a check; `CHECK_STATE.alarms`."""
+
+    FENCE_CHANGED = 1 << 0
+    """The minimum altitude was enabled automatically, or types were disabled for a landing."""
+    FENCE_BREACHED = 1 << 1
+    FENCE_CLEARED = 1 << 2
+    BATTERY = 1 << 3
+    """A worse level; see `BATTERY_STATE.pending_level`."""
+    GCS_LOST = 1 << 4
+    GCS_RECOVERED = 1 << 5
+    DEAD_RECKONING_STARTED = 1 << 6
+    DEAD_RECKONING_STOPPED = 1 << 7
+    DEAD_RECKONING_TIMEOUT = 1 << 8
+    """Dead reckoning for longer than FS_DR_TIMEOUT."""
+    DEAD_RECKONING_FAILSAFE = 1 << 9
+    ESTIMATOR_BAD = 1 << 10
+    ESTIMATOR_GOOD = 1 << 11
+    GLITCH_STARTED = 1 << 12
+    GLITCH_STOPPED = 1 << 13
+    THRUST_LOST = 1 << 14
+
 
 _LAND_DELAY_S = 4.0  # config.h LAND_WITH_DELAY_MS
 _WARNING = dialect.MAV_SEVERITY_WARNING

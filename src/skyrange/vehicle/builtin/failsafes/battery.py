@@ -15,6 +15,7 @@ from skyrange.vehicle.builtin.arming.arming import disarm
 from skyrange.vehicle.builtin.battery_monitor import update_battery
 from skyrange.vehicle.builtin.failsafes.actions import (
     Action,
+    Alarm,
     Option,
     announce_failsafe,
     do_failsafe_action,
@@ -22,7 +23,6 @@ from skyrange.vehicle.builtin.failsafes.actions import (
     is_landing,
     should_disarm,
 )
-from skyrange.vehicle.builtin.failsafes.alarms import Alarm
 from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
 
 LOW: Final = 2

@@ -15,13 +15,19 @@ from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.vehicle.builtin import battery_monitor
 from skyrange.vehicle.builtin.arming import prearm
-from skyrange.vehicle.builtin.failsafes import battery, ekf, fence, ground_station, thrust_loss
-from skyrange.vehicle.builtin.failsafes.alarms import Alarm
+from skyrange.vehicle.builtin.failsafes import (
+    battery,
+    crash,
+    ekf,
+    fence,
+    ground_station,
+)
+from skyrange.vehicle.builtin.failsafes.actions import Alarm
 from skyrange.vehicle.builtin.failsafes.battery import check_battery
+from skyrange.vehicle.builtin.failsafes.crash import check_thrust_loss
 from skyrange.vehicle.builtin.failsafes.ekf import check_dead_reckoning, check_ekf, check_glitch, has_position
 from skyrange.vehicle.builtin.failsafes.fence import check_fence
 from skyrange.vehicle.builtin.failsafes.ground_station import check_ground_station
-from skyrange.vehicle.builtin.failsafes.thrust_loss import check_thrust_loss
 from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
 from skyrange.vehicle.builtin.layout import Records
 
@@ -31,7 +37,7 @@ _PERIOD_S = PERIOD_NS / NS_PER_S
 
 
 @compiled
-def check_all(
+def check_all(  # noqa: PLR0917
     estimate: Records,
     flight: Records,
     settings: Records,
@@ -113,7 +119,7 @@ def _handle_alarms(fleet: Fleet, actuators: Floats) -> None:
             if raised & alarm:
                 act(fleet, vehicle)
         if raised & Alarm.THRUST_LOST:
-            thrust_loss.on_thrust_loss(fleet, vehicle, actuators)
+            crash.on_thrust_loss(fleet, vehicle, actuators)
 
 
 def reset_state(fleet: Fleet, vehicle: Vehicle) -> None:

@@ -13,8 +13,12 @@ from skyrange.codec.mavlink import dialect
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.builtin.arming.arming import disarm
-from skyrange.vehicle.builtin.failsafes.actions import do_failsafe_action, set_mode_land_with_pause, should_disarm
-from skyrange.vehicle.builtin.failsafes.alarms import Alarm
+from skyrange.vehicle.builtin.failsafes.actions import (
+    Alarm,
+    do_failsafe_action,
+    set_mode_land_with_pause,
+    should_disarm,
+)
 from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
 from skyrange.vehicle.builtin.mode_change import set_mode
 from skyrange.vehicle.builtin.modes import REQUIRES_POSITION, Mode, mode_of

@@ -12,10 +12,10 @@ from typing import Any
 from skyrange.codec.mavlink import dialect
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S
+from skyrange.vehicle.builtin import fence
 from skyrange.vehicle.builtin.arming.arming import disarm
-from skyrange.vehicle.builtin.failsafes.alarms import Alarm
-from skyrange.vehicle.builtin.fence import fence
-from skyrange.vehicle.builtin.fence.zones import zone_breach
+from skyrange.vehicle.builtin.failsafes.actions import Alarm
+from skyrange.vehicle.builtin.fence import zone_breach
 from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
 from skyrange.vehicle.builtin.layout import ControlMode
 from skyrange.vehicle.builtin.mode_change import set_mode
@@ -125,7 +125,7 @@ def _auto_enable_alt_min(p: Any, b: Any, above: float) -> None:
 
 
 @compiled
-def check_fence(e: Any, f: Any, p: Any, b: Any, z: Any, w: Any, now_ns: int) -> int:
+def check_fence(e: Any, f: Any, p: Any, b: Any, z: Any, w: Any, now_ns: int) -> int:  # noqa: PLR0917
     """Check one aircraft and return its alarms; `FENCE_STATE.new_breaches` are the types breached newly."""
     configured = int(p.FENCE_TYPE) & _ALL
     if (

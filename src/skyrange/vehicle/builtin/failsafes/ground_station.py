@@ -13,6 +13,7 @@ from skyrange.core.compiled import compiled
 from skyrange.vehicle.builtin.arming.arming import disarm
 from skyrange.vehicle.builtin.failsafes.actions import (
     Action,
+    Alarm,
     Option,
     announce_failsafe,
     do_failsafe_action,
@@ -20,7 +21,6 @@ from skyrange.vehicle.builtin.failsafes.actions import (
     is_landing,
     should_disarm,
 )
-from skyrange.vehicle.builtin.failsafes.alarms import Alarm
 from skyrange.vehicle.builtin.failsafes.battery import lands_for_battery
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Vehicle
 from skyrange.vehicle.builtin.modes import AUTOPILOT_MODES, Mode

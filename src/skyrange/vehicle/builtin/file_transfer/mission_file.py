@@ -12,8 +12,8 @@ from typing import Any
 from skyrange.codec.ardupilot_files import missions as packed
 from skyrange.codec.mavlink import dialect
 from skyrange.core.errors import DecodeError
-from skyrange.vehicle.builtin.files.store import fail
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Upload, Vehicle
+from skyrange.vehicle.builtin.memory_card import fail
 from skyrange.vehicle.builtin.mission.command_ids import DO_JUMP
 from skyrange.vehicle.builtin.mission.items import ACCEPTED, decode_item
 from skyrange.vehicle.builtin.mission_protocol import server
@@ -35,7 +35,7 @@ def pack(fleet: Fleet, vehicle: Vehicle, kind: int) -> bytes:
     """The file of a MAV_MISSION_TYPE."""
     items = server.ITEM_TYPES[kind]
     count = len(items.items(vehicle))
-    return packed.pack([items.encode_item(fleet, vehicle, seq, (0, 0), True) for seq in range(count)], kind)
+    return packed.pack([items.encode_item(fleet, vehicle, seq, (0, 0), whole=True) for seq in range(count)], kind)
 
 
 def apply(fleet: Fleet, vehicle: Vehicle, kind: int, data: bytes, causes: Causes) -> None:

@@ -12,9 +12,9 @@ from typing import Final, NamedTuple
 
 from skyrange.codec.ardupilot_files import parameters as packed
 from skyrange.core.errors import DecodeError
-from skyrange.vehicle.builtin.files.store import fail
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Vehicle
-from skyrange.vehicle.builtin.messages.parameter_protocol import set_parameter
+from skyrange.vehicle.builtin.memory_card import fail
+from skyrange.vehicle.builtin.parameter_protocol import set_parameter
 from skyrange.vehicle.builtin.parameters.table import PARAMETERS
 
 NAME = packed.PATH.rpartition("/")[2]

@@ -225,7 +225,7 @@ def _open_to_read(fleet: Fleet, vehicle: Vehicle, server: FileServer, request: T
     else:
         content = vehicle.card.find_file(path).read()
         size = len(content)
-    server.file, server.session = OpenFile(path, virtual, False, content, causes=causes), request.session
+    server.file, server.session = OpenFile(path, virtual, writes=False, content=content, causes=causes), request.session
     _note(fleet, vehicle, "read", path, causes, bytes=size)
     return size.to_bytes(4, "little")
 
@@ -239,12 +239,12 @@ def _open_to_write(fleet: Fleet, vehicle: Vehicle, server: FileServer, request: 
         param_file.parse_query(path.removeprefix(_PARAM))
     elif virtual == _MISSION:
         mission_file.mission_type(path.removeprefix(_MISSION))
-    content = bytearray() if virtual else vehicle.card.open_to_write(path, request.opcode == Opcode.CREATE_FILE)
-    server.file, server.session = OpenFile(path, virtual, True, content, causes=causes), request.session
+    content = bytearray() if virtual else vehicle.card.open_to_write(path, create=request.opcode == Opcode.CREATE_FILE)
+    server.file, server.session = OpenFile(path, virtual, writes=True, content=content, causes=causes), request.session
     return b""
 
 
-def _opened(server: FileServer, writes: bool) -> OpenFile:
+def _opened(server: FileServer, *, writes: bool) -> OpenFile:
     if server.file is None:
         raise _RequestError(Error.FILE_NOT_FOUND)
     if server.file.writes is not writes:
@@ -264,14 +264,14 @@ def _read_piece(fleet: Fleet, vehicle: Vehicle, file: OpenFile, offset: int, siz
 
 
 def _read(fleet: Fleet, vehicle: Vehicle, server: FileServer, request: Transfer, causes: Causes) -> bytes:
-    data = _read_piece(fleet, vehicle, _opened(server, False), request.offset, request.size)
+    data = _read_piece(fleet, vehicle, _opened(server, writes=False), request.offset, request.size)
     if not data:
         raise _RequestError(Error.END_OF_FILE)
     return data
 
 
 def _write(fleet: Fleet, vehicle: Vehicle, server: FileServer, request: Transfer, causes: Causes) -> bytes:
-    file = _opened(server, True)
+    file = _opened(server, writes=True)
     content, data = file.content, request.data[: request.size]
     assert isinstance(content, bytearray)
     if len(file.causes) < MAX_CAUSES:
@@ -340,7 +340,7 @@ _HANDLERS: Final[dict[int, Callable[[Fleet, Vehicle, FileServer, Transfer, Cause
 
 
 def _start_burst(fleet: Fleet, vehicle: Vehicle, server: FileServer, request: Transfer, peer: Peer) -> None:
-    _opened(server, False)
+    _opened(server, writes=False)
     size = min(request.size or DATA_BYTES, DATA_BYTES)
     server.burst = Burst(peer, request.session, request.sequence + 1, request.offset, size, BURST_PIECES)
     _continue_burst(fleet, vehicle, server, server.burst)
@@ -363,7 +363,7 @@ def _continue_burst(fleet: Fleet, vehicle: Vehicle, server: FileServer, burst: B
             burst.sequence, burst.session, Opcode.NAK if error else Opcode.ACK, error or data, offset=burst.offset,
             request=Opcode.BURST_READ_FILE, burst_complete=complete,
         )  # fmt: skip
-        _reply(fleet, vehicle, server, reply, burst.peer, burst.session, burst.sequence, ())
+        _reply(fleet, vehicle, server, reply, (), peer=burst.peer, session=burst.session, sequence=burst.sequence)
         burst.sequence += 1
         burst.offset += len(data)
         if error or complete:
@@ -382,12 +382,13 @@ def _reply(
     vehicle: Vehicle,
     server: FileServer,
     payload: list[int],
+    causes: Causes,
+    *,
     peer: Peer,
     session: int,
     sequence: int,
-    causes: Causes,
 ) -> None:
-    """Send a reply, and keep it for a request that comes again."""  # fmt: skip
+    """Send a reply, and keep it for a request that comes again."""
     server.last_reply = peer, session, sequence, tuple(payload)
     _send(fleet, vehicle, server, tuple(payload), peer, causes)
 

@@ -13,7 +13,7 @@ from skyrange.vehicle.builtin.modes import Mode
 def enter(fleet: Fleet, vehicle: Vehicle, reason: str) -> None:
     """Start to report AUTO as AUTO_RTL; `reason` is ArduCopter's ModeReason in lower case."""
     vehicle.mode_reason = reason
-    fleet.set_auto_rtl(vehicle, True)
+    fleet.set_auto_rtl(vehicle, shown=True)
     _note_mode(fleet, vehicle)
 
 
@@ -21,7 +21,7 @@ def update(fleet: Fleet, vehicle: Vehicle) -> None:
     """Report AUTO again once the mission has left its landing sequence."""
     if vehicle.auto_rtl and not vehicle.in_landing_sequence and vehicle.mission_state != MissionState.COMPLETE:
         vehicle.mode_reason = "auto_rtl_exit"
-        fleet.set_auto_rtl(vehicle, False)
+        fleet.set_auto_rtl(vehicle, shown=False)
         _note_mode(fleet, vehicle)
 
 

@@ -9,16 +9,14 @@ GUID_TIMEOUT.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import from_seconds
-from skyrange.vehicle.builtin import loop
-from skyrange.vehicle.builtin.fence import fence
+from skyrange.vehicle.builtin import fence, locations, loop
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Timer, Vehicle
 from skyrange.vehicle.builtin.guidance import auto_yaw, wpnav
 from skyrange.vehicle.builtin.layout import ControlMode
-from skyrange.vehicle.builtin.locations import location
 from skyrange.vehicle.builtin.modes import GUIDED_COMMANDS, Mode
 
 _POS_IGNORE, _VEL_IGNORE, _ACC_IGNORE = 0b111, 0b111 << 3, 0b111 << 6
@@ -46,6 +44,18 @@ Vector = tuple[float, float, float]
 _ZERO: Vector = (0.0, 0.0, 0.0)
 
 
+class _Target(NamedTuple):
+    """The fields of a position target that are not ignored, in the local frame."""
+
+    position: Vector | None
+    velocity: Vector | None
+    accel: Vector | None
+    yaw: float | None
+    yaw_rate: float | None
+    relative: bool = False
+    """Whether the yaw is measured from the present heading."""
+
+
 def on_position_target_local(
     fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes
 ) -> None:
@@ -68,7 +78,8 @@ def on_position_target_local(
         accel = _to_enu(fleet, vehicle, frame, message.afx, message.afy, message.afz)
     yaw = None if mask & _YAW_IGNORE else message.yaw
     rate = None if mask & _YAW_RATE_IGNORE else message.yaw_rate
-    _set_target(fleet, vehicle, position, velocity, accel, (yaw, rate, frame in _BODY_FRAMES), causes, mask)
+    target = _Target(position, velocity, accel, yaw, rate, relative=frame in _BODY_FRAMES)
+    _set_target(fleet, vehicle, target, causes, mask)
 
 
 def on_position_target_global(
@@ -80,8 +91,8 @@ def on_position_target_global(
     frame, mask = message.coordinate_frame, message.type_mask
     position = velocity = accel = None
     if mask & _POS_IGNORE == 0:
-        position = location.to_enu(fleet, vehicle, frame, message.lat_int, message.lon_int, message.alt)
-        if position is None or (mask & _VEL_IGNORE == 0 and frame in location.TERRAIN_FRAMES):
+        position = locations.to_enu(fleet, vehicle, frame, message.lat_int, message.lon_int, message.alt)
+        if position is None or (mask & _VEL_IGNORE == 0 and frame in locations.TERRAIN_FRAMES):
             stop_and_hold(fleet, vehicle, causes)
             return
     if mask & _VEL_IGNORE == 0:
@@ -92,7 +103,7 @@ def on_position_target_global(
     rate = None if mask & _YAW_RATE_IGNORE else message.yaw_rate
     if position is not None and velocity is not None and accel is not None:
         accel = _ZERO  # set_destination_posvel has no acceleration
-    _set_target(fleet, vehicle, position, velocity, accel, (yaw, rate, False), causes, mask)
+    _set_target(fleet, vehicle, _Target(position, velocity, accel, yaw, rate), causes, mask)
 
 
 def in_guided_mode(vehicle: Vehicle) -> bool:
@@ -115,21 +126,13 @@ def is_sane(vector: Vector | None, most: float) -> bool:
     return vector is None or all(abs(part) <= most for part in vector)
 
 
-def _set_target(
-    fleet: Fleet,
-    vehicle: Vehicle,
-    position: Vector | None,
-    velocity: Vector | None,
-    accel: Vector | None,
-    yaw: tuple[float | None, float | None, bool],
-    causes: Causes,
-    mask: int,
-) -> None:
+def _set_target(fleet: Fleet, vehicle: Vehicle, target: _Target, causes: Causes, mask: int) -> None:
     """Fly the requested combination of fields; stop where it is invalid or has a value that is not a number."""
+    position, velocity, accel, yaw, yaw_rate, relative = target
     good = (
         is_sane(position, MAX_POSITION_M) and is_sane(velocity, _MAX_VELOCITY_MPS) and is_sane(accel, _MAX_VELOCITY_MPS)
     )
-    good = good and all(part is None or math.isfinite(part) for part in yaw[:2])
+    good = good and all(part is None or math.isfinite(part) for part in (yaw, yaw_rate))
     forced = bool(mask & _FORCE) and accel is not None
     alone = position is not None and velocity is None and accel is not None
     if not good or forced or alone or (position is None and velocity is None and accel is None):
@@ -156,7 +159,7 @@ def _set_target(
         fleet.set_control(vehicle, ControlMode.ACCEL)
     if accel is not None:
         fleet.flight["target_acc"][vehicle.row] = accel
-    _set_yaw(fleet, vehicle, *yaw)
+    _set_yaw(fleet, vehicle, yaw, yaw_rate, relative=relative)
     _restart_timeout(fleet, vehicle)
 
 
@@ -187,7 +190,7 @@ def start_position(fleet: Fleet, vehicle: Vehicle, position: Vector) -> None:
         if anew:
             fleet.set_default_limits(vehicle)
         wpnav.start_leg(
-            fleet.estimate, fleet.flight, fleet.legs, fleet.settings, vehicle.row, location.as_array(position), anew
+            fleet.estimate, fleet.flight, fleet.legs, fleet.settings, vehicle.row, locations.as_array(position), anew
         )
         return
     _start_control(fleet, vehicle, ControlMode.POSITION)
@@ -195,10 +198,10 @@ def start_position(fleet: Fleet, vehicle: Vehicle, position: Vector) -> None:
     fleet.flight["target_pos"][vehicle.row] = position
 
 
-def _set_yaw(fleet: Fleet, vehicle: Vehicle, yaw: float | None, rate: float | None, relative: bool) -> None:
+def _set_yaw(fleet: Fleet, vehicle: Vehicle, yaw: float | None, rate: float | None, *, relative: bool) -> None:
     """Set the yaw target (ModeGuided::set_yaw_state_rad)."""
     if yaw is not None and relative:
-        auto_yaw.set_fixed_yaw(fleet, vehicle, math.degrees(math.remainder(yaw, 2.0 * math.pi)), 0.0, 0, True)
+        auto_yaw.set_fixed_yaw(fleet, vehicle, math.degrees(math.remainder(yaw, 2.0 * math.pi)), 0.0, 0, relative=True)
     elif yaw is not None:
         auto_yaw.set_yaw_angle_and_rate(fleet, vehicle, yaw, rate or 0.0)
     elif rate is not None:

@@ -10,12 +10,10 @@ from __future__ import annotations
 import math
 
 from skyrange.core.time import NS_PER_MS
-from skyrange.vehicle.builtin import loop
-from skyrange.vehicle.builtin.fence import fence
+from skyrange.vehicle.builtin import fence, locations, loop
 from skyrange.vehicle.builtin.fleet import Fleet, SubMode, Timer, Vehicle
 from skyrange.vehicle.builtin.guidance import auto_yaw, wpnav
 from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode
-from skyrange.vehicle.builtin.locations import location, rally
 
 _ALT_MIN_M = 0.3  # config.h RTL_ALT_MIN
 _CHECK_NS = 20 * NS_PER_MS
@@ -25,26 +23,26 @@ _MIN_CONE_SLOPE = 0.5  # config.h RTL_MIN_CONE_SLOPE
 def start(fleet: Fleet, vehicle: Vehicle) -> None:
     """Start the return of a flying aircraft with the climb from its stopping point."""
     fleet.set_default_limits(vehicle)
-    vehicle.return_target = rally.best_rally_or_home(fleet, vehicle)
+    vehicle.return_target = locations.best_rally_or_home(fleet, vehicle)
     speed = fleet.param(vehicle, "RTL_SPEED") * 0.01
     if speed > 0.0:
         fleet.flight["speed_xy"][vehicle.row] = speed
     vehicle.submode = SubMode.INITIAL_CLIMB
     auto_yaw.set_mode(fleet, vehicle, AutoYawMode.HOLD)
     # as a Location, so a return that begins above home has legs of a centimetre, which take a second each (build_path)
-    east, north, _ = location.truncated(
+    east, north, _ = locations.truncated(
         fleet, vehicle, wpnav.stopping_point_of(fleet.estimate, fleet.flight, fleet.settings, vehicle.row)
     )
     height = _return_altitude(fleet, vehicle, east, north)
-    _start_leg(fleet, vehicle, (east, north, height), True)
+    _start_leg(fleet, vehicle, (east, north, height), anew=True)
     # it turns home before the climb has stopped (climb_start)
-    home = location.as_array((*location.truncated(fleet, vehicle, vehicle.return_target)[:2], height))
+    home = locations.as_array((*locations.truncated(fleet, vehicle, vehicle.return_target)[:2], height))
     wpnav.queue_leg(fleet.flight, fleet.legs, fleet.settings, vehicle.row, home)
 
 
-def _start_leg(fleet: Fleet, vehicle: Vehicle, goal: tuple[float, float, float], anew: bool) -> None:
+def _start_leg(fleet: Fleet, vehicle: Vehicle, goal: tuple[float, float, float], *, anew: bool) -> None:
     wpnav.start_leg(
-        fleet.estimate, fleet.flight, fleet.legs, fleet.settings, vehicle.row, location.as_array(goal), anew
+        fleet.estimate, fleet.flight, fleet.legs, fleet.settings, vehicle.row, locations.as_array(goal), anew
     )
 
 
@@ -67,7 +65,7 @@ def on_destination_reached(fleet: Fleet, vehicle: Vehicle) -> None:
         vehicle.submode = SubMode.RETURN_HOME
         up = float(fleet.flight["target_pos"][vehicle.row, 2])
         auto_yaw.set_mode_to_default(fleet, vehicle, returning=True)
-        _start_leg(fleet, vehicle, (*location.truncated(fleet, vehicle, vehicle.return_target)[:2], up), False)
+        _start_leg(fleet, vehicle, (*locations.truncated(fleet, vehicle, vehicle.return_target)[:2], up), anew=False)
     elif vehicle.submode == SubMode.RETURN_HOME:
         vehicle.submode = SubMode.LOITER_AT_HOME
         auto_yaw.set_to_armed_yaw(fleet, vehicle)
@@ -88,4 +86,6 @@ def on_timer(fleet: Fleet, vehicle: Vehicle) -> None:
         fleet.set_control(vehicle, ControlMode.LAND)
         return
     vehicle.submode = SubMode.FINAL_DESCENT
-    _start_leg(fleet, vehicle, (vehicle.return_target[0], vehicle.return_target[1], vehicle.home[2] + final), False)
+    _start_leg(
+        fleet, vehicle, (vehicle.return_target[0], vehicle.return_target[1], vehicle.home[2] + final), anew=False
+    )

@@ -14,12 +14,12 @@ _YAW_REACHED_RAD = math.radians(2.0)
 Vector = tuple[float, float, float]
 
 
-def set_mode_to_default(fleet: Fleet, vehicle: Vehicle, returning: bool = False) -> None:
+def set_mode_to_default(fleet: Fleet, vehicle: Vehicle, *, returning: bool = False) -> None:
     """Set the mode that WP_YAW_BEHAVIOR selects (`set_mode_to_default`)."""
-    set_mode(fleet, vehicle, _default_mode(fleet, vehicle, returning))
+    set_mode(fleet, vehicle, _default_mode(fleet, vehicle, returning=returning))
 
 
-def _default_mode(fleet: Fleet, vehicle: Vehicle, returning: bool) -> AutoYawMode:
+def _default_mode(fleet: Fleet, vehicle: Vehicle, *, returning: bool) -> AutoYawMode:
     behaviour = int(fleet.param(vehicle, "WP_YAW_BEHAVIOR"))
     if behaviour == 0 or (behaviour == 2 and returning):
         return AutoYawMode.HOLD
@@ -28,7 +28,7 @@ def _default_mode(fleet: Fleet, vehicle: Vehicle, returning: bool) -> AutoYawMod
 
 def set_to_armed_yaw(fleet: Fleet, vehicle: Vehicle) -> None:
     """Above home, turn to the yaw at arming, unless WP_YAW_BEHAVIOR never turns (RTL's `loiterathome_start`)."""
-    if _default_mode(fleet, vehicle, True) == AutoYawMode.HOLD:
+    if _default_mode(fleet, vehicle, returning=True) == AutoYawMode.HOLD:
         set_mode(fleet, vehicle, AutoYawMode.HOLD)
         return
     row, flight = vehicle.row, fleet.flight
@@ -67,7 +67,7 @@ def keep_roi_or_default(fleet: Fleet, vehicle: Vehicle) -> None:
 
 
 def set_fixed_yaw(
-    fleet: Fleet, vehicle: Vehicle, angle_deg: float, rate_degps: float, direction: int, relative: bool
+    fleet: Fleet, vehicle: Vehicle, angle_deg: float, rate_degps: float, direction: int, *, relative: bool
 ) -> None:
     """Turn to a heading (clockwise from north), or by an angle if `relative`; `rate_degps` 0 is ATC_SLEW_YAW."""
     yaw_target.set_fixed_yaw_target(

@@ -1,6 +1,6 @@
 """Reference of position control: how it moves in each control mode, and the events that this raises.
 
-Legs are in `guidance.wpnav`, sticks in `pilot.stick_input`. The rest is ArduPilot's input shaping (AC_PosControl
+Legs are in `guidance.wpnav`, sticks in `pilot`. The rest is ArduPilot's input shaping (AC_PosControl
 `input_pos_NEU_m`, `input_vel_accel_NE_m`, `input_pos_vel_accel_NE_m`, `input_accel_NE_m`). Take-off is
 ArduCopter/takeoff.cpp `_AutoTakeoff::run`, landing mode.cpp `land_run_vertical_control`, the circle
 libraries/AC_WPNav/AC_Circle.cpp.
@@ -12,6 +12,7 @@ import math
 from typing import Any
 
 from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin import pilot
 from skyrange.vehicle.builtin.control.shaping import (
     approach_velocity,
     clamp,
@@ -24,7 +25,6 @@ from skyrange.vehicle.builtin.control.shaping import (
 from skyrange.vehicle.builtin.guidance import wpnav
 from skyrange.vehicle.builtin.guidance.scurve import kinematic_limit
 from skyrange.vehicle.builtin.layout import ControlMode, FlightEvent
-from skyrange.vehicle.builtin.pilot import stick_input
 
 _TAKEOFF_COMPLETE = int(FlightEvent.TAKEOFF_COMPLETE)
 _ALTITUDE_REACHED = int(FlightEvent.ALTITUDE_REACHED)
@@ -81,7 +81,7 @@ def _update_pos_vel_accel_u(e: Any, f: Any, dt_s: float) -> None:
 
 
 @compiled
-def _input_vel_accel_ne(
+def _input_vel_accel_ne(  # noqa: PLR0917
     e: Any, f: Any, p: Any, want_e: float, want_n: float, acc_e: float, acc_n: float, dt_s: float
 ) -> None:
     """Shape the reference's horizontal velocity towards a target (`input_vel_accel_NE_m`)."""
@@ -234,9 +234,9 @@ def update_reference(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
     elif control == _LOITER_TO_ALT:
         _loiter_to_alt(e, f, p, dt_s)
     elif control == _LOITER:
-        stick_input.update_loiter(e, f, p, dt_s)
-        _input_vel_accel_u(e, f, p, stick_input.desired_climb_rate(f, p), 0.0, dt_s)
+        pilot.update_loiter(e, f, p, dt_s)
+        _input_vel_accel_u(e, f, p, pilot.desired_climb_rate(f, p), 0.0, dt_s)
     elif control == _ALT_HOLD:
-        _input_vel_accel_u(e, f, p, stick_input.desired_climb_rate(f, p), 0.0, dt_s)
+        _input_vel_accel_u(e, f, p, pilot.desired_climb_rate(f, p), 0.0, dt_s)
     elif control == _ATTITUDE:
         _input_vel_accel_u(e, f, p, f.guided_climb_rate, 0.0, dt_s)

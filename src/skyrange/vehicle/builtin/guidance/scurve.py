@@ -100,7 +100,7 @@ def _peak_accel(v0: float, length: float, jerk: float, tj: float) -> float:
 
 
 @compiled
-def _set_segment(c: Any, i: int, t: float, jm: float, a: float, v: float, p: float) -> None:
+def _set_segment(c: Any, i: int, t: float, jm: float, a: float, v: float, p: float) -> None:  # noqa: PLR0917
     c.seg[i, _T] = t
     c.seg[i, _JM] = jm
     c.seg[i, _A] = a
@@ -164,7 +164,7 @@ def _add_segment_decr_jerk(c: Any, i: int, tj: float, jm: float) -> None:
 
 
 @compiled
-def _add_segments_jerk(c: Any, i: int, jm: float, tj: float, t_a: float, t4: float, t_b: float) -> None:
+def _add_segments_jerk(c: Any, i: int, jm: float, tj: float, t_a: float, t4: float, t_b: float) -> None:  # noqa: PLR0917
     """Append seven segments from i on that change the speed: up for positive `jm`, down for negative."""
     _add_segment_incr_jerk(c, i, tj, jm)
     _add_segment_const_jerk(c, i + 1, t_a, jm if tj > 0.0 else 0.0)
@@ -235,7 +235,7 @@ def kinematic_limit(e: float, n: float, u: float, level: float, up: float, down:
 
 
 @compiled
-def calculate_track(
+def calculate_track(  # noqa: PLR0917
     c: Any, oe: float, on: float, ou: float, de: float, dn: float, du: float,
     level: float, up: float, down: float, accel: float, accel_z: float, snap: float, jerk: float,
 ) -> None:  # fmt: skip

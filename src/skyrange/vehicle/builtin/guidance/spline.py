@@ -24,7 +24,7 @@ _LATERAL_ACCEL_SCALER = 0.5  # LATERAL_ACCEL_SCALER
 
 
 @compiled
-def set_origin_and_destination(
+def set_origin_and_destination(  # noqa: PLR0917
     c: Any, f: Any, oe: float, on: float, ou: float, de: float, dn: float, du: float,
     ve: float, vn: float, vu: float, we: float, wn: float, wu: float,
 ) -> None:  # fmt: skip
@@ -53,7 +53,7 @@ def set_origin_and_destination(
 
 
 @compiled
-def _update_solution(
+def _update_solution(  # noqa: PLR0917
     c: Any, oe: float, on: float, ou: float, de: float, dn: float, du: float,
     ve: float, vn: float, vu: float, we: float, wn: float, wu: float,
 ) -> None:  # fmt: skip

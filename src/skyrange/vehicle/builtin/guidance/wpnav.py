@@ -88,7 +88,7 @@ def wp_init(e: Any, f: Any, w: Any, p: Any) -> None:
 
 
 @compiled
-def _calculate_scurve(f: Any, p: Any, c: Any, o: Any, de: float, dn: float, du: float) -> None:
+def _calculate_scurve(f: Any, p: Any, c: Any, o: Any, de: float, dn: float, du: float) -> None:  # noqa: PLR0917
     """Compute a straight leg from a point within the limits in force (`calc_scurve_jerk_and_snap`)."""
     jerk = p.WPNAV_JERK
     snap = jerk * math.pi / (2.0 * max(p.ATC_INPUT_TC, 0.1))
@@ -115,7 +115,7 @@ def _set_destination(w: Any, f: Any, de: float, dn: float, du: float) -> None:
 
 
 @compiled
-def set_wp_destination(e: Any, f: Any, w: Any, p: Any, de: float, dn: float, du: float) -> None:
+def set_wp_destination(e: Any, f: Any, w: Any, p: Any, de: float, dn: float, du: float) -> None:  # noqa: PLR0917
     """Fly to a point from the destination reached, or from the stopping point."""
     _init_unless_active(e, f, w, p)
     scurve.clear_leg(w.prev_leg)
@@ -159,7 +159,7 @@ def set_wp_destination_next(f: Any, w: Any, p: Any, de: float, dn: float, du: fl
 
 
 @compiled
-def set_spline_destination(e: Any, f: Any, w: Any, p: Any, goal: Any, after: Any, after_curved: bool) -> None:
+def set_spline_destination(e: Any, f: Any, w: Any, p: Any, goal: Any, after: Any, after_curved: bool) -> None:  # noqa: FBT001, PLR0917
     """Fly to a point on a curve that departs towards `after`; it stops there if `after` is the same point."""
     _init_unless_active(e, f, w, p)
     leave = (0.0, 0.0, 0.0)
@@ -187,7 +187,7 @@ def set_spline_destination(e: Any, f: Any, w: Any, p: Any, goal: Any, after: Any
 
 
 @compiled
-def set_spline_destination_next(f: Any, w: Any, goal: Any, after: Any, after_curved: bool) -> None:
+def set_spline_destination_next(f: Any, w: Any, goal: Any, after: Any, after_curved: bool) -> None:  # noqa: FBT001
     """Let a curve to a point, departing towards `after`, follow this leg; end this leg at the curve's initial speed."""
     if w.this_leg_is_spline == 1:
         leave = (w.this_spline.leave[0], w.this_spline.leave[1], w.this_spline.leave[2])
@@ -340,8 +340,14 @@ def begin_at(
 
 
 @compiled
-def start_leg(
-    estimate: Records, flight: Records, legs: Records, settings: Records, row: int, goal: NDArray[Any], anew: bool
+def start_leg(  # noqa: PLR0917
+    estimate: Records,
+    flight: Records,
+    legs: Records,
+    settings: Records,
+    row: int,
+    goal: NDArray[Any],
+    anew: bool,  # noqa: FBT001
 ) -> None:
     """Call `set_wp_destination` for one row; with `anew`, from the stopping point, whatever it flies."""
     if anew:
@@ -356,9 +362,9 @@ def queue_leg(flight: Records, legs: Records, settings: Records, row: int, goal:
 
 
 @compiled
-def start_spline(
+def start_spline(  # noqa: PLR0917
     estimate: Records, flight: Records, legs: Records, settings: Records, row: int,
-    goal: NDArray[Any], after: NDArray[Any], after_curved: bool,
+    goal: NDArray[Any], after: NDArray[Any], after_curved: bool,  # noqa: FBT001
 ) -> None:  # fmt: skip
     """Call `set_spline_destination` for one row."""
     set_spline_destination(estimate[row], flight[row], legs[row], settings[row], goal, after, after_curved)
@@ -366,7 +372,12 @@ def start_spline(
 
 @compiled
 def queue_spline(
-    flight: Records, legs: Records, row: int, goal: NDArray[Any], after: NDArray[Any], curved: bool
+    flight: Records,
+    legs: Records,
+    row: int,
+    goal: NDArray[Any],
+    after: NDArray[Any],
+    curved: bool,  # noqa: FBT001
 ) -> None:
     """Call `set_spline_destination_next` for one row."""
     set_spline_destination_next(flight[row], legs[row], goal, after, curved)

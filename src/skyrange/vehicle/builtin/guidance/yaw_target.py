@@ -121,9 +121,9 @@ def _yaw_towards(f: Any, e: Any, east: float, north: float) -> float:
 
 
 @compiled
-def set_fixed_yaw_target(
+def set_fixed_yaw_target(  # noqa: PLR0917
     estimate: Records, flight: Records, settings: Records, row: int,
-    angle: float, rate: float, direction: int, relative: bool,
+    angle: float, rate: float, direction: int, relative: bool,  # noqa: FBT001
 ) -> None:  # fmt: skip
     """Set a fixed turn (`set_fixed_yaw_rad`): to an angle, or by one if `relative`; rad, clockwise from north.
 

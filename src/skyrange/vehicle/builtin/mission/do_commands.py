@@ -15,11 +15,10 @@ import numpy as np
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_MS, NS_PER_S, from_seconds
-from skyrange.vehicle.builtin.fence import fence
+from skyrange.vehicle.builtin import fence, locations
 from skyrange.vehicle.builtin.fleet import Fleet, MissionItem, Timer, Vehicle
 from skyrange.vehicle.builtin.guidance import auto_yaw
 from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode
-from skyrange.vehicle.builtin.locations import home, location
 from skyrange.vehicle.builtin.mission.command_ids import (
     COMMAND_NAMES,
     CONDITION_DELAY,
@@ -27,6 +26,7 @@ from skyrange.vehicle.builtin.mission.command_ids import (
     CONDITION_YAW,
     DO_AUX_FUNCTION,
     DO_CHANGE_SPEED,
+    DO_FENCE_ENABLE,
     DO_GUIDED_LIMITS,
     DO_LAND_START,
     DO_PARACHUTE,
@@ -35,9 +35,10 @@ from skyrange.vehicle.builtin.mission.command_ids import (
     DO_SET_ROI_LOCATION,
     DO_SET_ROI_NONE,
     JUMP_TAG,
+    SILENT,
+    SKIPPED,
 )
 from skyrange.vehicle.builtin.mission.sequence import next_do_command
-from skyrange.vehicle.builtin.mission.stored_commands import DO_FENCE_ENABLE, SILENT, SKIPPED
 from skyrange.vehicle.builtin.modes import Mode
 
 _PASS_NS = 10 * NS_PER_MS
@@ -72,7 +73,7 @@ def start_command(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
     elif command == CONDITION_DISTANCE:
         vehicle.condition = (command, max(item.param1, 0.0))
     elif command == CONDITION_YAW:
-        auto_yaw.set_fixed_yaw(fleet, vehicle, item.param1, item.param2, int(item.param3), item.param4 > 0.0)
+        auto_yaw.set_fixed_yaw(fleet, vehicle, item.param1, item.param2, int(item.param3), relative=item.param4 > 0.0)
         vehicle.condition = (command, 0.0)
 
 
@@ -173,13 +174,13 @@ def set_roi(fleet: Fleet, vehicle: Vehicle, frame: int, lat_e7: int, lon_e7: int
     if lat_e7 == 0 and lon_e7 == 0 and alt_m == 0.0:
         auto_yaw.set_roi(fleet, vehicle, None)
     else:
-        auto_yaw.set_roi(fleet, vehicle, location.to_enu(fleet, vehicle, frame, lat_e7, lon_e7, alt_m))
+        auto_yaw.set_roi(fleet, vehicle, locations.to_enu(fleet, vehicle, frame, lat_e7, lon_e7, alt_m))
 
 
 def _set_home(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
     here = item.param1 == 1.0 or (item.x == 0 and item.y == 0 and item.z == 0.0)
-    place = None if here else location.to_enu(fleet, vehicle, item.frame, item.x, item.y, item.z)
-    home.set_home(fleet, vehicle, fleet.position(vehicle) if place is None else place, item.causes, lock=False)
+    place = None if here else locations.to_enu(fleet, vehicle, item.frame, item.x, item.y, item.z)
+    locations.set_home(fleet, vehicle, fleet.position(vehicle) if place is None else place, item.causes, lock=False)
 
 
 def seconds_until_utc(fleet: Fleet, vehicle: Vehicle, hour: float, minute: float, second: float) -> float:

@@ -1,27 +1,45 @@
-"""Mission execution: which command runs next, and what happens when one is complete.
+"""Mission execution: which command runs next, what completes a mission, its pause, and the jump to its landing.
 
 After libraries/AP_Mission/AP_Mission.cpp (`update`, `advance_current_nav_cmd`, `get_next_cmd`, `set_current_cmd`) and
 ArduCopter/mode_auto.cpp (`exit_mission`). Navigation commands (`nav_commands`) take time and are flown one after
 another; the DO commands between them (`do_commands`) run beside the navigation command that follows.
+
+Pause and continue: MAV_CMD_DO_PAUSE_CONTINUE in AUTO and GUIDED. After ModeAuto::pause and ModeGuided::pause
+(ArduCopter/mode_auto.cpp, mode_guided.cpp `pause_control_run`). Both brake to zero velocity here, as GUIDED does there;
+ArduCopter's AUTO slows down along its leg, which is the same on a straight one. In GUIDED, targets received during the
+pause take effect when it ends: the suspended targets are restored before a message or a timer is processed
+(`restore_targets`), and suspended again after it (`suspend_targets`).
+
+Landing sequence of a mission: the nearest DO_LAND_START, and the jump to it. After libraries/AP_Mission/AP_Mission.cpp
+(`get_landing_sequence_start`, `jump_to_landing_sequence`, `jump_to_closest_mission_leg` for missions without
+DO_RETURN_PATH_START).
 """
 
 from __future__ import annotations
 
+import math
+from typing import Final
+
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_MS
-from skyrange.vehicle.builtin import loop
+from skyrange.vehicle.builtin import locations, loop
 from skyrange.vehicle.builtin.arming.arming import disarm
-from skyrange.vehicle.builtin.fleet import Fleet, MissionItem, MissionState, SubMode, Timer, Vehicle
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, MissionState, SubMode, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import auto_rtl
-from skyrange.vehicle.builtin.guidance import auto_yaw
+from skyrange.vehicle.builtin.guidance import auto_yaw, wpnav
 from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode, FlightEvent
-from skyrange.vehicle.builtin.mission import do_commands, nav_commands, pause
+from skyrange.vehicle.builtin.mission import (
+    do_commands,
+    nav_commands,
+)
 from skyrange.vehicle.builtin.mission.command_ids import (
     DO_LAND_START,
     LANDINGS,
     NAV_COMMANDS,
+    NAV_LAND,
     NAV_LOITER_TIME,
     NAV_LOITER_TO_ALT,
+    NAV_LOITER_UNLIM,
     NAV_RETURN_TO_LAUNCH,
     NAV_SPLINE_WAYPOINT,
     NAV_WAYPOINT,
@@ -228,7 +246,7 @@ def _advance_nav_command(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
             fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, f"Mission: {jump} Jump {made}/{most}")
 
     for _ in range(MAX_COMMANDS):
-        found = next_command(vehicle, seq, True, jumped)
+        found = next_command(vehicle, seq, jumped, count=True)
         if found is None:
             break
         place = found
@@ -264,7 +282,7 @@ def _start_nav_command(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> boo
     then = None if following is None else next_nav_command(vehicle, following + 1)
     after = None if following is None else vehicle.mission[following]
     begun = nav_commands.start_command(fleet, vehicle, item, after, None if then is None else vehicle.mission[then])
-    pause.hold_if_paused(fleet, vehicle)
+    hold_if_paused(fleet, vehicle)
     return begun
 
 
@@ -288,3 +306,97 @@ def _exit_mission(fleet: Fleet, vehicle: Vehicle) -> None:
         loop.init_reference(fleet.estimate, fleet.flight, vehicle.row)
         auto_yaw.set_mode(fleet, vehicle, AutoYawMode.HOLD)
         fleet.set_control(vehicle, ControlMode.VELOCITY)
+
+
+_LEG_COMMANDS: Final = frozenset((NAV_WAYPOINT, NAV_SPLINE_WAYPOINT, NAV_LOITER_UNLIM, NAV_LOITER_TIME, NAV_LAND))
+"""Commands flown in ModeAuto's sub-mode WP."""
+_SUSPENDED_FIELDS: Final = ("control", "target_vel", "target_acc", "auto_yaw_mode", "target_yaw", "target_yaw_rate")
+"""Fields that a pause overwrites."""
+
+
+def _is_on_leg(fleet: Fleet, vehicle: Vehicle) -> bool:
+    return (
+        vehicle.active_item is not None
+        and vehicle.active_item.command in _LEG_COMMANDS
+        and fleet.control(vehicle) == ControlMode.LEG
+    )
+
+
+def pause(fleet: Fleet, vehicle: Vehicle) -> bool:
+    """Pause; `False` where the mode cannot, or AUTO is not on its way to a place."""
+    if vehicle.mode == Mode.GUIDED:
+        vehicle.paused = True
+    elif vehicle.mode == Mode.AUTO and not vehicle.paused:
+        vehicle.paused = _is_on_leg(fleet, vehicle) and not fleet.legs["reached_destination"][vehicle.row]
+        hold_if_paused(fleet, vehicle)
+    return vehicle.paused
+
+
+def hold_if_paused(fleet: Fleet, vehicle: Vehicle) -> None:
+    """Keep a command that has just started paused, unless it cannot be paused."""
+    if vehicle.paused and vehicle.mode == Mode.AUTO:
+        vehicle.paused = _is_on_leg(fleet, vehicle)
+        if vehicle.paused:
+            fleet.set_control(vehicle, ControlMode.VELOCITY)
+
+
+def restore_targets(fleet: Fleet, vehicle: Vehicle) -> None:
+    """Restore the suspended targets, so that a handler can read or change them."""
+    if fleet.armed(vehicle):
+        for name, value in vehicle.suspended_targets:
+            fleet.flight[name][vehicle.row] = value
+    vehicle.suspended_targets = ()
+
+
+def suspend_targets(fleet: Fleet, vehicle: Vehicle) -> None:
+    """Suspend the targets and hold: at rest in the air, with idle motors on the ground."""
+    if not vehicle.paused or vehicle.mode != Mode.GUIDED or not fleet.armed(vehicle):
+        return
+    row = vehicle.row
+    vehicle.suspended_targets = tuple((name, fleet.flight[name][row].copy()) for name in _SUSPENDED_FIELDS)
+    auto_yaw.set_mode(fleet, vehicle, AutoYawMode.HOLD)
+    fleet.set_control(vehicle, ControlMode.IDLE if fleet.landed(vehicle) else ControlMode.VELOCITY)
+
+
+def nearest_start(fleet: Fleet, vehicle: Vehicle) -> int | None:
+    """Return the DO_LAND_START nearest to the point of rest of the aircraft, in three dimensions; `None` without one.
+
+    One without a place is at the navigation command behind it.
+    """
+    here = wpnav.stopping_point_of(fleet.estimate, fleet.flight, fleet.settings, vehicle.row)
+    found, least = None, math.inf
+    for seq, item in enumerate(vehicle.mission):
+        if seq == 0 or item.command != DO_LAND_START:
+            continue
+        placed: MissionItem | None = item
+        if item.x == 0 and item.y == 0 and item.z == 0.0:
+            behind = next_nav_command(vehicle, seq)
+            placed = None if behind is None else vehicle.mission[behind]
+        if placed is None:
+            continue
+        place = locations.to_enu(fleet, vehicle, placed.frame, placed.x, placed.y, placed.z)
+        away = math.inf if place is None else math.dist(place, here)
+        if found is None or away < least:
+            found, least = seq, away
+    return found
+
+
+def jump_to_start(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
+    """Make the nearest DO_LAND_START current; `False` and a text where there is none."""
+    seq = nearest_start(fleet, vehicle)
+    if seq is None or not set_current_cmd(fleet, vehicle, seq):
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, "Unable to start landing sequence", causes)
+        return False
+    if vehicle.mode == Mode.AUTO and vehicle.mission_state != MissionState.ACTIVE:  # the mission had ended
+        vehicle.resume_mission = True
+        start_or_resume(fleet, vehicle)
+    fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, "Landing sequence start", causes)
+    return True
+
+
+def jump_unless_active(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
+    """Make the nearest DO_LAND_START current, unless the mission already flies its landing sequence."""
+    if vehicle.mission_state == MissionState.ACTIVE and vehicle.in_landing_sequence:
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, "Landing sequence active", causes)
+        return True
+    return jump_to_start(fleet, vehicle, causes)

@@ -13,7 +13,7 @@ import numpy as np
 
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Vehicle
-from skyrange.vehicle.builtin.locations.location import ABSOLUTE_FRAMES, RELATIVE_FRAMES, TERRAIN_FRAMES
+from skyrange.vehicle.builtin.locations import ABSOLUTE_FRAMES, RELATIVE_FRAMES, TERRAIN_FRAMES
 from skyrange.vehicle.builtin.mission.command_ids import (
     CONDITION_DELAY,
     CONDITION_DISTANCE,
@@ -35,10 +35,12 @@ from skyrange.vehicle.builtin.mission.command_ids import (
     NAV_VTOL_LAND,
     NAV_VTOL_TAKEOFF,
     NAV_WAYPOINT,
+    STORED_BY_FIELDS,
     STORED_IN_LOCATION,
     SUPPORTED,
+    is_modelled,
+    stored_fields,
 )
-from skyrange.vehicle.builtin.mission.stored_commands import STORED_BY_FIELDS, is_modelled, stored_fields
 from skyrange.vehicle.builtin.modes import NAV_GUIDED_ENABLE
 
 ACCEPTED = dialect.MAV_MISSION_ACCEPTED
@@ -153,7 +155,7 @@ def stored_params(command: int, params: Params) -> Params:
     return 0.0, 0.0, 0.0, 0.0  # RETURN_TO_LAUNCH, VTOL_TAKEOFF, DO_LAND_START, DO_GO_AROUND
 
 
-def encode_item(fleet: Fleet, vehicle: Vehicle, seq: int, peer: tuple[int, int], whole: bool) -> Any:
+def encode_item(fleet: Fleet, vehicle: Vehicle, seq: int, peer: tuple[int, int], *, whole: bool) -> Any:
     """Return item `seq` as MISSION_ITEM_INT (`whole`) or MISSION_ITEM; item 0 is home, whatever was written there."""
     if seq == 0:
         lat, lon = fleet.origin.geodetic_of(vehicle.home[0], vehicle.home[1])

@@ -11,13 +11,12 @@ import numpy as np
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_MS, from_seconds
-from skyrange.vehicle.builtin import loop
+from skyrange.vehicle.builtin import locations, loop
 from skyrange.vehicle.builtin.arming.arming import start_takeoff
 from skyrange.vehicle.builtin.fleet import Fleet, MissionItem, SubMode, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import guided, rtl
 from skyrange.vehicle.builtin.guidance import auto_yaw, wpnav
 from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode, FlightEvent
-from skyrange.vehicle.builtin.locations import location
 from skyrange.vehicle.builtin.mission import do_commands
 from skyrange.vehicle.builtin.mission.command_ids import (
     LANDINGS,
@@ -51,12 +50,12 @@ def location_of(fleet: Fleet, vehicle: Vehicle, item: MissionItem, default: Vect
     if item.x != 0 or item.y != 0:
         east, north = fleet.origin.enu_of(item.x * 1e-7, item.y * 1e-7)
     if item.z != 0.0:
-        up = item.z + location.altitude_datum_m(fleet, vehicle, item.frame)
+        up = item.z + locations.altitude_datum_m(fleet, vehicle, item.frame)
     return east, north, up
 
 
 def _is_terrain_alt(item: MissionItem) -> bool:
-    return item.frame in location.TERRAIN_FRAMES
+    return item.frame in locations.TERRAIN_FRAMES
 
 
 def _default_location(fleet: Fleet, vehicle: Vehicle) -> Vector:
@@ -67,8 +66,8 @@ def _default_location(fleet: Fleet, vehicle: Vehicle) -> Vector:
     row = vehicle.row
     if fleet.control(vehicle) == ControlMode.LEG and fleet.legs["reached_destination"][row]:
         east, north, up = fleet.legs["destination"][row].tolist()
-        return location.rounded_destination(fleet, vehicle, (east, north, up))
-    return location.truncated(fleet, vehicle, fleet.position(vehicle))
+        return locations.rounded_destination(fleet, vehicle, (east, north, up))
+    return locations.truncated(fleet, vehicle, fleet.position(vehicle))
 
 
 def start_command(
@@ -118,7 +117,7 @@ def start_command(
     else:
         vehicle.submode = SubMode.TRANSIT
         east, north = fleet.origin.enu_of(item.x * 1e-7, item.y * 1e-7)
-        up = location.truncated(fleet, vehicle, fleet.position(vehicle))[2]
+        up = locations.truncated(fleet, vehicle, fleet.position(vehicle))[2]
         _set_wp_destination(fleet, vehicle, (east, north, up))
         auto_yaw.keep_roi_or_default(fleet, vehicle)
     return True
@@ -134,9 +133,9 @@ def _set_wp_destination(fleet: Fleet, vehicle: Vehicle, goal: Vector) -> None:
         fleet.set_default_limits(vehicle)
         do_commands.restore_speeds(fleet, vehicle)
         if climbed:
-            wpnav.begin_at(fleet.estimate, flight, fleet.legs, fleet.settings, row, location.as_array(top))
+            wpnav.begin_at(fleet.estimate, flight, fleet.legs, fleet.settings, row, locations.as_array(top))
             anew = False
-    wpnav.start_leg(fleet.estimate, flight, fleet.legs, fleet.settings, row, location.as_array(goal), anew)
+    wpnav.start_leg(fleet.estimate, flight, fleet.legs, fleet.settings, row, locations.as_array(goal), anew)
     vehicle.submode = SubMode.TRANSIT if vehicle.submode == SubMode.TRANSIT else SubMode.NONE
 
 
@@ -156,11 +155,11 @@ def _set_next_wp(
         return
     if after.command in _WITHOUT_STOP and _is_terrain_alt(after) == _is_terrain_alt(item):
         place = location_of(fleet, vehicle, after, goal)
-        wpnav.queue_leg(fleet.flight, fleet.legs, fleet.settings, vehicle.row, location.as_array(place))
+        wpnav.queue_leg(fleet.flight, fleet.legs, fleet.settings, vehicle.row, locations.as_array(place))
     elif after.command == NAV_SPLINE_WAYPOINT and _is_terrain_alt(after) == _is_terrain_alt(item):
         place, beyond, curved = _spline_points(fleet, vehicle, after, goal, then)
         wpnav.queue_spline(
-            fleet.flight, fleet.legs, vehicle.row, location.as_array(place), location.as_array(beyond), curved
+            fleet.flight, fleet.legs, vehicle.row, locations.as_array(place), locations.as_array(beyond), curved
         )
 
 
@@ -181,7 +180,7 @@ def _do_spline_wp(
     _reset_climb_speeds(fleet, vehicle)
     wpnav.start_spline(
         fleet.estimate, fleet.flight, fleet.legs, fleet.settings, vehicle.row,
-        location.as_array(goal), location.as_array(beyond), curved,
+        locations.as_array(goal), locations.as_array(beyond), curved,
     )  # fmt: skip
     _set_next_wp(fleet, vehicle, item, goal, after, then)
     auto_yaw.keep_roi_or_default(fleet, vehicle)
@@ -191,7 +190,7 @@ def _do_circle(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
     """Fly to the edge of the circle, then around it (do_circle, circle_movetoedge_start)."""
     row, flight = vehicle.row, fleet.flight
     here = fleet.position(vehicle)
-    centre = location_of(fleet, vehicle, item, location.truncated(fleet, vehicle, here))
+    centre = location_of(fleet, vehicle, item, locations.truncated(fleet, vehicle, here))
     _reset_climb_speeds(fleet, vehicle)
     radius = abs(item.param3) or fleet.param(vehicle, "CIRCLE_RADIUS") * 0.01
     rate = math.radians(abs(fleet.param(vehicle, "CIRCLE_RATE")))
@@ -209,7 +208,7 @@ def _do_circle(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
         _start_circle(fleet, vehicle)
         return
     vehicle.submode = SubMode.TRANSIT
-    edge = location.as_array((east, north, centre[2]))
+    edge = locations.as_array((east, north, centre[2]))
     anew = fleet.control(vehicle) != ControlMode.LEG
     wpnav.start_leg(fleet.estimate, flight, fleet.legs, fleet.settings, row, edge, anew)
     if auto_yaw.mode(fleet, vehicle) != AutoYawMode.ROI:
@@ -261,7 +260,7 @@ def _start_landing(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
     fleet.set_control(vehicle, ControlMode.LAND)
     if item.x != 0 or item.y != 0:
         ground = float(fleet.estimate["pos"][vehicle.row, 2] - fleet.estimate["height"][vehicle.row])
-        above = item.z + location.altitude_datum_m(fleet, vehicle, item.frame) - ground
+        above = item.z + locations.altitude_datum_m(fleet, vehicle, item.frame) - ground
         fleet.flight["land_datum"][vehicle.row] = above
 
 
@@ -370,7 +369,7 @@ def verify_timer(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> bool:
 def _start_loiter_to_alt(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
     """Climb or descend in place, at speeds that a command since the start of the item may have set."""
     row, flight = vehicle.row, fleet.flight
-    up = item.z + location.altitude_datum_m(fleet, vehicle, item.frame)
+    up = item.z + locations.altitude_datum_m(fleet, vehicle, item.frame)
     fleet.set_default_level_limits(vehicle)
     flight["flags"][row] &= ~np.int64(FlightEvent.ALTITUDE_REACHED)
     flight["handled_flags"][row] &= ~np.int64(FlightEvent.ALTITUDE_REACHED)

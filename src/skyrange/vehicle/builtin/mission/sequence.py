@@ -24,7 +24,7 @@ JumpObserver = Callable[[int, int, int], None]
 """Called for each jump made: its item, how often it was made, and how often it may be (-1 unlimited)."""
 
 
-def next_command(vehicle: Vehicle, seq: int, count: bool, jumped: JumpObserver | None = None) -> int | None:
+def next_command(vehicle: Vehicle, seq: int, jumped: JumpObserver | None = None, *, count: bool) -> int | None:
     """Return the first item from `seq` on that is not a jump, following jumps; with `count`, count them as made."""
     made = vehicle.jump_counts if count else dict(vehicle.jump_counts)
     for _ in range(_MAX_JUMPS):

@@ -10,8 +10,8 @@ import math
 from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.check_layout import CIRCLE_IN, CIRCLE_OUT, MAX_FENCE_ITEMS, POLYGON_IN, POLYGON_OUT
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Upload, Vehicle, all_causes
+from skyrange.vehicle.builtin.layout import CIRCLE_IN, CIRCLE_OUT, MAX_FENCE_ITEMS, POLYGON_IN, POLYGON_OUT
 from skyrange.vehicle.builtin.mission_protocol.item_types import lat_lon_e7, simple_item_type
 
 _NUMBER = dialect.MAV_MISSION_TYPE_FENCE
@@ -173,11 +173,11 @@ def _clear_fence(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
 
 FENCE: Final = simple_item_type(
     _NUMBER,
-    MAX_FENCE_ITEMS,
-    "Fence",
-    lambda vehicle: vehicle.fence,
-    _begin_upload,
-    _store_item,
-    _complete_upload,
-    _clear_fence,
+    most=MAX_FENCE_ITEMS,
+    name="Fence",
+    items=lambda vehicle: vehicle.fence,
+    begin_upload=_begin_upload,
+    store_item=_store_item,
+    complete_upload=_complete_upload,
+    clear_items=_clear_fence,
 )

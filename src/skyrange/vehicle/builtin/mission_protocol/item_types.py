@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Upload, Vehicle
@@ -17,6 +17,14 @@ Peer = tuple[int, int]
 
 
 _INVALID_DEG = 200.0  # degrees
+
+
+class EncodeItem(Protocol):
+    """A function that makes a message of a stored item."""
+
+    def __call__(self, fleet: Fleet, vehicle: Vehicle, seq: int, peer: Peer, *, whole: bool) -> Any:
+        """The item number `seq` as MISSION_ITEM_INT (`whole`) or MISSION_ITEM; `None` for an unknown number."""
+        ...
 
 
 class ItemType(NamedTuple):
@@ -37,14 +45,15 @@ class ItemType(NamedTuple):
     """Finish an upload whose items have all arrived."""
     abandon_upload: Callable[[Fleet, Vehicle], None]
     """Process an abandoned upload."""
-    encode_item: Callable[[Fleet, Vehicle, int, Peer, bool], Any]
-    """Return one item as MISSION_ITEM_INT (`True`) or MISSION_ITEM; `None` for an unknown number."""
+    encode_item: EncodeItem
+    """Return one item as MISSION_ITEM_INT (`whole`) or MISSION_ITEM; `None` for an unknown number."""
     clear_items: Callable[[Fleet, Vehicle, Causes], bool]
     """Remove all items; `False` where that is refused."""
 
 
 def simple_item_type(
     number: int,
+    *,
     most: int,
     name: str,
     items: Callable[[Vehicle], list[MissionItem]],
@@ -55,9 +64,9 @@ def simple_item_type(
 ) -> ItemType:
     """Return an item type whose items have one parameter and whose abandoned uploads need no action."""
 
-    def message(fleet: Fleet, vehicle: Vehicle, seq: int, peer: Peer, whole: bool) -> Any:
+    def message(fleet: Fleet, vehicle: Vehicle, seq: int, peer: Peer, *, whole: bool) -> Any:
         slots = items(vehicle)
-        return _encode_simple_item(number, slots[seq], seq, peer, whole) if seq < len(slots) else None
+        return _encode_simple_item(number, slots[seq], seq, peer, whole=whole) if seq < len(slots) else None
 
     def stopped(fleet: Fleet, vehicle: Vehicle) -> None:
         pass
@@ -76,7 +85,7 @@ def simple_item_type(
     )
 
 
-def _encode_simple_item(kind: int, slot: MissionItem, seq: int, peer: Peer, whole: bool) -> Any:
+def _encode_simple_item(kind: int, slot: MissionItem, seq: int, peer: Peer, *, whole: bool) -> Any:
     """Return a stored item as MISSION_ITEM_INT (`whole`) or MISSION_ITEM; param1 is its only parameter."""
     head = (*peer, seq, slot.frame, slot.command, 0, 0, slot.param1, 0.0, 0.0, 0.0)
     if whole:

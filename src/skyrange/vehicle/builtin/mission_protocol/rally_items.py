@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Upload, Vehicle, all_causes
-from skyrange.vehicle.builtin.locations.rally import ABOVE_HOME, ABSOLUTE, MAX_ITEMS
+from skyrange.vehicle.builtin.locations import ABOVE_HOME, ABSOLUTE, MAX_ITEMS
 from skyrange.vehicle.builtin.mission_protocol.item_types import lat_lon_e7, simple_item_type
 
 _NUMBER = dialect.MAV_MISSION_TYPE_RALLY
@@ -74,11 +74,11 @@ def _clear_points(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
 
 RALLY: Final = simple_item_type(
     _NUMBER,
-    MAX_ITEMS,
-    "Rally",
-    lambda vehicle: vehicle.rally,
-    _begin_upload,
-    _store_item,
-    _complete_upload,
-    _clear_points,
+    most=MAX_ITEMS,
+    name="Rally",
+    items=lambda vehicle: vehicle.rally,
+    begin_upload=_begin_upload,
+    store_item=_store_item,
+    complete_upload=_complete_upload,
+    clear_items=_clear_points,
 )

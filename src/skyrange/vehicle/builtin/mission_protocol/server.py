@@ -4,22 +4,29 @@ After libraries/GCS_MAVLink/MissionItemProtocol.cpp, beyond or unlike https://ma
 items are requested with MISSION_REQUEST (ground stations answer with MISSION_ITEM_INT), those of a mission are stored
 as they arrive (a failed upload leaves its first part), a request is repeated after 1 s and abandoned after 8 s, and
 while one ground station uploads, another is denied. Each item type defines what its items mean (`item_types`).
+
+Deprecated messages of the mission protocol: MISSION_ITEM in degrees, MISSION_REQUEST, and items executed at once. After
+libraries/GCS_MAVLink/GCS_Common.cpp `handle_mission_item`, MissionItemProtocol.cpp, AP_Mission.cpp
+`convert_MISSION_ITEM_to_MISSION_ITEM_INT` and ArduCopter/mode_auto.cpp `do_guided`.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NEVER, NS_PER_S
+from skyrange.vehicle.builtin import locations
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionState, Timer, Upload, Vehicle, all_causes
+from skyrange.vehicle.builtin.flight_modes import guided
+from skyrange.vehicle.builtin.guidance import auto_yaw
 from skyrange.vehicle.builtin.mission import execution
-from skyrange.vehicle.builtin.mission.command_ids import DO_JUMP
+from skyrange.vehicle.builtin.mission.command_ids import CONDITION_YAW, DO_JUMP, NAV_WAYPOINT, STORED_IN_LOCATION
 from skyrange.vehicle.builtin.mission.items import ACCEPTED, decode_item, encode_item
-from skyrange.vehicle.builtin.mission_protocol import legacy_protocol
 from skyrange.vehicle.builtin.mission_protocol.fence_items import FENCE
 from skyrange.vehicle.builtin.mission_protocol.item_types import ItemType, Peer
 from skyrange.vehicle.builtin.mission_protocol.rally_items import RALLY
+from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.telemetry import table
 
 MAX_ITEMS = 650
@@ -77,9 +84,9 @@ def clear_mission(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
     return True
 
 
-def _mission_message(fleet: Fleet, vehicle: Vehicle, seq: int, peer: Peer, whole: bool) -> Any:
+def _mission_message(fleet: Fleet, vehicle: Vehicle, seq: int, peer: Peer, *, whole: bool) -> Any:
     """Return one item as a message; home can always be read."""
-    return encode_item(fleet, vehicle, seq, peer, whole) if seq == 0 or seq < len(vehicle.mission) else None
+    return encode_item(fleet, vehicle, seq, peer, whole=whole) if seq == 0 or seq < len(vehicle.mission) else None
 
 
 _MISSION = ItemType(
@@ -148,11 +155,11 @@ def _request_item(fleet: Fleet, vehicle: Vehicle, kind: ItemType) -> None:
 
 
 def _start_upload(
-    fleet: Fleet, vehicle: Vehicle, peer: Peer, kind: ItemType, span: tuple[int, int], whole: bool
+    fleet: Fleet, vehicle: Vehicle, peer: Peer, kind: ItemType, span: tuple[int, int], *, whole: bool
 ) -> None:
     """Start to request the items of a span (first, last)."""
-    upload = Upload(True, span[0], span[1], peer, fleet.now)
-    vehicle.legacy_warned -= {(kind.mission_type, old) for old in legacy_protocol.WARNING_TEXTS}
+    upload = Upload(active=True, next=span[0], last=span[1], peer=peer, received_ns=fleet.now)
+    vehicle.legacy_warned -= {(kind.mission_type, old) for old in WARNING_TEXTS}
     vehicle.uploads[kind.mission_type] = upload
     kind.begin_upload(vehicle, upload, span[1] + 1 if whole else None)
     _request_item(fleet, vehicle, kind)
@@ -170,7 +177,7 @@ def on_count(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: C
         kind.begin_upload(vehicle, vehicle.uploads[kind.mission_type], 0)
         _complete_upload(fleet, vehicle, peer, kind, causes)
     else:
-        _start_upload(fleet, vehicle, peer, kind, (0, message.count - 1), True)
+        _start_upload(fleet, vehicle, peer, kind, (0, message.count - 1), whole=True)
 
 
 def on_write_partial(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: Causes) -> None:
@@ -182,25 +189,22 @@ def on_write_partial(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, c
         fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, "Flight plan update rejected")
         _send_ack(fleet, vehicle, peer, dialect.MAV_MISSION_ERROR, kind.mission_type)
         return
-    _start_upload(fleet, vehicle, peer, kind, (message.start_index, message.end_index), False)
+    _start_upload(fleet, vehicle, peer, kind, (message.start_index, message.end_index), whole=False)
 
 
 def on_item(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: Causes) -> None:
     """MISSION_ITEM_INT or MISSION_ITEM: the requested item, or a guided target of the deprecated kind."""
     old = message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_ITEM
-    bad = legacy_protocol.location_error(message) if old else None
+    bad = location_error(message) if old else None
     if bad is not None:  # it cannot be converted to MISSION_ITEM_INT: the upload continues without it
         _send_ack(fleet, vehicle, peer, bad, message.mission_type)
         return
-    if (
-        message.mission_type == dialect.MAV_MISSION_TYPE_MISSION
-        and message.current in legacy_protocol.IMMEDIATE_CURRENT
-    ):
+    if message.mission_type == dialect.MAV_MISSION_TYPE_MISSION and message.current in IMMEDIATE_CURRENT:
         _send_ack(
             fleet,
             vehicle,
             peer,
-            legacy_protocol.execute_immediately(fleet, vehicle, message, causes),
+            execute_immediately(fleet, vehicle, message, causes),
             message.mission_type,
         )
         return
@@ -208,7 +212,7 @@ def on_item(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: Ca
     if kind is None:
         return
     if old:
-        legacy_protocol.send_deprecation_text(fleet, vehicle, message, kind.mission_type)
+        send_deprecation_text(fleet, vehicle, message, kind.mission_type)
     upload = vehicle.uploads[kind.mission_type]
     if not upload.active:
         _send_ack(fleet, vehicle, peer, dialect.MAV_MISSION_ERROR, kind.mission_type)
@@ -254,7 +258,7 @@ def on_request(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes:
     if kind is None or _deny_during_upload(fleet, vehicle, peer, kind):
         return
     whole = message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT
-    item = kind.encode_item(fleet, vehicle, message.seq, peer, whole)
+    item = kind.encode_item(fleet, vehicle, message.seq, peer, whole=whole)
     if item is None:
         if whole:
             count = len(kind.items(vehicle))
@@ -262,7 +266,7 @@ def on_request(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes:
         _send_ack(fleet, vehicle, peer, dialect.MAV_MISSION_INVALID_SEQUENCE, kind.mission_type)
         return
     if not whole:
-        legacy_protocol.send_deprecation_text(fleet, vehicle, message, kind.mission_type)
+        send_deprecation_text(fleet, vehicle, message, kind.mission_type)
     fleet.send(vehicle, item)
 
 
@@ -299,3 +303,62 @@ def on_timer(fleet: Fleet, vehicle: Vehicle) -> None:
         else:
             _request_item(fleet, vehicle, kind)
     _set_retry_timer(fleet, vehicle)
+
+
+_GUIDED, _ALTITUDE = 2, 3
+IMMEDIATE_CURRENT: Final = (_GUIDED, _ALTITUDE)
+"""Values of `current` that make an item a command: to fly there in GUIDED, or to change height."""
+WARNING_TEXTS: Final = {
+    dialect.MAVLINK_MSG_ID_MISSION_ITEM: "got MISSION_ITEM; GCS should send MISSION_ITEM_INT",
+    dialect.MAVLINK_MSG_ID_MISSION_REQUEST: "got MISSION_REQUEST; use MISSION_REQUEST_INT!",
+}
+"""Texts sent about deprecated messages, once per upload."""
+_LOCATION_COMMANDS: Final = STORED_IN_LOCATION | {
+    dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+    dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+    dialect.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION,
+    dialect.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION,
+    dialect.MAV_CMD_NAV_FENCE_RETURN_POINT,
+    dialect.MAV_CMD_NAV_RALLY_POINT,
+}
+"""Commands whose x and y are degrees (`cmd_has_location`)."""
+_LAT_MAX_DEG, _LON_MAX_DEG = 90.0, 180.0
+
+
+def location_error(message: Any) -> int | None:
+    """Return the MAV_MISSION_RESULT of a MISSION_ITEM whose degrees are invalid, else `None`."""
+    if message.command not in _LOCATION_COMMANDS:
+        return None
+    if not abs(message.x) <= _LAT_MAX_DEG:
+        return int(dialect.MAV_MISSION_INVALID_PARAM5_X)
+    if not abs(message.y) <= _LON_MAX_DEG:
+        return int(dialect.MAV_MISSION_INVALID_PARAM6_Y)
+    return None
+
+
+def send_deprecation_text(fleet: Fleet, vehicle: Vehicle, message: Any, kind: int) -> None:
+    """Ask the ground station to use the newer message."""
+    number = message.get_msgId()
+    if (kind, number) not in vehicle.legacy_warned:
+        vehicle.legacy_warned.add((kind, number))
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, WARNING_TEXTS[number])
+
+
+def execute_immediately(fleet: Fleet, vehicle: Vehicle, message: Any, causes: Causes) -> int:
+    """Execute an item with one of the `IMMEDIATE_CURRENT` values and return the MAV_MISSION_RESULT.
+
+    A change of height is accepted and has no effect.
+    """
+    result, slot = decode_item(message, causes)
+    if slot is None or message.current == _ALTITUDE:
+        return result
+    done = False
+    if vehicle.mode == Mode.GUIDED and slot.command == NAV_WAYPOINT:
+        east, north = fleet.origin.enu_of(slot.x * 1e-7, slot.y * 1e-7)
+        up = slot.z + locations.altitude_datum_m(fleet, vehicle, slot.frame)
+        done = guided.set_destination(fleet, vehicle, (east, north, up), causes)
+    elif vehicle.mode == Mode.GUIDED and slot.command == CONDITION_YAW:
+        sense = (slot.param3 > 0.0) - (slot.param3 < 0.0)
+        auto_yaw.set_fixed_yaw(fleet, vehicle, slot.param1, slot.param2, sense, relative=slot.param4 > 0.0)
+        done = True
+    return int(ACCEPTED if done else dialect.MAV_MISSION_ERROR)

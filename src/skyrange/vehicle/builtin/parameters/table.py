@@ -50,7 +50,8 @@ class Parameter(NamedTuple):
 def stream_rates(prefix: str) -> tuple[Parameter, ...]:
     """Return the stream rate parameters of one telemetry channel (GCS_MAVLink_Parameters.cpp)."""
     return tuple(
-        Parameter(prefix + name, 0, 0, 50, f"boot rate of {what}, Hz", _INT16, True) for name, what in _STREAMS.items()
+        Parameter(prefix + name, 0, 0, 50, f"boot rate of {what}, Hz", _INT16, reboot=True)
+        for name, what in _STREAMS.items()
     )
 
 
@@ -268,7 +269,7 @@ PARAMETERS: Final = tuple(
             Parameter("RTL_SPEED", 0, 0, 2000, "speed of the return, cm/s; 0 WPNAV_SPEED", _INT16),
             Parameter("SYSID_ENFORCE", 0, 0, 1, "1: obey only SYSID_MYGCS and its own components", _INT8),
             Parameter("SYSID_MYGCS", 255, 1, 255, "system id of the ground station", _INT16),
-            Parameter("SYSID_THISMAV", 1, 1, 255, "MAVLink system id", _INT16, True),
+            Parameter("SYSID_THISMAV", 1, 1, 255, "MAVLink system id", _INT16, reboot=True),
             Parameter("THR_DZ", 100, 0, 300, "dead zone of the throttle stick, 1/1000 each way", _INT16),
             Parameter("TKOFF_SLEW_TIME", 2, 0.25, 5, "throttle from zero to full at take-off, s"),
             Parameter(

@@ -51,7 +51,7 @@ def gps_raw_int(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
 
 
 @compiled
-def _fill_gps_raw_int(
+def _fill_gps_raw_int(  # noqa: PLR0917
     lat0_deg: float, lon0_deg: float, alt_m: float, ellipsoid_m: float, now: int, rows: Ints, boot_ns: Ints,
     estimate: Any, out: Any,
 ) -> None:  # fmt: skip
@@ -166,7 +166,7 @@ def esc_telemetry(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
 
 
 def rc_channels(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
-    """RC_CHANNELS: the channels of `pilot.rc_channels`; the signal strength is unknown."""
+    """RC_CHANNELS: the channels of `pilot`; the signal strength is unknown."""
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     sticks = fleet.rc_channels[rows]
     out["chancount"] = sticks.shape[1]

@@ -147,7 +147,7 @@ def current_ca(current_a: float) -> int:
 
 
 @compiled
-def _fill_sys_status(
+def _fill_sys_status(  # noqa: PLR0917
     rows: Ints, modes: Ints, stored: Floats,
     estimate: Any, flight: Any, watch: Any, power: Any, boundary: Any, out: Any,
 ) -> None:  # fmt: skip

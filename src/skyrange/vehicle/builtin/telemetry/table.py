@@ -11,7 +11,11 @@ from skyrange.codec.mavlink.frames import LAYOUTS
 from skyrange.codec.mavlink.message_columns import MessageTable, payload_dtype
 from skyrange.contracts.frames import Ints
 from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
-from skyrange.vehicle.builtin.telemetry import motion, remote_id, sensors, status
+from skyrange.vehicle.builtin.telemetry import (
+    motion,
+    sensors,
+    status,
+)
 from skyrange.vehicle.builtin.telemetry.columns import Available, Builder
 
 BUILDERS: Final[dict[int, Builder]] = {
@@ -54,7 +58,7 @@ BUILDERS: Final[dict[int, Builder]] = {
     mav.MAVLINK_MSG_ID_VIBRATION: status.vibration,
     mav.MAVLINK_MSG_ID_HWSTATUS: status.hwstatus,
     mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION: status.autopilot_version,
-    mav.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION: remote_id.open_drone_id_location,
+    mav.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION: motion.open_drone_id_location,
 }
 """Messages that can be streamed or requested, by id; an aircraft's messages of one moment are sent in this order."""
 

@@ -1,13 +1,18 @@
-"""Search for Gazebo: by variable or on PATH, recognised by what the program answers and not by its name."""
+"""Gazebo program: its search, its flavour and version, and the command lines of its server and its window.
+
+It is found by variable or on PATH, recognised by what the program answers and not by its name.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import shutil
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 from skyrange.core.errors import ComponentError, InputError, Problem
 from skyrange.core.files import expand_user

@@ -1,4 +1,8 @@
-"""ArduCopter binary: found by variable, on PATH or among installed copies, and examined without running it."""
+"""ArduCopter binary: found by variable, on PATH or among installed copies, and examined without running it.
+
+ELF check: whether a file is a program for this machine, and what it is otherwise. Only the headers are read (System V
+ABI, "ELF Header" and "Program Header"; machine numbers of its registry); nothing is run.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +13,10 @@ import re
 import shlex
 import shutil
 import stat
+import struct
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.files import expand_user

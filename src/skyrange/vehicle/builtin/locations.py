@@ -1,7 +1,13 @@
-"""Locations: from latitude, longitude, altitude and frame of messages and mission items to ENU metres.
+"""Locations: conversion from messages and mission items to ENU metres, home, and rally points.
 
-After Location (libraries/AP_Common/Location.cpp) and `mavlink_coordinate_frame_to_location_alt_frame`. The ground is
-flat: altitude above terrain is height above the origin's plane.
+Conversion: from latitude, longitude, altitude and frame of messages and mission items to ENU metres. After Location
+(libraries/AP_Common/Location.cpp) and `mavlink_coordinate_frame_to_location_alt_frame`. The ground is flat: altitude
+above terrain is height above the origin's plane.
+
+Rally points: their places, and the one that RTL returns to. After libraries/AP_Rally/AP_Rally.cpp and
+ArduCopter/AP_Rally.cpp. `mission_protocol.rally_items` uploads the points.
+
+Home position: how it is set and reported (ArduCopter/commands.cpp `Copter::set_home`, AP_AHRS::set_home).
 """
 
 from __future__ import annotations
@@ -13,7 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.vehicle.builtin import fence
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Vehicle
+from skyrange.vehicle.builtin.telemetry.table import build_message
 
 RELATIVE_FRAMES = frozenset((dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT))
 TERRAIN_FRAMES = frozenset((dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT, dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT))
@@ -98,3 +107,67 @@ def to_enu(fleet: Fleet, vehicle: Vehicle, frame: int, lat_e7: int, lon_e7: int,
         return None
     east, north = fleet.origin.enu_of(lat, lon)
     return east, north, alt_m + altitude_datum_m(fleet, vehicle, frame)
+
+
+MAX_ITEMS: Final = 46
+"""(90 + 300 + 300) / 15 bytes (StorageManager.cpp StorageRally, 15 areas; AP_Rally.cpp `RallyLocation`)."""
+
+Place = tuple[float, float, float]
+"""East, north, up in metres."""
+
+ABSOLUTE: Final = dialect.MAV_FRAME_GLOBAL
+ABOVE_HOME: Final = dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT
+"""Frames of stored points; the third is MAV_FRAME_GLOBAL_TERRAIN_ALT."""
+
+
+def location_of(fleet: Fleet, vehicle: Vehicle, point: MissionItem) -> Place:
+    """Return a rally point's place; the ground is flat, at the origin's height."""
+    east, north = fleet.origin.enu_of(point.x * 1e-7, point.y * 1e-7)
+    datum = {ABSOLUTE: -fleet.origin.alt_msl_m, ABOVE_HOME: vehicle.home[2]}.get(point.frame, 0.0)
+    return east, north, point.z + datum
+
+
+def nearest_rally_point(fleet: Fleet, vehicle: Vehicle) -> Place | None:
+    """Return the nearest rally point inside the fence; `None` beyond RALLY_LIMIT_KM (`find_nearest_rally_point`)."""
+    here = fleet.position(vehicle)
+    places = (location_of(fleet, vehicle, point) for point in vehicle.rally if point.x != 0 or point.y != 0)
+    good = [place for place in places if fence.destination_within_fence(fleet, vehicle, place)]
+    best = min(good, key=lambda place: _distance(here, place), default=None)
+    limit_m = fleet.param(vehicle, "RALLY_LIMIT_KM") * 1000.0
+    if best is None or 0.0 < limit_m < _distance(here, best):
+        return None
+    return best
+
+
+def best_rally_or_home(fleet: Fleet, vehicle: Vehicle) -> Place:
+    """Return the destination of RTL: the nearest rally point, or home if that is nearer and RALLY_INCL_HOME is set.
+
+    `up` is the point's own height, below which the return does not fly (`calc_best_rally_or_home_location`).
+    """
+    best = nearest_rally_point(fleet, vehicle)
+    if best is None:
+        return vehicle.home
+    here = fleet.position(vehicle)
+    if fleet.param(vehicle, "RALLY_INCL_HOME") != 0 and _distance(here, vehicle.home) <= _distance(here, best):
+        return vehicle.home
+    return best
+
+
+def _distance(a: Place, b: Place) -> float:
+    return math.hypot(a[0] - b[0], a[1] - b[1])
+
+
+def send_home(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> None:
+    """Send HOME_POSITION and GPS_GLOBAL_ORIGIN, as at every change of home."""
+    for number in (mav.MAVLINK_MSG_ID_HOME_POSITION, mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN):
+        message = build_message(fleet, vehicle, number)
+        if message is not None:
+            fleet.send(vehicle, message, causes)
+
+
+def set_home(fleet: Fleet, vehicle: Vehicle, place: tuple[float, float, float], causes: Causes, *, lock: bool) -> None:
+    """Move home to a place (ENU metres) at once, for the fence too; with `lock`, the next arming does not move it."""
+    fleet.assign_home(vehicle, place)
+    vehicle.home_locked = vehicle.home_locked or lock
+    fleet.note("event.home", vehicle, {"east_m": place[0], "north_m": place[1], "up_m": place[2]}, causes)
+    send_home(fleet, vehicle, causes)

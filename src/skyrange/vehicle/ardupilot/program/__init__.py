@@ -1,1 +1,0 @@
-"""The arducopter program: finding it, examining it, and listing its parameters."""

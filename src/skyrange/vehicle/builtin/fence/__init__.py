@@ -1,1 +1,0 @@
-"""Fence: its types and state, and the geometry of its zones."""

@@ -1,1 +1,0 @@
-"""Memory card of an aircraft: files, directories and flight logs."""

@@ -1,1 +1,0 @@
-"""Locations: coordinate conversion, home, and rally points."""

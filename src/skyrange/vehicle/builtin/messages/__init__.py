@@ -1,1 +1,0 @@
-"""Handlers of single MAVLink messages: heartbeats, RC overrides, parameters."""

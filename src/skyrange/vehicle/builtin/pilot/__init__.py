@@ -1,1 +1,0 @@
-"""Pilot input: RC channels and what the sticks request."""
