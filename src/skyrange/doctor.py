@@ -102,7 +102,7 @@ def _installed_version(name: str) -> str | None:
 def _ardupilot() -> Finding:
     """The ArduCopter binary that a run would use: path, version, capabilities, and whether it runs."""
     from skyrange.io.processes.program import run_once
-    from skyrange.vehicle.ardupilot.program.arducopter_binary import (
+    from skyrange.vehicle.ardupilot.arducopter_binary import (
         ANSWER_S,
         SUPPORTED_VERSION,
         check_help,

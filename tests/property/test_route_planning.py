@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from skyrange.city.city import Building, City
-from skyrange.planning.costs import Costs
 from skyrange.planning.lattice import NO_WAY, raise_field, search
 from skyrange.planning.limits import Costs, Limits, NoRouteError
 from skyrange.planning.routes import find_route

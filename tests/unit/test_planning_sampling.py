@@ -18,8 +18,7 @@ from skyrange.city.city import Building, City
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.metrics.aircraft import read_ticks
-from skyrange.planning.costs import Costs
-from skyrange.planning.limits import Limits, NoRouteError
+from skyrange.planning.limits import Costs, Limits, NoRouteError
 from skyrange.planning.routes import find_route
 from skyrange.planning.sampling import Point3, Sampling
 from skyrange.record import load as load_run

@@ -52,7 +52,7 @@ def mission_items() -> str:
 
 def messages() -> str:
     """Messages that can be streamed or asked for, and the data stream that asks for each."""
-    from skyrange.vehicle.builtin.telemetry.streams import STREAMS
+    from skyrange.vehicle.builtin.telemetry.schedule import STREAMS
     from skyrange.vehicle.builtin.telemetry.table import BUILDERS
 
     stream = {number: name for name, numbers in STREAMS.values() for number in numbers}

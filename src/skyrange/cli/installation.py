@@ -76,7 +76,7 @@ def ardupilot(
     """Install ArduPilot's official SITL binary of ArduCopter in your data folder, and check that it runs."""
     from skyrange.cli.output.progress import download_progress
     from skyrange.install.ardupilot import install
-    from skyrange.vehicle.ardupilot.program.arducopter_binary import find_binary
+    from skyrange.vehicle.ardupilot.arducopter_binary import find_binary
 
     with download_progress("arducopter", quiet=as_json) as on_progress:
         made = install(version, expand_user(source) if source is not None else None, on_progress)
@@ -113,8 +113,8 @@ def gazebo(
 ) -> None:
     """Compile the plugin for Gazebo in your data folder, and check that Gazebo loads it."""
     from skyrange.install.gazebo import TESTED, find_installed, install
-    from skyrange.vehicle.gazebo.program.gazebo_release import find_gazebo
-    from skyrange.vehicle.gazebo.program.plugin_library import find_plugin
+    from skyrange.vehicle.gazebo.gazebo_program import find_gazebo
+    from skyrange.vehicle.gazebo.plugin_library import find_plugin
 
     folder = expand_user(prefix) if prefix is not None else None
     if not as_json:

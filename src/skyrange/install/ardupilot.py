@@ -18,7 +18,7 @@ from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.files import read_input
 from skyrange.install.download import NotThereError, OnProgress, download
 from skyrange.io.processes.program import run_once
-from skyrange.vehicle.ardupilot.program.arducopter_binary import (
+from skyrange.vehicle.ardupilot.arducopter_binary import (
     ANSWER_S,
     MAX_BYTES,
     MIN_VERSION,

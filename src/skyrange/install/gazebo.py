@@ -11,10 +11,8 @@ from typing import Final, NamedTuple
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.install.compilation import Compiled, compile_sources
 from skyrange.io.processes.program import ProgramOutput, run_once
-from skyrange.vehicle.gazebo.program.gazebo_commands import Flavour, Gazebo
-from skyrange.vehicle.gazebo.program.gazebo_release import HOW_TO_GET, examine_gazebo, find_gazebo
-from skyrange.vehicle.gazebo.program.plugin_library import LIBRARY, NAME, plugin_sources
-from skyrange.vehicle.gazebo.program.plugin_trial import try_plugin
+from skyrange.vehicle.gazebo.gazebo_program import HOW_TO_GET, Flavour, Gazebo, examine_gazebo, find_gazebo
+from skyrange.vehicle.gazebo.plugin_library import LIBRARY, NAME, plugin_sources, try_plugin
 
 WHO: Final = "Gazebo plugin"
 TESTED: Final = ("11.1", "10.4")

@@ -14,8 +14,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import hash64, vehicle_id
 from skyrange.gcs.plan import paths, plans
 from skyrange.gcs.plan.plans import CRUISE_MPS, FlightPlan
-from skyrange.planning.costs import Costs
-from skyrange.planning.limits import Limits, NoRouteError
+from skyrange.planning.limits import Costs, Limits, NoRouteError
 from skyrange.planning.routes import find_route
 from skyrange.planning.sampling import Sampling, load_ompl
 from skyrange.scenario.model.fleet import Vehicle

@@ -31,7 +31,7 @@ from skyrange.runtime.run import open_record
 from skyrange.scenario.model.operators import Operator
 from skyrange.scenario.model.scenario import OnDeath, Scenario
 from skyrange.vehicle.builtin.parameters.renames import canonical_name
-from skyrange.vehicle.builtin.telemetry.streams import STREAMS
+from skyrange.vehicle.builtin.telemetry.schedule import STREAMS
 
 _KINDS: Final = frozenset(("builtin", "ardupilot"))
 """Autopilots with ArduPilot's stream rates as parameters."""

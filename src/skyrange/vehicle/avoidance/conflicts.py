@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.f3411 import Status
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.compiled import compiled
 from skyrange.core.time import Time
 from skyrange.remoteid.tracks import TrackTable

@@ -27,8 +27,8 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, hash64, link_name
 from skyrange.core.time import NEVER, NS_PER_S, NS_PER_US, Epoch, Time
 from skyrange.core.whole_numbers import worth_noting
-from skyrange.vehicle.builtin import commands, loop
-from skyrange.vehicle.builtin.arming import open_drone_id
+from skyrange.vehicle.builtin import commands, fence, loop, messages, parameter_protocol, pilot
+from skyrange.vehicle.builtin.arming import prearm
 from skyrange.vehicle.builtin.arming.arming import auto_disarm_time, disarm
 from skyrange.vehicle.builtin.commands import flight as flight_commands
 from skyrange.vehicle.builtin.control.gains import GainSets

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from skyrange.codec.mavlink import dialect
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.message_columns import KIND_TABLES, kind_at, kind_of_message
-from skyrange.contracts.frames.payloads import Bytes, Ints
+from skyrange.contracts.frames import Bytes, Ints
 from skyrange.contracts.mailboxes import Columns
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NEVER, from_seconds

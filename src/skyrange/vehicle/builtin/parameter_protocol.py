@@ -14,8 +14,8 @@ from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NEVER, NS_PER_MS
-from skyrange.vehicle.builtin.firmware import BANNER
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Slowdown, Timer, Vehicle
+from skyrange.vehicle.builtin.log_events import BANNER
 from skyrange.vehicle.builtin.parameters.renames import canonical_name, from_canonical, to_canonical
 from skyrange.vehicle.builtin.parameters.table import INDEX, PARAMETERS, SETTINGS_NAMES, stored_value, value_in_range
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames import Ints
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.vehicle.avoidance.contract import Vector

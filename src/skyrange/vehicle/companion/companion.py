@@ -20,7 +20,7 @@ from skyrange.codec.f3411 import printable_id
 from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink.signing import SignedConnection, SignedConnections
+from skyrange.codec.mavlink.signing import SignedConnection, SignedConnections, SigningKey
 from skyrange.codec.remote_id.link_payload import RidHeader, pack, unpack_rows
 from skyrange.codec.remote_id.open_drone_id import to_mavlink
 from skyrange.contracts.alerts import Scalar
@@ -50,7 +50,7 @@ from skyrange.vehicle.companion.autopilot_commands import MessageRequests
 from skyrange.vehicle.companion.control_handover import CompanionCommand, ControlHandover, ControlState
 
 if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
-    from skyrange.remoteid.drip.verification.policy import Verification
+    from skyrange.remoteid.drip.verification.verdicts import Verification
 if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
     from skyrange.remoteid.drip.verification.verifier import Verifier
 

@@ -23,6 +23,7 @@ from skyrange.contracts.mailboxes import Inbox
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.io.gazebo import GazeboSimulator, take_port
+from skyrange.vehicle.ardupilot.arducopter_binary import find_binary
 from skyrange.vehicle.ardupilot.lockstep_fleet import LockstepFleet
 from skyrange.vehicle.ardupilot.process_fleet import QUANTUM_NS
 from skyrange.vehicle.contract import AutopilotContext, VehicleSpec

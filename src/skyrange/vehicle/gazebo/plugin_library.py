@@ -14,7 +14,8 @@ from typing import Final
 from skyrange.core.engine_sources import engine_folder, source_digest, source_files
 from skyrange.core.errors import InputError
 from skyrange.core.files import MIB, expand_user, read_input
-from skyrange.vehicle.gazebo.program.gazebo_commands import Flavour, Gazebo
+from skyrange.io.gazebo import take_port, wait_for_plugin
+from skyrange.vehicle.gazebo.gazebo_program import Flavour, Gazebo
 
 VARIABLE: Final = "SKYRANGE_GAZEBO_PLUGIN"
 """Environment variable with the path of the compiled plugin; it precedes those in the user's data folder."""

@@ -34,7 +34,7 @@ from skyrange.vehicle.builtin.commands.command import (
     uint32,
 )  # fmt: skip  # fmt: skip
 from skyrange.vehicle.builtin.failsafes import checks
-from skyrange.vehicle.builtin.fleet import (Causes, Fleet, MissionState, Timer, Upload, Vehicle, Slowdown)
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionState, Slowdown, Timer, Upload, Vehicle
 from skyrange.vehicle.builtin.guidance import auto_yaw
 from skyrange.vehicle.builtin.locations import send_home, set_home
 from skyrange.vehicle.builtin.log_events import end_log

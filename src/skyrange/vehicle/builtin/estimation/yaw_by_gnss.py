@@ -14,9 +14,9 @@ from typing import Any
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.builtin.control.shaping import wrap_pi
-from skyrange.vehicle.builtin.estimation.aiding import set_position, set_velocity
 from skyrange.vehicle.builtin.estimation.compass import align_yaw
 from skyrange.vehicle.builtin.estimation.covariance import reset_position_variance, reset_velocity_variance
+from skyrange.vehicle.builtin.estimation.gnss import set_position, set_velocity
 from skyrange.vehicle.builtin.estimation.state import HISTORY_LENGTH, STEP_NS, TARGET_DT_S, Aiding, EstimatorEvent
 
 _ABSOLUTE = int(Aiding.ABSOLUTE)
@@ -46,7 +46,15 @@ _FIX_AGE_NS = NS_PER_S // 4
 
 
 @compiled
-def fuse_velocity(k: Any, measured: int, history: Any, i: int, slot: int, now: int, armed: bool) -> None:
+def fuse_velocity(  # noqa: PLR0917
+    k: Any,
+    measured: int,
+    history: Any,
+    i: int,
+    slot: int,
+    now: int,
+    armed: bool,  # noqa: FBT001
+) -> None:
     """Update the yaw with the velocity of a fix (`k.gnss_vel`), measured at `measured`; it runs while armed."""
     if not armed:
         k.gsf_running = 0

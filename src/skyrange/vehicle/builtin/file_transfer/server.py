@@ -24,9 +24,9 @@ from skyrange.codec.mavlink import file_transfer as ftp
 from skyrange.codec.mavlink.file_transfer import DATA_BYTES, Error, Opcode, Transfer
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.vehicle.builtin.file_transfer import mission_file, param_file
-from skyrange.vehicle.builtin.files.store import Entry, fail
 from skyrange.vehicle.builtin.fleet import Burst, Causes, FileServer, Fleet, OpenFile, Slowdown, Timer, Vehicle
-from skyrange.vehicle.builtin.messages.parameter_protocol import send_banner
+from skyrange.vehicle.builtin.memory_card import Entry, fail
+from skyrange.vehicle.builtin.parameter_protocol import send_banner
 
 SESSION_TIMEOUT_NS: Final = 3 * NS_PER_S
 """FTP_SESSION_TIMEOUT."""
@@ -111,7 +111,7 @@ def _serve(fleet: Fleet, vehicle: Vehicle, server: FileServer, payload: bytes, p
     else:
         opcode = Opcode.ACK
     reply = ftp.pack(sequence, request.session, opcode, data, offset=offset, request=request.opcode)
-    _reply(fleet, vehicle, server, reply, peer, request.session, sequence, causes)
+    _reply(fleet, vehicle, server, reply, causes, peer=peer, session=request.session, sequence=sequence)
     if request.opcode == Opcode.TERMINATE_SESSION:
         server.sent_ns = -SESSION_TIMEOUT_NS
     if opcode == Opcode.ACK and request.opcode == Opcode.OPEN_FILE_RO and ftp.text_of(request).startswith(_PARAM):

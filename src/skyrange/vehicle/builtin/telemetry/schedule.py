@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from skyrange.codec.mavlink import dialect
+from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.message_columns import MessageTable, assign_sequence_numbers, pack_batches
 from skyrange.contracts.frames import Ints
 from skyrange.core.compiled import compiled
