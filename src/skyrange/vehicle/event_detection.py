@@ -154,11 +154,11 @@ class AnsweredRequests:
 
 def _is_stored(message: Message, wanted: float) -> bool:
     """Whether a PARAM_VALUE has the value that was set; a refused PARAM_SET is answered with the old value."""
-    told = float(message.param_value)
+    reported = float(message.param_value)
     if message.param_type not in _INTEGERS:
-        return told == wanted
+        return reported == wanted
     least, most = _INTEGERS[message.param_type]
-    return abs(told - min(max(wanted, least), most)) < 1.0
+    return abs(reported - min(max(wanted, least), most)) < 1.0
 
 
 Event = tuple[str, Mapping[str, str | int | float | bool]]

@@ -199,8 +199,8 @@ class Companion:
         if self.verifier is not None:
             received, released = self._verify(self.verifier, received)
         self.tracks.update(received)
-        for one in released:
-            self.tracks.update(one)
+        for broadcasts in released:
+            self.tracks.update(broadcasts)
 
     def _verify(
         self, verifier: Verifier, heard: ReceivedBroadcasts
@@ -266,8 +266,8 @@ class Companion:
         if self.verifier is not None:
             for row in filter(self.verifier.filters, self.verifier.rows):
                 self.tracks.ignore(row, partial(self.verifier.disbelieves, row, now))
-        found = detect_conflicts(self.tracks, now, places, velocities, self._limits, free)
-        for row in sorted({*np.flatnonzero(found).tolist(), *self._handovers}):
+        in_conflict = detect_conflicts(self.tracks, now, places, velocities, self._limits, free)
+        for row in sorted({*np.flatnonzero(in_conflict).tolist(), *self._handovers}):
             handover = self._handovers.get(row) or ControlHandover()
             mode, heartbeat_ns = int(table["mode"][row]), int(table["heartbeat_ns"][row])
             failsafe = int(table["state"][row]) >= mav.MAV_STATE_CRITICAL
@@ -275,7 +275,7 @@ class Companion:
             if command is not None:
                 self._carry_out(now, row, command, None, (), out)
             may = handover.engaged or (bool(free[row]) and now >= handover.quiet_until_ns)
-            if may and not (handover.control is ControlState.RETURNING and not found[row]):
+            if may and not (handover.control is ControlState.RETURNING and not in_conflict[row]):
                 own = self._own_state(now, row, handover, places, velocities)
                 self._decide(now, row, handover, own, out)
             if handover.engaged or now < max(handover.quiet_until_ns, handover.left_ns + GOAL_TIMEOUT_NS):
@@ -325,20 +325,22 @@ class Companion:
     def _decide(self, now: Time, row: int, handover: ControlHandover, own: Own, out: Outbox) -> None:
         avoidance = self.specs[row].avoidance
         assert avoidance is not None
-        seen = self.tracks.snapshot(row, now, grounded=False)
-        decision = avoidance.decide(now, own, Tracks(seen.pos_enu_m, seen.vel_enu_mps), handover.episode)
+        heard_tracks = self.tracks.snapshot(row, now, grounded=False)
+        decision = avoidance.decide(
+            now, own, Tracks(heard_tracks.pos_enu_m, heard_tracks.vel_enu_mps), handover.episode
+        )
         command = handover.follow(now, decision, own.goal_enu_m)
         if command is not None:
-            causes = self._causes(row, seen, decision) or handover.causes
+            causes = self._causes(row, heard_tracks, decision) or handover.causes
             handover.causes = causes
-            self._carry_out(now, row, command, (seen, decision), causes, out)
+            self._carry_out(now, row, command, (heard_tracks, decision), causes, out)
 
-    def _causes(self, row: int, seen: TrackSnapshot, decision: AvoidanceDecision) -> tuple[FrameId, ...]:
+    def _causes(self, row: int, heard_tracks: TrackSnapshot, decision: AvoidanceDecision) -> tuple[FrameId, ...]:
         """The frames that wrote the tracks which a decision is about, then of those that shaped it."""
         rows = self.tracks.rows[row]
-        places = [int(seen.slot[track]) for track in (*decision.tracks, *decision.considered)]
-        found = [self._refs.id(int(rows["ref"][place]), int(rows["serial"][place])) for place in places]
-        return tuple(dict.fromkeys(ref for ref in found if ref is not None))
+        places = [int(heard_tracks.slot[track]) for track in (*decision.tracks, *decision.considered)]
+        frames = [self._refs.id(int(rows["ref"][place]), int(rows["serial"][place])) for place in places]
+        return tuple(dict.fromkeys(ref for ref in frames if ref is not None))
 
     def _carry_out(
         self,
@@ -354,12 +356,12 @@ class Companion:
         if command.note:
             data: dict[str, Scalar] = {"mode": int(self._beliefs.table["mode"][row])}
             if why is not None:
-                seen, decision = why
+                heard_tracks, decision = why
                 data = {"action": str(decision.action), "tracks": len(decision.tracks)}
                 if decision.tracks:
                     first = decision.tracks[0]
-                    data["track"] = printable_id(bytes(seen.uas_id[first]).decode("latin-1"))
-                    data["address"] = f"{int(seen.address[first]):012x}"
+                    data["track"] = printable_id(bytes(heard_tracks.uas_id[first]).decode("latin-1"))
+                    data["address"] = f"{int(heard_tracks.address[first]):012x}"
                 if decision.waypoint_enu_m is not None:
                     data |= dict(zip(("east_m", "north_m", "up_m"), decision.waypoint_enu_m, strict=True))
             out.note(command.note, spec.vehicle, data, causes)

@@ -154,8 +154,8 @@ class ExternalEngine(EngineBase):
         return {
             "interlock": self._interlock,
             "vehicles": {
-                one.spec.vehicle: {"connect": str(one.wire.address)} | (one.counts if counted else {})
-                for one in self._sessions
+                session.spec.vehicle: {"connect": str(session.wire.address)} | (session.counts if counted else {})
+                for session in self._sessions
             },
         }
 
@@ -180,38 +180,38 @@ class ExternalEngine(EngineBase):
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Take in what they sent. Before time 0, it keeps to the machine's clock while a vehicle is still missing."""
         outbox = Outbox()
-        if tick < 0 and any(one.status is InstanceStatus.BOOTING for one in self._sessions):
+        if tick < 0 and any(session.status is InstanceStatus.BOOTING for session in self._sessions):
             assert self._started is not None
             first, began_s = self._started
             sleep_for(began_s + (tick - first) / NS_PER_S - wall_s())
         now_s = wall_s()
-        for row, one in enumerate(self._sessions):
-            for piece in one.wire.read():
+        for row, session in enumerate(self._sessions):
+            for piece in session.wire.read():
                 if tick >= 0:
                     outbox.send(self.ports[row], piece.data)
-                one.on_frame(piece, now_s)
-            one.request_messages(now_s)
-            one.update_status(now_s, wall_deadline_s)
-            if one.late_ns is not None and one.reports.state is not None:
-                self._poses.update(row, one.reports.state, one.late_ns)
-                one.late_ns = None
+                session.on_frame(piece, now_s)
+            session.request_messages(now_s)
+            session.update_status(now_s, wall_deadline_s)
+            if session.late_ns is not None and session.reports.state is not None:
+                self._poses.update(row, session.reports.state, session.late_ns)
+                session.late_ns = None
         if tick >= 0:
             self._write_notes(outbox)
-        return Finished(self._motors, outbox, [one.status for one in self._sessions], self._poses.take_new())
+        return Finished(self._motors, outbox, [session.status for session in self._sessions], self._poses.take_new())
 
     def _write_notes(self, outbox: Outbox) -> None:
         """Write the waiting notes; before time 0 they wait."""
-        for one in self._sessions:
+        for session in self._sessions:
             if not self._noted_interlock:
-                outbox.note("event.interlock", one.spec.vehicle, self._interlock)
-            for kind, data, causes in one.take_notes():
-                outbox.note(kind, one.spec.vehicle, data, causes)
+                outbox.note("event.interlock", session.spec.vehicle, self._interlock)
+            for kind, data, causes in session.take_notes():
+                outbox.note(kind, session.spec.vehicle, data, causes)
         self._noted_interlock = True
 
     def close(self) -> None:
         """Close the connections. A second call does nothing."""
-        for one in self._sessions:
-            one.wire.close()
+        for session in self._sessions:
+            session.wire.close()
 
 
 def _make(options: Options, context: AutopilotContext) -> ExternalEngine:
