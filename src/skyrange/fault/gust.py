@@ -22,7 +22,7 @@ from skyrange.core.compiled import compiled
 
 
 @compiled
-def find_shares(
+def find_shares(  # noqa: PLR0917
     position_enu_m: Floats, at_east_m: float, at_north_m: float, east: float, north: float, way_m: float,
     length_m: float, hold_m: float, radius_m: float, share: Floats,
 ) -> bool:  # fmt: skip

@@ -252,7 +252,7 @@ class _Latest(NamedTuple):
 
 
 @compiled
-def _read(
+def _read(  # noqa: PLR0917
     now: int, frames: _Frames, begin: int, tables: Any, latest: _Latest, beliefs: Any, left: NDArray[np.bool_]
 ) -> int:
     """Process frames from row `begin` on; returns the first row whose kind has no slot yet, or the number of rows.

@@ -189,7 +189,7 @@ def _judge_rest(now: int, readings: _Readings, rest: _Rest, state: Floats) -> bo
 
 
 @compiled
-def _integrate(
+def _integrate(  # noqa: PLR0917
     step_s: float,
     resting: Mask,
     turn: Floats,

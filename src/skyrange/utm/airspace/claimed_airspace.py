@@ -194,7 +194,7 @@ class Airspace:
 
 
 @compiled
-def _search(
+def _search(  # noqa: PLR0917
     claimed: Solids,
     claims: Ints,
     asked: Solids,

@@ -44,7 +44,7 @@ class Batch(NamedTuple):
 
 
 @compiled
-def _take_due(due: Ints, interval: Ints, soonest: Ints, picked: Ints, now: int, rows: Ints, ends: Ints) -> int:
+def _take_due(due: Ints, interval: Ints, soonest: Ints, picked: Ints, now: int, rows: Ints, ends: Ints) -> int:  # noqa: PLR0917
     """Write the aircraft that are due, message by message, to `rows`; `ends` are the ends of each message's part.
 
     Intervals that a message has missed are skipped (GCS_MAVLINK::update_send).
