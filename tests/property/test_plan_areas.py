@@ -25,8 +25,8 @@ HOME = (47.3977, 8.5456, 408.0)
 TAKEOFF = MissionItem(3, 22, 0.0, 0.0, 0.0, 0.0, HOME[0], HOME[1], 20.0)
 places = st.tuples(st.floats(47.39, 47.41), st.floats(8.53, 8.56))
 heights = st.floats(-100.0, 300.0)
-polygons = st.builds(polygon, st.lists(places, min_size=3, max_size=9), st.booleans())
-circles = st.builds(circle, places, st.floats(0.5, 900.0), st.booleans())
+polygons = st.builds(polygon, st.lists(places, min_size=3, max_size=9), inclusion=st.booleans())
+circles = st.builds(circle, places, st.floats(0.5, 900.0), inclusion=st.booleans())
 returns = st.just(()) | st.builds(return_point, places, heights)
 fences = st.builds(
     lambda rings, rounds, back: sum(rings, ()) + sum(rounds, ()) + back,

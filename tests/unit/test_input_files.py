@@ -234,12 +234,10 @@ def test_all_reading_passes_one_place() -> None:
     own = {
         "core/files.py", "core/compiled.py", "runtime/memory.py",
         "record/spool.py", "record/write/files/operator_files.py", "io/processes/program.py",
-        "io/processes/single_run.py",
-        "runtime/live/node/process.py", "runtime/live/supervisor/launch.py", "runtime/live/supervisor/namespaces.py",
-        "runtime/live/transport/file_chunks.py", "runtime/live/taps/tap_process.py", "install/ardupilot.py",
-        "vehicle/ardupilot/program/arducopter_binary.py", "report/rendering.py", "bench/live.py",
-        "bench/suite/machine.py", "core/engine_sources.py", "runtime/compilation/signatures.py",
-        "runtime/compilation/cache_filling.py",
+        "runtime/live/node/process.py", "runtime/live/config.py", "runtime/live/supervisor/namespaces.py",
+        "runtime/live/transport/control.py", "runtime/live/taps/tap_process.py", "install/ardupilot.py",
+        "vehicle/ardupilot/arducopter_binary.py", "report/rendering.py", "bench/live.py",
+        "bench/suite/machine.py", "core/engine_sources.py", "runtime/compilation/__init__.py",
     }  # fmt: skip
     root = Path(files.__file__).parents[1]
     for path in root.rglob("*.py"):

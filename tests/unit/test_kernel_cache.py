@@ -7,9 +7,12 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numba
 import pytest
+
+from skyrange.core.compiled import compiled
 
 # one kernel for two types of arrays: code made for neighbouring numbers reads wrong ones of every second
 KERNEL = """
@@ -222,3 +225,31 @@ def test_unused_versions_are_removed_when_another_is_kept(tmp_path: Path) -> Non
     assert recent.exists()
     assert len(list(folder.glob("a_kernel.once-*.nbi"))) == len(list(folder.glob("a_kernel.once-*.nbc"))) == 2
     assert not old.exists()
+
+
+def test_a_named_tuple_with_its_fields_in_another_order_is_another_type() -> None:
+    """Both have the same class name and types, by which alone numba would find the code of the other."""
+
+    class Pair(NamedTuple):
+        first: float
+        second: float
+
+    class Turned(NamedTuple):
+        second: float
+        first: float
+
+    @compiled
+    def difference(pair: Any) -> float:
+        less: float = pair.first - pair.second
+        return less
+
+    codegen = difference.targetctx.codegen()  # type: ignore[attr-defined]
+
+    def key(*arguments: Any) -> Any:
+        types = tuple(numba.typeof(argument) for argument in arguments)  # type: ignore[no-untyped-call]
+        return difference._cache._index_key(types, codegen)[2]  # type: ignore[attr-defined]
+
+    assert key(Pair(1.0, 2.0)) != key(Turned(2.0, 1.0))
+    assert key((0, (Pair(1.0, 2.0),))) != key((0, (Turned(2.0, 1.0),)))
+    assert key(Pair(1.0, 2.0)) == key(Pair(3.0, 4.0))
+    assert key(1.0) == key(2.0)

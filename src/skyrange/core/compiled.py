@@ -25,7 +25,7 @@ import inspect
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import cache, cached_property
 from hashlib import blake2b
@@ -273,10 +273,19 @@ class _Cache(FunctionCache):
         asked, _ = normalize_signature(sig)  # type: ignore[no-untyped-call]
         return found if tuple(found.signature.args) == tuple(asked) else None
 
+    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, Any, Any]:
+        """Numba's key of a signature, and the fields of its named tuples: a class of another order is another type."""
+        arguments, processor, code = super()._index_key(sig, codegen)  # type: ignore[no-untyped-call]
+        return arguments, processor, (code, _list_fields(arguments))
+
     def find_signatures(self, processor: Any) -> frozenset[tuple[Any, ...]]:
         """The types of arguments for which there is code for a processor, which numba describes."""
         entries: Any = self._cache_file._load_index()  # type: ignore[no-untyped-call]
-        return frozenset(arguments for arguments, made_for, _ in entries if made_for == processor)
+        return frozenset(
+            arguments
+            for arguments, made_for, (_, fields) in entries
+            if made_for == processor and fields == _list_fields(arguments)
+        )
 
     @property
     def index(self) -> Path:
@@ -287,6 +296,17 @@ class _Cache(FunctionCache):
         """Set the time of the index, which tells that the function's files are used."""
         with suppress(OSError):
             os.utime(self.index)
+
+
+def _list_fields(arguments: Sequence[Any]) -> tuple[tuple[str, ...], ...]:
+    """The fields of all named tuples among types of arguments, which numba knows by their class alone."""
+    found: list[tuple[str, ...]] = []
+    for kind in arguments:
+        if isinstance(kind, numba.types.NamedTuple | numba.types.NamedUniTuple):
+            found.append(tuple(kind.fields))
+        if isinstance(kind, numba.types.BaseTuple):
+            found += _list_fields(kind.types)  # type: ignore[attr-defined]
+    return tuple(found)
 
 
 def _remove_unused(index: Path, stem: str) -> None:
