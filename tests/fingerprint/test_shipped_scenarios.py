@@ -24,7 +24,7 @@ EVENTS = {
     "head-on": "9189e8a79e36527fdae280a6245b710f",
     "hijack": "d48a15bf59f0fa6a2485906c5cf235d1",
     "insider": "8a593c45611742238dc1ff893fd9b510",
-    "jam-then-spoof": "2c5ba4a9940174bac1881d83a11f9883",
+    "jam-then-spoof": "840c5351019a57006c3fe59c696e71ef",
     "jammed-corridor": "b80ce8aa6bcde02eabd5468fa8210116",
     "mitm-mission": "f02e0210c25681681913428654f0368a",
     "rid-city": "d5b61b4fd4f5277c9428c1d866d88760",
