@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from skyrange.cli.options import AsJson, Plugins
+from skyrange.cli.options import AsJson, Plugins, load_plugins
 from skyrange.cli.output.console import print_json, print_notice, print_text, terminal
 
 if TYPE_CHECKING:
@@ -136,6 +136,7 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Fly a study: every point of its design with every seed in every arm. A study that was begun is continued."""
+    load_plugins(plugin)
     from skyrange.cli.output.progress import compile_if_cold, map_progress
     from skyrange.study.design.model import read_study
     from skyrange.study.execution.study_run import run_study
@@ -167,6 +168,7 @@ def register(
 
     The report of the study says what was registered; all else is exploratory.
     """
+    load_plugins(plugin)
     from skyrange.study.design.model import read_study
     from skyrange.study.registration import register_study
 
@@ -195,6 +197,7 @@ def resume(
     as_json: AsJson = False,
 ) -> None:
     """Fly the blocks of a study that are not finished."""
+    load_plugins(plugin)
     from skyrange.study.execution.study_run import forget_failures
     from skyrange.study.folder import open_folder, require_unchanged
 
