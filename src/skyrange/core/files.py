@@ -8,6 +8,7 @@ Readers of a file that is replaced see the old contents or the new, never a part
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import stat
@@ -77,6 +78,11 @@ def read_input(path: Path, who: str, where: str = "file", *, max_bytes: int, exp
         value = f"{path} of {max(size, len(data)) / MIB:.1f} MiB"
         raise InputError.one(who, where, value, f"{expected} of at most {_size(max_bytes)}")
     return data
+
+
+def read_package_table(module: str, name: str) -> list[dict[str, str]]:
+    """The rows of a CSV file of the package, by its head; `module` is the `__file__` of a module in its folder."""
+    return list(csv.DictReader(Path(module).with_name(name).read_text(encoding="utf-8").splitlines()))
 
 
 def parse_json(data: bytes | str, who: str, where: str) -> Any:
