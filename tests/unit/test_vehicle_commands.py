@@ -105,6 +105,8 @@ def test_unknown_mode_fails_with_a_text(r: Range) -> None:
     assert "No such mode 99" in r.words()
     assert r.command(V, A.MAV_CMD_DO_SET_MODE, 0.0, 4.0) == DENIED  # not a custom mode
     assert r.command(V, A.MAV_CMD_DO_SET_MODE, 1.0, math.nan) == DENIED
+    for base in (3e38, -3e38, math.inf, math.nan):  # 0 to ArduPilot on x86
+        assert r.command(V, A.MAV_CMD_DO_SET_MODE, base, 4.0) == DENIED
     r.send(V, A.MAVLink_set_mode_message(1, A.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 4))
     r.run(0.02)
     assert r.heard("COMMAND_ACK")[-1].command == A.MAV_CMD_DO_SET_MODE  # SET_MODE is obeyed, never acknowledged

@@ -94,8 +94,8 @@ def uint32(value: float) -> int:
 
 
 def uint8(value: float) -> int:
-    """Return the lowest byte of `int32`, as x86 does: 0 for what does not fit into 32 bits, or is not a number."""
-    return int32(value) & 0xFF
+    """Return the lowest byte of `uint32`."""
+    return uint32(value) & 0xFF
 
 
 def check_latlng(x: int, y: int) -> bool:

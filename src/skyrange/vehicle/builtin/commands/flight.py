@@ -125,9 +125,12 @@ def handle_set_mode(fleet: Fleet, vehicle: Vehicle, base_mode: int, number: int,
 
 
 def do_set_mode(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
-    """DO_SET_MODE. A value that is not a number is denied, where ArduCopter would read mode 0, STABILIZE."""
+    """DO_SET_MODE. A value that is not a number is denied, where ArduCopter would read mode 0, STABILIZE.
+
+    A base mode that does not fit into 32 bits is denied as well: ArduPilot on x86 reads 0, no custom mode.
+    """
     base, number = command.params[0], command.params[1]
-    if not (math.isfinite(base) and math.isfinite(number)):
+    if not (abs(base) < 2.0**31 and math.isfinite(number)):
         return DENIED
     return handle_set_mode(fleet, vehicle, uint8(base), uint32(number), command.causes)
 
