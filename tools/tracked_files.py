@@ -17,7 +17,7 @@ EXPLAINED = {
     "settings of tools": (".ci/run", ".dockerignore", ".gitignore", ".pre-commit-config.yaml", "Makefile"),
     "packaging": ("LICENSE", "engines/*/LICENSE", "pyproject.toml", "requirements-*.txt", "src/skyrange/py.typed"),
     "containers": ("Dockerfile", "compose.yaml", "containers/*.py", "containers/*.sh"),
-    "programs": ("tools/*.py", "docs/*.py", "src/skyrange/*.py", "tests/*.py"),
+    "programs": ("tools/*.py", "src/skyrange/*.py", "tests/*.py"),
     "lists of tests": ("tests/dear_tests.toml",),
     "radio and physics engines": tuple(f"engines/*.{end}" for end in ("cc", "h", "ini", "ned")),
     "C and C++ that tests compile": ("tests/*.c", "tests/*.cc"),
@@ -25,6 +25,7 @@ EXPLAINED = {
     "pictures of pages": ("docs/images/*.png", "docs/images/*.svg", "docs/reference/*.svg"),
     "measured results in pages": ("docs/data/*.json",),
     "scenarios and studies": ("src/skyrange/*.toml",),
+    "tables that are data": ("src/skyrange/vehicle/builtin/parameters/*.csv",),
     "the list of kernels": ("src/skyrange/runtime/compilation/kernels.json",),
     "mission files": tuple(
         f"{at}/*.{end}" for at in ("src/skyrange/scenario", "tests") for end in ("plan", "waypoints")
