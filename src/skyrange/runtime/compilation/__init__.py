@@ -37,7 +37,6 @@ from pydantic import JsonValue
 
 from skyrange.core.compiled import cache_folder, find_cached, find_callees
 from skyrange.io.processes.program import end_with_parent
-from skyrange.runtime.cores.division import available_cpus
 
 KERNELS: Final = Path(__file__).with_name("kernels.json")
 _PACKAGE: Final = __name__.partition(".")[0]
@@ -230,7 +229,11 @@ def fill_cache(jobs: int | None = None, on_kernel: OnKernel | None = None) -> in
         return 0
     if on_kernel is not None:
         on_kernel(0, len(missing))
-    jobs = min(jobs or len(available_cpus()), _MAX_JOBS, len(missing))
+    if not jobs:
+        from skyrange.runtime.cores.division import available_cpus  # loads what makes ranges: half a second
+
+        jobs = len(available_cpus())
+    jobs = min(jobs, _MAX_JOBS, len(missing))
     forks = "fork" in multiprocessing.get_all_start_methods()
     context = multiprocessing.get_context("fork" if forks else "spawn")
     compiled = done = 0
