@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import shapely
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.codec import f3411
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav

@@ -215,7 +215,8 @@ def test_an_aircraft_in_flight_goes_around_an_area_that_is_closed_ahead_of_it(mo
 
 
 def test_around_a_closed_area_there_are_buildings_too() -> None:
-    from skyrange.city.city import Building, City
+    from skyrange.city.buildings import Building
+    from skyrange.city.city import City
 
     origin = Origin(LAT, LON)
     plan = path(origin, (0.0, 0.0, 0.0), [(0, 0, 20), (0, 200, 20)], kind="guided", end="land")

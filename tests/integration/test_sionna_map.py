@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import shapely
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.core.errors import InputError
 from skyrange.radio.propagation.loss_table import free_space_of
 from skyrange.radio.propagation.loss_table_file import LossTableFile, read_loss_table

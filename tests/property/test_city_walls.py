@@ -10,7 +10,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.city.city import Building
+from skyrange.city.buildings import Building
 from skyrange.city.downtown import downtown_grid
 from skyrange.city.wall_index import MARGIN_M, build_wall_index, cell_of, distance_to_box, distance_to_footprint
 from skyrange.world.collision.broad_phase import floor_and_clearance

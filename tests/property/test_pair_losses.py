@@ -14,7 +14,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.contracts.medium import RadioTable
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64

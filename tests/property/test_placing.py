@@ -14,7 +14,8 @@ from skyrange.assembly.build import build
 from skyrange.assembly.city import build_city
 from skyrange.assembly.placement.clear_placing import apply_placing
 from skyrange.assembly.placement.moved_places import describe_moves, describe_placing
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.core.ids import vehicle_id
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_files import load_data

@@ -10,7 +10,8 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
 from skyrange.core.volumes import Volume4D

@@ -12,7 +12,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.planning.lattice import NO_WAY, raise_field, search
 from skyrange.planning.limits import Costs, Limits, NoRouteError
 from skyrange.planning.routes import find_route

@@ -13,7 +13,8 @@ from skyrange.attack.bases.gnss.emitter import AUTHENTIC_DBM, FIX_NONE, HORIZON_
 from skyrange.attack.bases.gnss.receiver_noise import code_jitter_m, effective_db_hz
 from skyrange.attack.bases.gnss.takeover import ALONE_DB, reach_of_loss_m
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.contracts.components import SensorAct, SensorHook, Sensors
 from skyrange.contracts.links import Schedule
 from skyrange.core.chance import Chance

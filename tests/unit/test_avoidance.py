@@ -17,7 +17,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.city.downtown import downtown_grid
 from skyrange.contracts.plugins.registry import AVOIDANCE
 from skyrange.core.errors import ComponentError

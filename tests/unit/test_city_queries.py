@@ -7,7 +7,8 @@ import copy
 import pytest
 import shapely
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.city.downtown import downtown_grid
 from skyrange.core.errors import InputError
 

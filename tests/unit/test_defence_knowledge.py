@@ -11,7 +11,8 @@ import pytest
 import shapely
 
 import skyrange.defence as package
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.defence import data_sheets

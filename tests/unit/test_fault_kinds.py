@@ -12,7 +12,8 @@ import shapely
 
 from skyrange.assembly.build import build
 from skyrange.attack.bases.gnss.receiver_noise import CHIP_M
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.codec.mavlink import decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.components import BodyAct, BodyHook, Disturbances, SensorAct, SensorHook, Sensors

@@ -18,7 +18,8 @@ import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.city.downtown import downtown_grid
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin

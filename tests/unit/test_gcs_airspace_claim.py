@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 import shapely
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import contains

@@ -14,7 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrange.assembly.build import build
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.metrics.aircraft import read_ticks

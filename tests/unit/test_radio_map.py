@@ -10,7 +10,8 @@ import pytest
 import shapely
 from typer.testing import CliRunner
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.city.downtown import downtown_grid
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError

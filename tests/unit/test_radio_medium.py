@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import shapely
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.contracts.medium import (
     ANY_CHANNEL,
     EmitterTable,

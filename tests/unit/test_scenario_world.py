@@ -12,7 +12,8 @@ from skyrange.assembly.city import build_city
 from skyrange.assembly.placement.clear_placing import MARGIN_M, STEP_M, apply_placing, find_clear_shift
 from skyrange.assembly.placement.flight_plans import make_flight_plan, make_flight_plans
 from skyrange.assembly.placement.start_checks import check_starts
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.core.errors import InputError, Problem
 from skyrange.gcs.plan.paths import Point
 from skyrange.gcs.plan.routes import enu_points

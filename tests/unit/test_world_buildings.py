@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import InputError
 from skyrange.world import AIRFRAMES, Body, World

@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 import shapely
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.vehicle.avoidance.contract import Avoidance, AvoidanceLimits, Tracks, Vector
 from skyrange.vehicle.avoidance.geometric import Geometric
 from skyrange.vehicle.avoidance.none import NoAvoidance

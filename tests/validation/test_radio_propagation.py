@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.core.ids import hash64
 from skyrange.radio.propagation import fading
 from skyrange.radio.propagation.obstruction import BLOCKED, has_line_of_sight, obstacle_index, obstruction_db

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 import shapely
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.city.downtown import downtown_grid
 from skyrange.radio.propagation import fading
 from skyrange.radio.propagation.obstruction import Obstacles, has_line_of_sight, obstacle_index, obstruction_db

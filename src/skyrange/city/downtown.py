@@ -10,7 +10,8 @@ import math
 
 import shapely
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem
 

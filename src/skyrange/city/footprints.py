@@ -13,7 +13,8 @@ import shapely
 from numpy.typing import NDArray
 
 from skyrange.city.building_heights import KEYS, height_of
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.city.reading import Reading
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin, wrap_longitude

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from skyrange.core.compiled import compiled
 
 if TYPE_CHECKING:
-    from skyrange.city.city import Building
+    from skyrange.city.buildings import Building
 
 MARGIN_M = 20.0
 """The distance up to which a cell lists buildings."""

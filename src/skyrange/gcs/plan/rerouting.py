@@ -8,7 +8,8 @@ from typing import Final
 
 import shapely
 
-from skyrange.city.city import Building, City
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import Time, from_seconds, to_seconds
