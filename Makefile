@@ -55,7 +55,8 @@ fuzz: $(VENV)/.tested ## draw new examples for the property tests, for MINUTES
 	$(PYTEST) -p tests.fuzzing --fuzz-minutes $(MINUTES) --hypothesis-profile fuzz -m '$(FAST)' \
 		$$(grep -rlE '^(from|import) hypothesis' tests --include='test_*.py')
 
-check: check-quick ## `make check-quick`, unused names, and known vulnerabilities
+check: check-quick ## `make check-quick`, the viewer's modules, unused names, and known vulnerabilities
+	$(BIN)/python -m tools.viewer_modules
 	$(BIN)/python -m tools.unused_names
 	@$(MAKE) --no-print-directory audit
 

@@ -9,7 +9,6 @@ are no longer used.
 from __future__ import annotations
 
 import importlib
-import os
 import pkgutil
 import tempfile
 from pathlib import Path
@@ -22,19 +21,18 @@ from skyrange.core.compiled import find_cached
 from skyrange.runtime.compilation import KERNELS, describe_arguments, name_function, write_list
 from skyrange.runtime.warm_up import REHEARSAL
 from skyrange.scenario.shipped import DEFENCE_EXAMPLES, EXAMPLES, FAULT_EXAMPLES, SHIPPED, load
+from skyrange.study.execution.flight import fly_runs
+from skyrange.study.execution.plan import PlannedRun
 from skyrange.study.pairing import pair
-from skyrange.study.parallel_runs import run_all
 
 
 def fly_scenarios() -> None:
     """Fly what uses as many kernels as possible, with reports."""
     names = [str(REHEARSAL), *SHIPPED, *EXAMPLES, *FAULT_EXAMPLES, *DEFENCE_EXAMPLES]
     with tempfile.TemporaryDirectory() as folder:
-        flights = [(load(name), Path(folder, str(number))) for number, name in enumerate(names)]
-        results = run_all(flights, jobs=os.cpu_count() or 1)
-        for name, result in zip(names, results, strict=True):
-            if result.exit_code:
-                print(f"{name}: {result.message}")
+        flights = [PlannedRun(str(number), load(name), report=True) for number, name in enumerate(names)]
+        for number, error in fly_runs(flights, Path(folder)).errors.items():
+            print(f"{names[int(number)]}: {error}")
         pair(load("rid-spoofing"), Path(folder, "pair"))
 
 

@@ -24,13 +24,17 @@ EXPLAINED = {
     "pages": ("*.md", "docs/tutorials/*.ipynb"),
     "pictures of pages": ("docs/images/*.png", "docs/images/*.svg", "docs/reference/*.svg"),
     "measured results in pages": ("docs/data/*.json",),
-    "scenarios and studies": ("src/skyrange/*.toml",),
-    "tables that are data": ("src/skyrange/vehicle/builtin/parameters/*.csv",),
+    "scenarios, studies and schemas": ("src/skyrange/*.toml", "docs/reference/*.toml"),
+    "tables that are data": tuple(
+        f"src/skyrange/{at}/*.csv" for at in ("dataset", "record", "twins", "vehicle/builtin/parameters")
+    ),
     "the list of kernels": ("src/skyrange/runtime/compilation/kernels.json",),
     "mission files": tuple(
         f"{at}/*.{end}" for at in ("src/skyrange/scenario", "tests") for end in ("plan", "waypoints")
     ),
     "report templates": tuple(f"src/skyrange/report/*.{end}" for end in ("css", "js", "jinja")),
+    "checks of the viewer's modules": ("tools/javascript/*.json", "tools/javascript/eslint.config.js"),
+    "the page of the viewer": tuple(f"src/skyrange/view/assets/*.{end}" for end in ("css", "js", "html")),
 }
 """Patterns of the paths of tracked files, by what the files are; `*` matches any characters, slashes as well."""
 

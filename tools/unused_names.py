@@ -30,10 +30,13 @@ and of kinds of plugins."""
 DELIBERATE = {
     "Python calls them": ("__call__", "__dir__", "__getattr__", "_repr_html_", "_repr_svg_"),
     "PettingZoo's interface": ("action_space", "observation_space"),
+    "Gymnasium's interface": ("close_extras",),
+    "the decoder of a documented format": ("decode_file",),
     "OMPL's interface": ("checkMotion", "motionCost", "motionCostHeuristic", "stateCost"),
     "the interface of numba's cache": (
         "_filename_base", "_lineno", "_locator", "_py_file", "get_cache_path", "get_disambiguator", "get_source_stamp",
     ),
+    "the interface of numba's events": ("on_end",),
     "Alembic's interface": ("down_revision", "downgrade", "revision"),
     "asyncio's interface": ("data_received", "datagram_received"),
     "frames that a slow peer costs, which a test counts": ("unsent",),

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from skyrange.contracts.plugins.registry import register
     from skyrange.core.errors import InputError, SkyrangeError
     from skyrange.record import load
+    from skyrange.runtime.acts import RunAct
     from skyrange.runtime.run import Run
     from skyrange.runtime.viewers import Viewers
     from skyrange.scenario.model.scenario import Scenario
@@ -28,6 +29,7 @@ __version__ = "0.1.0"
 __all__ = [
     "InputError",
     "Run",
+    "RunAct",
     "Scenario",
     "SkyrangeError",
     "Viewers",
@@ -45,6 +47,7 @@ if not TYPE_CHECKING:
             "skyrange.contracts.plugins.registry": "register",
             "skyrange.core.errors": "InputError SkyrangeError",
             "skyrange.record": "load",
+            "skyrange.runtime.acts": "RunAct",
             "skyrange.runtime.run": "Run",
             "skyrange.runtime.viewers": "Viewers",
             "skyrange.scenario.model.scenario": "Scenario",

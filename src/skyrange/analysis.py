@@ -47,10 +47,10 @@ if TYPE_CHECKING:
     from skyrange.study.dataset_members import list_dataset_members
     from skyrange.study.design.factors import Factor
     from skyrange.study.design.model import LearnedTable, Study, StudyArm, read_study
-    from skyrange.study.execution.study_run import StudyResult, run_study
     from skyrange.study.page import write_study_report
     from skyrange.study.results import read_results as read_study_results
     from skyrange.study.score_tables import score_study
+    from skyrange.study.study_run import StudyResult, run_study
     from skyrange.twins.pair_folder import Pair, load_pair
 
 __all__ = [
@@ -159,7 +159,7 @@ if not TYPE_CHECKING:
             "skyrange.study.dataset_members": "list_dataset_members",
             "skyrange.study.design.factors": "Factor",
             "skyrange.study.design.model": "LearnedTable Study StudyArm read_study",
-            "skyrange.study.execution.study_run": "StudyResult run_study",
+            "skyrange.study.study_run": "StudyResult run_study",
             "skyrange.study.page": "write_study_report",
             "skyrange.study.results": "read_results=read_study_results",
             "skyrange.study.score_tables": "score_study",

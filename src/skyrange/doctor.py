@@ -53,9 +53,9 @@ def _packages() -> list[Finding]:
         if extra == "dev":
             continue
         name = _name_of(requirement)
-        found = _installed_version(name)
-        if found is not None:
-            findings.append(Finding(name, found, optional=bool(extra)))
+        installed = _installed_version(name)
+        if installed is not None:
+            findings.append(Finding(name, installed, optional=bool(extra)))
         elif extra:
             findings.append(
                 Finding(name, "missing", ok=False, hint=f"Optional. pip install 'skyrange[{extra}]'", optional=True)
@@ -88,8 +88,8 @@ def _name_of(requirement: str) -> str:
 
 def _extra_of(requirement: str) -> str:
     """The extra that a requirement belongs to, "" for none."""
-    found = re.search(r"""extra\s*==\s*["']([^"']+)["']""", requirement)
-    return found[1] if found else ""
+    match = re.search(r"""extra\s*==\s*["']([^"']+)["']""", requirement)
+    return match[1] if match else ""
 
 
 def _installed_version(name: str) -> str | None:
@@ -160,8 +160,8 @@ def _gazebo() -> list[Finding]:
     try:
         gazebo = find_gazebo()
     except InputError as error:
-        found = "; ".join(f"{fault.value} ({fault.where})" for fault in error.problems)
-        return [Finding("gazebo", found, ok=False, hint=f"Optional. {error.problems[0].hint}", optional=True)]
+        reasons = "; ".join(f"{fault.value} ({fault.where})" for fault in error.problems)
+        return [Finding("gazebo", reasons, ok=False, hint=f"Optional. {error.problems[0].hint}", optional=True)]
     what = f"{gazebo.title} ({gazebo.source}: {gazebo.path})"
     try:
         library = find_plugin(gazebo)

@@ -89,8 +89,8 @@ class Opened:
         self.page.context.close()
 
 
-def visit(browser: Browser, path: Path, at: str = "", script: str = "", **context: Any) -> Opened:
-    """Open a file in a context of its own; `at` is the address's fragment, `context` goes to `Browser.new_context`.
+def visit(browser: Browser, path: Path | str, at: str = "", script: str = "", **context: Any) -> Opened:
+    """Open a file or an address in a context of its own; `at` is the fragment, `context` goes to `Browser.new_context`.
 
     `script` runs in the page before its own.
     """
@@ -108,7 +108,7 @@ def visit(browser: Browser, path: Path, at: str = "", script: str = "", **contex
     page.on("dialog", answer)
     if script:
         page.add_init_script(script)
-    page.goto(path.resolve().as_uri() + at)
+    page.goto((path if isinstance(path, str) else path.resolve().as_uri()) + at)
     opened.settle()
     return opened
 

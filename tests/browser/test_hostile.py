@@ -76,17 +76,18 @@ def exercised(browser: Browser, path: Path) -> Iterator[Opened]:
     yield opened
     page.evaluate(
         """() => {
-          for (const part of document.querySelectorAll("tr[data-v], .lane, .lane-marks g, .lane-marks rect, .chip"))
+          for (const part of document.querySelectorAll("tr[data-v], .lane, .lane-marks g, .lane-marks rect, .sky-chip"))
             for (const name of ["pointerenter", "pointermove", "pointerleave"])
               part.dispatchEvent(new PointerEvent(name, { bubbles: name === "pointermove" }));
         }"""
     )
     for box in page.locator(".filter input").all():
         box.fill("<img")
-    if page.locator(".over").count():
-        page.locator(".over").focus()
+    if page.locator(".sky-stage").count():
+        page.locator(".sky-stage").focus()
         page.keyboard.press("n")
-        assert page.locator("#tip").is_visible()
+        opened.settle()
+        assert page.locator(".sky-panel .sky-name").last.inner_text() != "Aircraft"
     opened.settle()
     assert opened.messages == []
     assert opened.dialogs == []
@@ -182,7 +183,7 @@ def recorded(folder: Path, text: str) -> SampleRun:
     collision = {"kind": "event.collision", "data": json.dumps({"with": text, "speed_mps": 9.0})}
     run._rows["events"].append({**run._rows["events"][0], **collision})
     if text == EVIL:
-        run.path = folder / "</code><script>hacked()</script>"
+        run.move(folder / "</code><script>hacked()</script>")
     return run
 
 

@@ -92,7 +92,7 @@ def test_light_and_dark_are_two_looks_of_one_page(browser: Browser, run_page: Pa
         assert opened.messages == []
         if kind == "run":  # the scene follows the page
             opened.page.emulate_media(color_scheme="dark" if scheme == "light" else "light")
-            turned = float(np.median(opened.pixels(opened.page.locator("#stage"))))
+            turned = float(np.median(opened.pixels(opened.page.locator(".sky-view"))))
             assert (turned < 90) == (scheme == "light")
         opened.close()
     assert brightness["light"] > 200
@@ -105,7 +105,7 @@ def test_print_shows_still_pictures_and_no_controls(browser: Browser, run_page: 
     page = opened.page
     assert not page.locator("#overview").is_visible()
     page.emulate_media(media="print", color_scheme="dark")
-    for gone in (".transport", ".chips", ".tools", ".filter", "canvas"):
+    for gone in (".contents", ".filter", "#viewer", "canvas"):
         assert not page.locator(gone).first.is_visible(), gone
     for still in page.locator(".still svg").all():
         assert still.is_visible()

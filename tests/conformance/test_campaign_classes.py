@@ -198,7 +198,7 @@ def test_it_ends_after_its_longest_duration(square: Scenario) -> None:
 
 def test_a_class_without_a_longest_duration_is_refused() -> None:
     with pytest.raises(ValidationError, match="longest_s"):
-        Leading(acts={"ghost": GHOST})
+        script("test.without_longest", (1.0, GHOSTLY))(acts={"ghost": GHOST})
 
 
 JUMPS = CampaignStage("a", ["jump"])

@@ -23,7 +23,7 @@ from skyrange.gcs.station import GroundStation
 from skyrange.kernel import EngineMount, Kernel, Wiring
 from skyrange.testing import InputMessage, MessageRecorder, check_agent, check_approval, check_engine, check_tap
 from skyrange.testing.checks.approval_policies import EPOCH, ordinary
-from skyrange.testing.drivers.engine_driver import CHANCE, FLEET, ORIGIN, open_field
+from skyrange.testing.drivers.engine_driver import FLEET, ORIGIN, open_field
 from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.approve_all import ApproveAll
 from skyrange.utm.contract import ApprovalPlugin
@@ -112,7 +112,7 @@ def conversation(kind: plans.Kind, until: Time) -> list[InputMessage]:
         routes=relays,
         agents=[station, FlightApproval(["blue"], EPOCH, ApproveAll())],
         world=open_field(BLUE),
-        engines=[EngineMount(BuiltinFleet("builtin", list(BLUE), ORIGIN, EPOCH, CHANCE), slice(None))],
+        engines=[EngineMount(BuiltinFleet("builtin", list(BLUE), ORIGIN, EPOCH), slice(None))],
     )
     kernel = Kernel(wiring, [recorder])
     kernel.advance(until)

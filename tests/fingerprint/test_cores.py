@@ -232,8 +232,16 @@ params = { links = ["gcs:*"], probability = 0.3 }
 [[faults]]
 id = "weak"
 kind = "motor.loss"
-start_s = 14
+manual = true
 params = { vehicles = ["b/b1"], motor = 1, loss = 0.2 }
+[[manual_acts]]
+at_s = 14
+act = "weak"
+action = "start"
+[[manual_acts]]
+at_s = 19.003
+act = "drop"
+action = "stop"
 [[detectors]]
 id = "gap"
 kind = "heartbeat.gap"

@@ -57,11 +57,12 @@ SHORT = {
     "gnss-pull-off": (("duration_s=70",), "83365de0758f693061e0b510036a5e7a"),
     "hijack": (("duration_s=70",), "2d50d0b95dd008982f473307016e1f94"),
     "insider": (("duration_s=60",), "12b9c8a6f1531c95580af30b254683f1"),
+    "jam-then-spoof": (("duration_s=44",), "c23588735c03e26031c4c7bbf43e7542"),
     "jammed-corridor": (("duration_s=60",), "b7214c47219228e537934445ed749678"),
     "mitm-mission": (("duration_s=60",), "07ecdb66f8cfb74e6ba061770a7fae22"),
     "rid-city": (("duration_s=45", "operators.*.fleets.*.count=2"), "596d1492f642d9d9d6f7103fc610e087"),
     "rid-spoofing": (("duration_s=60",), "b2bc788cfa3173c608e82bacf779df2e"),
-    "survey": (("duration_s=120",), "f9aacc150d8f83ad49d95382e3a41844"),
+    "survey": (("duration_s=70",), "acc4b358c41da5d71d745b63ca34026d"),
     "unsigned-ghost": (("duration_s=60",), "b97111e20e223b7844cb2306de53740a"),
     "wind": (("duration_s=60",), "77c354b64b3c7fd34b6d2dfdbfba780a"),
 }

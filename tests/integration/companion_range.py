@@ -164,12 +164,12 @@ def wired(
     chance = Chance(seed)
     names = list(aircraft)
     specs = [
-        VehicleSpec(name, row + 1, home_enu_m=home, params=params or {})
+        VehicleSpec(name, row + 1, home_enu_m=home, params=params or {}, seed=seed)
         for row, (name, (home, _)) in enumerate(aircraft.items())
     ]
-    bodies = [Body(spec.vehicle, "iris", *spec.home_enu_m, 0.0) for spec in specs]
-    world = World(bodies, city=city, chance=chance, sensors=SensorSpec(0.0, magnetic_field_at(ORIGIN), chance))
-    engine = BuiltinFleet("builtin", specs, ORIGIN, EPOCH, chance)
+    bodies = [Body(spec.vehicle, "iris", *spec.home_enu_m, 0.0, seed=seed) for spec in specs]
+    world = World(bodies, city=city, sensors=SensorSpec(0.0, magnetic_field_at(ORIGIN)))
+    engine = BuiltinFleet("builtin", specs, ORIGIN, EPOCH)
     flights = [Flight(name, row + 1, plan) for row, (name, (_, plan)) in enumerate(aircraft.items())]
     station = GroundStation("blue", flights, EPOCH)
     place = (*ORIGIN.geodetic_of(0.0, 0.0), ORIGIN.alt_msl_m + ORIGIN.geoid_m)

@@ -13,7 +13,7 @@ import pytest
 from skyrange.cli import main
 from skyrange.runtime.warm_up import warm_up
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.study.execution import study_run
+from skyrange.study.execution import plan_run
 from tests.ardupilot import programs
 from tests.processor_time import CLOCK
 
@@ -31,7 +31,7 @@ def studies_warm_up_once() -> Iterator[None]:
         warm = True
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(study_run, "warm_up", warm_up_once)
+        patched.setattr(plan_run, "warm_up", warm_up_once)
         yield
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -13,7 +13,6 @@ import numpy as np
 from skyrange.codec.mavlink import Packer, decode, dialect
 from skyrange.contracts.components import Sensors
 from skyrange.contracts.mailboxes import Arrival, Inbox, Note
-from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Epoch, from_seconds
@@ -54,15 +53,13 @@ class Range:
         seed: int = 7,
         noise: float = 0.0,
     ) -> None:
-        self.specs = list(specs)
-        bodies = [
-            Body(s.vehicle, s.airframe, s.home_enu_m[0], s.home_enu_m[1], s.home_enu_m[2], s.heading_deg) for s in specs
-        ]
-        sensors = SensorSpec(noise, magnetic_field_at(origin), Chance(seed))
+        self.specs = [replace(spec, seed=seed) for spec in specs]
+        bodies = [Body(s.vehicle, s.airframe, *s.home_enu_m, s.heading_deg, seed=seed) for s in specs]
+        sensors = SensorSpec(noise, magnetic_field_at(origin))
         self.world = World(bodies, QUANTUM_NS, Wind(wind_enu_mps), sensors=sensors)
         size = -(-len(self.specs) // split)
         parts = [self.specs[start : start + size] for start in range(0, len(self.specs), size)]
-        self.engines = [BuiltinFleet(f"part{i}", p, origin, EPOCH, Chance(seed)) for i, p in enumerate(parts)]
+        self.engines = [BuiltinFleet(f"part{i}", p, origin, EPOCH) for i, p in enumerate(parts)]
         self.bounds = [slice(start, start + size) for start in range(0, len(self.specs), size)]
         self.origin = origin
         self.now = 0

@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skyrange.core.chance import Chance
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.contract import VehicleSpec
 from skyrange.world import AIRFRAMES, Body, SensorSpec, Wind, World
@@ -21,10 +20,8 @@ SLOW_BUT_ONE = ["iris", *(pytest.param(name, marks=pytest.mark.slow) for name in
 
 def _range(airframe: str, wind: Wind | None = None, charge: float = 1.0) -> Range:
     r = Range([VehicleSpec(V, 1, airframe=airframe)])
-    body = Body(V, airframe, 0.0, 0.0, charge=charge)
-    r.world = World(
-        [body], QUANTUM_NS, wind or Wind(), chance=Chance(11), sensors=SensorSpec(0.0, magnetic_field_at(r.origin))
-    )
+    body = Body(V, airframe, 0.0, 0.0, charge=charge, seed=11)
+    r.world = World([body], QUANTUM_NS, wind or Wind(), sensors=SensorSpec(0.0, magnetic_field_at(r.origin)))
     return r
 
 

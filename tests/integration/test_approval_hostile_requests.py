@@ -146,7 +146,7 @@ def test_a_notification_of_a_constraint_does_not_replace_an_intent() -> None:
     assert decode_frame(answer.payload).status == 403  # type: ignore[union-attr]
     assert uss.own_intents == [own]
     other = IntentReference.of({**body, "id": make_uuid("other"), "manager": "green", "state": State.Accepted}, EPOCH)
-    uss._intents.learn(other, IntentDetails((elsewhere,), (), 0))
+    uss._intents.store_intent(other, IntentDetails((elsewhere,), (), 0))
     constraint["reference"] = {**body, "id": other.id, "manager": "green", "version": 2}
     notification = {**notification, "constraint_id": other.id}
     frame = frame.model_copy(update={"exchange": 2, "body": notification})

@@ -24,6 +24,8 @@ from tests.conformance.test_attacks_companion import encounter
 from tests.conformance.test_attacks_telemetry import signed_squares
 from tests.registered_kinds import registered
 
+pytestmark = pytest.mark.catalogue
+
 GUIDED = AttackPlugin.find("mavlink.guided")
 FORGED_DECISION = AttackPlugin.find("approval.forged_decision")
 INSIDER = AttackPlugin.find("ground.insider")

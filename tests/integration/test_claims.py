@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import json
+import base64
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,6 +17,8 @@ from skyrange.metrics.time_series import truth_tracks
 from skyrange.record import RunRecord
 from skyrange.scenario.shipped import load
 from skyrange.utm.intent_states import IntentState
+from skyrange.view.inline import STREAM_ID
+from skyrange.view.stream.messages import decode_file
 
 
 @pytest.fixture(scope="module")
@@ -48,15 +52,21 @@ def test_an_aircraft_that_keeps_to_its_volumes_was_inside_all_the_time(record: R
     assert inside_share(outside, tracks["blue/b1"]) == 0.0
 
 
+def shown_scene(page: str) -> Mapping[str, Any]:
+    """The scene of the stream in a report."""
+    data = re.search(rf'id="{STREAM_ID}"[^>]*>([^<]*)<', page)
+    assert data is not None
+    scene, *_ = decode_file(base64.b64decode(data[1]))
+    return scene.head
+
+
 def test_the_report_has_a_row_for_each_flight_and_the_volumes_at_their_times(record: RunRecord) -> None:
     page = (record.path / "report.html").read_text()
     assert 'id="airspace"' in page
-    data = re.search(r'<script type="application/json" id="run">(.*?)</script>', page, re.DOTALL)
-    assert data is not None
-    scene = json.loads(data[1])
-    shown = shown_prisms(read_claims(record), round(scene["end"] * NS_PER_S))
-    assert len(scene["airspace"]) == len(shown) > 5
-    assert all(one["t"][0] < one["t"][1] <= scene["end"] + 0.1 for one in scene["airspace"])
+    scene = shown_scene(page)
+    shown = shown_prisms(read_claims(record), round(scene["end_s"] * NS_PER_S))
+    assert len(scene["volumes"]) == len(shown) > 5
+    assert all(one["from_s"] < one["until_s"] <= scene["end_s"] + 0.1 for one in scene["volumes"])
 
 
 def test_where_everything_is_approved_at_once_there_is_no_section(tmp_path: Path) -> None:
@@ -67,7 +77,6 @@ def test_where_everything_is_approved_at_once_there_is_no_section(tmp_path: Path
 def test_the_scene_shows_constraints_from_their_publication_on(tmp_path: Path) -> None:
     constraint = 'constraints=[{id="fire", corners_m=[[0, 0], [9, 0], [9, 9]], upper_m=50, published_s=2}]'
     run = skyrange.run(load("squares", ["duration_s=3", constraint]), tmp_path / "run")
-    data = re.search(r'<script type="application/json" id="run">(.*?)</script>', (run.path / "report.html").read_text())
-    assert data is not None
-    (shown,) = json.loads(data[1])["airspace"]
-    assert shown == {"name": "fire", "t": [2.0, 3.0], "h": [0, 500], "r": [0, 0, 90, 0, 0, 90]}
+    (shown,) = shown_scene((run.path / "report.html").read_text())["volumes"]
+    assert (shown["name"], shown["from_s"], shown["until_s"]) == ("fire", 2.0, 3.0)
+    assert (shown["lower_m"], shown["upper_m"], shown["ring"]) == (0.0, 50.0, [[0, 0], [9, 0], [9, 9]])

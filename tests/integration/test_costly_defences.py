@@ -12,6 +12,8 @@ from skyrange.record import RunRecord
 from skyrange.scenario.toml_files import load_data
 from skyrange.study.runs import fly
 
+pytestmark = pytest.mark.slow
+
 PLAN = {"square": {"side_m": 30, "alt_m": 15}}
 FLOOD = {"links": ["gcs:blue/b1"], "message": "PING", "rate_hz": 2000}
 BUFFER = {"match": "*.companion", "frames_per_s": 1e6, "queue_frames": 64}
@@ -58,6 +60,7 @@ def events(record: RunRecord, kind: str) -> list[dict[str, Any]]:
     return [row for row in record.table("events").to_pylist() if row["kind"] == kind]
 
 
+@pytest.mark.slow
 def test_a_costly_defence_delays_every_frame_while_nobody_attacks(records: dict[str, RunRecord]) -> None:
     quiet, plain = (measure_transit_ms(records[name]) for name in ("quiet", "plain"))
     assert quiet["gcs"][0] - plain["gcs"][0] == pytest.approx(4.0)  # at each end of the link 2 ms

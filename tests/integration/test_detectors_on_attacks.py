@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from skyrange.assembly.build import Additions
 from skyrange.contracts.monitors import DetectorContext, DetectorPlugin, Monitor, MonitorPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.ids import vehicle_id
@@ -61,7 +62,9 @@ def fly(name: str, duration_s: float, out: Path, monitors: Any) -> tuple[RunReco
     records = []
     for arm, muted in (("attacked", "false"), ("nominal", "true")):
         scenario = load_scenario(name, [f"duration_s={duration_s}", f"attacks.0.muted={muted}"])
-        records.append(fly_scenario(scenario, out / arm, report=False, monitors=monitors(scenario)))
+        records.append(
+            fly_scenario(scenario, out / arm, report=False, additions=Additions(monitors=monitors(scenario)))
+        )
     return records[0], records[1]
 
 

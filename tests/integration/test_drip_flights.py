@@ -24,6 +24,8 @@ from skyrange.scenario.toml_files import load_data, parse_toml
 from skyrange.study.runs import fly
 from tests.drip_range import broadcasts, flown, table
 
+pytestmark = pytest.mark.catalogue
+
 GREEN, RED, BLUE = "green/g1", "red/r1", "blue/b1"
 
 

@@ -36,6 +36,7 @@ DEAR = ("gcs-flood", "gnss-pull-off", "insider", "jammed-corridor", "unsigned-gh
 OTHERS = sorted(set(NO_PATH) - {"chain", "rid-city", *DEAR})
 
 
+@pytest.mark.slow
 def test_every_effect_of_the_chain_has_a_path() -> None:
     assert_effects_without_a_path("chain")  # other tests read this pair too
 

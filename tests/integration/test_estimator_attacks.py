@@ -19,6 +19,8 @@ from skyrange.vehicle.builtin.estimation.state import Status
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range
 
+pytestmark = pytest.mark.catalogue
+
 ME = "blue/b1"
 HELD = Status.POS_HORIZ_ABS
 

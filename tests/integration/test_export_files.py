@@ -18,6 +18,7 @@ import numpy as np
 import polars
 import pytest
 from mcap.reader import NonSeekingReader, SeekingReader, make_reader
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError
@@ -120,6 +121,7 @@ def test_every_message_of_the_mcap_file_is_valid_by_its_schema(mcap: Path, recor
     assert {chunk.compression for chunk in summary.chunk_indexes} == {"zstd"}
     assert set(checkers) == {
         "foxglove.FrameTransforms", "foxglove.LocationFix", "foxglove.Log", "foxglove.SceneUpdate",
+        "skyrange.Act", "skyrange.Claim", "skyrange.Reception",
     }  # fmt: skip
     assert seen == dict(write_mcap(record, mcap.with_name("again.mcap")).by)
     assert mcap.read_bytes() == mcap.with_name("again.mcap").read_bytes()
@@ -229,6 +231,83 @@ def test_logs_say_what_was_noted(mcap: Path, record: RunRecord) -> None:
             assert log["name"] == row["actor" if table == "labels" else "source"]
             if row.get("kind") == "event.attack_start":
                 assert log["level"] == 3
+
+
+def test_acts_and_receptions_are_the_rows_of_the_record(mcap: Path, record: RunRecord) -> None:
+    for topic, table, key, names in (
+        ("/acts", "labels", "at_ns", ("attack", "actor", "action", "frame", "child")),
+        ("/remote_id/receptions", "observations", "time_ns", ("receiver", "radio", "uas_id", "frame", "transport")),
+    ):
+        rows = record.table(table).to_pylist()
+        found = list(messages(mcap, topic))
+        told = sorted((at_ns - START_NS, *(str(one[name]) for name in names)) for _, at_ns, one in found)
+        assert told == sorted((row[key], *(str(row[name]) for name in names)) for row in rows)
+        assert len(rows) >= 4
+        assert all(stamp_ns(one["timestamp"]) == at_ns for _, at_ns, one in found)
+    assert {one["author"] for _, _, one in messages(mcap, "/acts")} == {"attack"}
+    signal = {(one["receiver"], one["frame"]): one["rssi_dbm"] for _, _, one in messages(mcap, "/remote_id/receptions")}
+    for row in record.table("observations").to_pylist():
+        assert signal[row["receiver"], row["frame"]] == pytest.approx(row["rssi_dbm"], abs=0.051)
+
+
+def test_each_broadcast_that_claims_a_place_is_one_claim(mcap: Path, record: RunRecord) -> None:
+    first: dict[str, dict[str, Any]] = {}
+    for row in sorted(record.table("observations").to_pylist(), key=lambda row: row["time_ns"]):
+        if row["east_m"] is not None:
+            first.setdefault(row["frame"], row)
+    found = {one["frame"]: (at_ns - START_NS, one) for _, at_ns, one in messages(mcap, "/remote_id/claims")}
+    assert found.keys() == first.keys()
+    assert len(list(messages(mcap, "/remote_id/claims"))) == len(first) == len(list(messages(mcap, "/scene/claims")))
+    for frame, (time_ns, one) in found.items():
+        row = first[frame]
+        assert (time_ns, one["radio"], one["uas_id"]) == (row["time_ns"], row["radio"], row["uas_id"])
+        place = [one["position"][axis] for axis in "xyz"]
+        assert place == pytest.approx([row["east_m"], row["north_m"], row["up_m"]], abs=1e-3)
+        assert (one["latitude"], one["longitude"]) == pytest.approx((row["lat_deg"], row["lon_deg"]), abs=1e-7)
+        assert one["altitude"] == pytest.approx(row["alt_geo_m"], abs=0.01)
+    ghosts = [one["position"] for _, one in found.values() if one["radio"] == "ghost"]
+    assert [one["x"] for one in ghosts] == pytest.approx([30.0] * len(ghosts), abs=0.1)
+    shapes = [entity for _, _, one in messages(mcap, "/scene/claims") for entity in one["entities"]]
+    red = [one for one in shapes if one["id"].startswith("ghost ")]
+    assert len(red) == len(ghosts) > 0
+    assert all(one["spheres"][0]["color"]["r"] > 0.9 for one in red)
+
+
+def test_beliefs_are_those_of_autopilots_and_of_stations(mcap: Path, record: RunRecord) -> None:
+    sent = [frame for frame in record.frames_with_payloads() if frame.sender == "red/r1.autopilot"]
+    decoder: Any = mavlink.MAVLink(None)
+    decoder.robust_parsing = True
+    reports = []
+    for frame in sent:
+        message = decoder.decode(bytearray(frame.payload))
+        if message.get_type() == "GLOBAL_POSITION_INT":
+            reports.append((frame.sent_ns, message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3 - 32.7))
+    heard = [
+        (row["time_ns"], row["lat"] * 1e-7, row["lon"] * 1e-7, row["alt"] * 1e-3 - 32.7)
+        for row in record.telemetry("GLOBAL_POSITION_INT").to_pylist()
+        if row["vehicle"] == "red/r1"
+    ]
+    for topic, wanted in (("autopilot", reports), ("station", heard)):
+        found = [
+            (at_ns - START_NS, fix["latitude"], fix["longitude"], fix["altitude"])
+            for _, at_ns, fix in messages(mcap, f"/aircraft/red/r1/{topic}")
+        ]
+        assert [row[0] for row in found] == [row[0] for row in wanted]
+        assert len(wanted) > 20
+        assert np.array(found)[:, 1:] == pytest.approx(np.array(wanted)[:, 1:], abs=1e-3)
+        assert np.array(found)[:, 1:3] == pytest.approx(np.array(wanted)[:, 1:3], abs=2e-8)
+
+
+def test_a_run_without_frames_has_the_same_claims_and_acts_and_no_beliefs(mcap: Path, tmp_path: Path) -> None:
+    study = fly(load_text(SCENARIO + '[record]\nlevel = "study"\n'), tmp_path / "study", report=False)
+    made = write_mcap(study)
+    assert not any(topic.endswith(("/autopilot", "/station")) for topic in made.by)
+    for topic in ("/remote_id/claims", "/remote_id/receptions", "/scene/claims", "/acts"):
+        assert list(messages(made.path, topic)) == list(messages(mcap, topic))
+
+
+def stamp_ns(stamp: dict[str, int]) -> int:
+    return stamp["sec"] * NS_PER_S + stamp["nsec"]
 
 
 def test_attachments_and_metadata_name_the_run(mcap: Path, record: RunRecord) -> None:

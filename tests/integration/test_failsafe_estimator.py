@@ -8,6 +8,8 @@ from skyrange.vehicle.builtin.modes import Mode, mode_of
 from tests.integration.flight_harness import Range
 from tests.integration.hovering import V, believe, hovering, modes, standing, texts, when
 
+pytestmark = pytest.mark.catalogue
+
 CRITICAL = 2
 GOOD = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
 NO_POSITION = 1 | 4 | 32 | 128  # CONST_POS_MODE

@@ -300,7 +300,7 @@ def kill(uss: Uss, at_step: int, *, after_commit: bool) -> Callable[[], int]:
             if after_commit:
                 journal.commit()
             for own in journal.kept.values():
-                fresh._restore(own)
+                fresh._restore_intent(own)
             step, uss.next_wakeup = fresh.step, fresh.next_wakeup  # type: ignore[method-assign]
             uss._intents = fresh._intents
             return Outbox()

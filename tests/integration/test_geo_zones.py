@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import pytest
+
 from skyrange.record import RunRecord
 from tests.flights import shared_run
 from tests.integration.test_signed_flights import notes, outcome
+
+pytestmark = pytest.mark.catalogue
 
 NAME = "ground.geo_zones"
 

@@ -20,6 +20,8 @@ from skyrange.scenario.shipped import load
 from skyrange.study.runs import fly
 from tests.flights import shared_pair, shared_run
 
+pytestmark = pytest.mark.slow
+
 ME = "blue/b1"
 ONSET_NS = 25 * NS_PER_S
 BEFORE_THE_WALL_NS = 60 * NS_PER_S

@@ -188,7 +188,7 @@ def test_what_a_member_says_about_the_intents_of_another_changes_nothing(forged:
     class Forger(HashgraphNode):
         """Says so in each of its events, also after the intent was accepted."""
 
-        def _create(self, now: Time, peer: str) -> None:
+        def _create_event(self, now: Time, peer: str) -> None:
             mine, other = self._graph.latest(self.operator), self._graph.latest(peer)
             assert mine is not None
             assert other is not None

@@ -138,6 +138,7 @@ AVOIDING = plain(18.5, own='avoidance = "geometric"', more=MOVING)
 @pytest.mark.parametrize(
     "text", [AVOIDING, pytest.param(RID_SPOOFING, marks=pytest.mark.slow)], ids=["plain", "street"]
 )
+@pytest.mark.slow
 def test_others_react_to_the_truth_as_to_the_lie(text: str, tmp_path: Path) -> None:
     scenario = load_text(text, overrides=["duration_s=80"] if text == RID_SPOOFING else [])
     made = pair(scenario, tmp_path / "out", arms="nominal", honest=True, jobs=1, run_reports=False)

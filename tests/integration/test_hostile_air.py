@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from skyrange.assembly.build import Additions
 from skyrange.attack.contract import ORACLE, Attack, AttackContext, AttackPlugin
 from skyrange.attack.radio import Broadcaster, transmitter, up_link
 from skyrange.codec import f3411
@@ -31,6 +32,8 @@ from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from tests.integration.twin_range import heard, plain
 from tests.registered_kinds import registered
+
+pytestmark = pytest.mark.catalogue
 
 B1, B2 = "blue/b1", "blue/b2"
 KIND = "test.babble"
@@ -213,7 +216,7 @@ class Injects:
 @pytest.mark.parametrize("kind", ["rid_down", pytest.param("rid_data", marks=pytest.mark.slow)])
 def test_garbage_on_the_companions_links_is_survived_and_counted(kind: str, tmp_path: Path) -> None:
     taps = [TapPlacement(f"{kind}:{B1}", "companion", Injects)]
-    record = flown(tmp_path / "run", nearby(own=AVOIDS), taps=taps)
+    record = flown(tmp_path / "run", nearby(own=AVOIDS), additions=Additions(taps))
     completes(record)
     told = counts(record, "event.bad_frame", B1)
     assert [row["count"].bit_length() for row in told] == sorted({row["count"].bit_length() for row in told})

@@ -11,6 +11,8 @@ from skyrange.record import MemoryObserver
 from skyrange.scenario.shipped import source_of
 from skyrange.scenario.toml_files import load_text
 
+pytestmark = pytest.mark.catalogue
+
 SCENARIO = source_of("jam-then-spoof").read_text(encoding="utf-8").replace("duration_s = 115", "duration_s = 44")
 JAMMER, SPOOFER = "power_dbm = -10 }", "power_dbm = -40,"
 

@@ -178,6 +178,7 @@ def test_while_no_program_is_there_frames_pass_or_are_dropped(fail: str, aloft: 
     assert actions == (set() if aloft else {"drop"})
 
 
+@pytest.mark.slow
 def test_a_tap_process_that_is_killed_gives_the_link_back_and_another_takes_its_place(tmp_path: Path) -> None:
     serials: list[int] = []
 

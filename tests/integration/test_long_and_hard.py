@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from skyrange.assembly.build import Additions
 from skyrange.codec.mavlink import dialect
 from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Act, TapPlacement
@@ -108,7 +109,7 @@ def without_station(folder: Path, *changes: str) -> RunRecord:
     settings = ("operators.*.fleets.*.count=1", BAD_LINKS, *changes)
     taps = [TapPlacement("gcs:*", "companion", Blackhole, "cut")]
     plans = [Act("cut", start_ns=from_seconds(60.0), stop_ns=from_seconds(90.0))]
-    return fly(load("city-fleet", settings), folder, taps=taps, acts=plans, report=False)
+    return fly(load("city-fleet", settings), folder, additions=Additions(taps, plans), report=False)
 
 
 def test_a_station_that_vanishes_sends_the_fleet_home_and_is_heard_again(tmp_path: Path) -> None:

@@ -11,12 +11,15 @@ from typer.testing import CliRunner
 
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError
+from skyrange.record import RunRecord
 from skyrange.scenario.shipped import load
+from skyrange.study.execution.plan_run import PlanProgress
 from skyrange.study.matrix.cells import Cell, measure_cell
 from skyrange.study.matrix.flights import fly_matrix
 from skyrange.study.matrix.model import read_matrix, select
 from skyrange.study.matrix.page import write_matrix_report
 from skyrange.study.matrix.sections import write_markdown
+from skyrange.study.matrix.states import SIGNS
 from skyrange.study.matrix.summary import cost_of, describe_cell
 from skyrange.study.pairing import pair
 from skyrange.twins.pair_folder import Pair, load_pair
@@ -57,12 +60,10 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_a_matrix_tells_what_each_defence_stops_and_costs(file: Path, tmp_path: Path) -> None:
-    told: list[tuple[int, int]] = []
+    told: list[PlanProgress] = []
     matrix = read_matrix(file)
-    result = fly_matrix(
-        matrix, tmp_path / "small", jobs=1, on_cell=lambda done, total, _left: told.append((done, total))
-    )
-    assert told[-1] == (6, 6)
+    result = fly_matrix(matrix, tmp_path / "small", jobs=1, on_progress=told.append)
+    assert told[-1][:3] == (32, 32, 0.0)
     stopped, undefended = result.cell("terminate", "firewall"), result.cell("terminate")
     assert result.verdicts.in_every_flight("terminate", "firewall")
     assert not result.verdicts.stops("terminate", "firewall"), "two seeds show nothing"
@@ -82,19 +83,20 @@ def test_a_matrix_tells_what_each_defence_stops_and_costs(file: Path, tmp_path: 
     assert loiter.alarms_s[0] is not None  # not on the list of modes
     assert describe_cell(result, matrix.rows[0], "firewall").adaptive == "non-adaptive"
     cost = cost_of(result, matrix.columns[0])
-    assert (cost.all, cost.false_alarms, cost.frames_per_h, cost.broken) == ((0, 1, 2), 0, 0.0, 0)
+    assert (cost.all, cost.false_alarms, cost.frames_per_h, cost.broken) == ((0, 2, 2), 0, 0.0, 0)
     assert cost.false_per_h[1] > 10.0, "a quarter of an hour without an alarm"
     assert cost.energy is not None
     assert cost.energy.mean == 0.0
     report = write_matrix_report(result).read_text(encoding="utf-8")
-    assert "cells/terminate/firewall/report.html" in report
+    assert "cells/terminate/firewall/seed-1/report.html" in report
     assert "without assumed reactions" not in report
     result.cells["mode", "none"] = replace(result.cell("mode"), assumed=True)
     again = write_markdown(result, "", "", links=False).partition("## Effect without assumed reactions of sensors")[2]
     assert "Left out: `mode`." in again
     assert "| `terminate (m)` |" in again.partition("## ")[0]
     assert "| `mode (m)` |" not in again.partition("## ")[0]
-    opened = load_pair(tmp_path / "small" / "cells" / "terminate" / "firewall")
+    opened = load_pair(tmp_path / "small" / "cells" / "terminate" / "firewall" / "seed-1")
+    assert not (opened.path.parent / "seed-2").exists(), "only the first seed is kept"
     assert 'id="defences"' in opened.report.read_text(encoding="utf-8")
 
 
@@ -118,6 +120,10 @@ changes = ["duration_s=15", "attacks.terminate.start_s=10"]
 """
 
 
+def runs_of(flown: Pair) -> dict[str, RunRecord]:
+    return {arm: flown.run(arm) for arm in flown.arms}
+
+
 @pytest.mark.slow
 def test_cells_whose_defences_have_nothing_to_do_are_the_undefended_one(tmp_path: Path) -> None:
     path = tmp_path / "idle.toml"
@@ -126,7 +132,7 @@ def test_cells_whose_defences_have_nothing_to_do_are_the_undefended_one(tmp_path
     result = fly_matrix(matrix, tmp_path / "idle", jobs=1)
     undefended = result.cell("terminate")
     assert undefended.idle == ("barometer", "both")
-    assert (tmp_path / "idle" / result.cell("terminate", "slow").folder).name == "slow"
+    assert (tmp_path / "idle" / result.cell("terminate", "slow").folder).parent.name == "slow"
     scenario = matrix.rows[0].load()
     bare = load_pair(tmp_path / "idle" / undefended.folder)
 
@@ -140,7 +146,7 @@ def test_cells_whose_defences_have_nothing_to_do_are_the_undefended_one(tmp_path
     assert taken.stat().st_nlink > 1, "it withholds nothing while nobody attacks: the nominal run is the undefended one"
     defended = scenario.model_copy(update={"defences": matrix.columns[0].tables()})
     alone = pair(defended, tmp_path / "firewall", arms="sham", jobs=1, run_reports=False)
-    measured = measure_cell(alone, Cell("terminate", "firewall"), "departure_m", ["firewall"])
+    measured = measure_cell(runs_of(alone), Cell("terminate", "firewall"), "departure_m", ["firewall"])
     assert replace(measured, folder="") == replace(firewall, folder="")
 
     for column in matrix.columns:
@@ -152,7 +158,7 @@ def test_cells_whose_defences_have_nothing_to_do_are_the_undefended_one(tmp_path
         flown = pair(defended, tmp_path / column.id, arms="sham", jobs=1, run_reports=False)
         assert same_frames(flown)
         ids = [table.id for table in column.tables()]
-        measured = measure_cell(flown, Cell("terminate", column.id), "departure_m", ids)
+        measured = measure_cell(runs_of(flown), Cell("terminate", column.id), "departure_m", ids)
         assert measured == replace(cell, folder="")
     page = write_markdown(result, "", "", links=True).partition("## Defences with nothing to do")[2]
     assert "| `terminate` | barometer, both |" in page
@@ -212,8 +218,13 @@ def test_the_command_prints_and_writes_a_page(file: Path, tmp_path: Path) -> Non
     assert (verdict["below"], verdict["seeds"], verdict["stops"]) == (1, 1, False), "one seed shows nothing"
     assert undefended["idle"] == ["barometer"]
     assert (barometer["effects"], barometer["folder"]) == (undefended["effects"], undefended["folder"])
-    assert "| `terminate (m)` |" in page.read_text(encoding="utf-8")
-    assert page.with_suffix(".svg").read_text(encoding="utf-8").count("<rect") == 2
+    text = page.read_text(encoding="utf-8")
+    assert "| `terminate (m)` |" in text
+    assert "**A quick look with 1 seed carries no claim: a verdict takes 5 seeds, of an adversary 10.**" in text
+    assert "<b>A quick look with 1 seed" in (tmp_path / "one" / "report.html").read_text(encoding="utf-8")
+    assert page.with_suffix(".svg").read_text(encoding="utf-8").count("<rect") == 2 + len(SIGNS), (
+        "two cells and the legend"
+    )
 
 
 @pytest.mark.parametrize(
@@ -279,3 +290,43 @@ def test_a_column_that_fits_no_row_says_once_what_is_expected(file: Path, tmp_pa
 def test_a_row_that_is_not_in_the_matrix_is_named(file: Path) -> None:
     with pytest.raises(InputError, match="terminate"):
         select(read_matrix(file), ("terminat",), ())
+
+
+FOUR = """
+name = "four"
+seeds = 2
+columns = [
+    { id = "barometer", defences = [{ kind = "gnss.barometer" }] },
+    { id = "innovation", defences = [{ kind = "gnss.innovation" }] },
+]
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("measure", ["departure_m", "extra_distance_m", "mission"])
+def test_a_cell_says_what_the_pair_of_its_scenario_and_seeds_does(measure: str, tmp_path: Path) -> None:
+    row = '[[rows]]\nid = "jump"\nscenario = "gnss.jump"\nchanges = ["duration_s=8", "attacks.jump.start_s=6"]\n'
+    path = tmp_path / "four.toml"
+    path.write_text(f'{FOUR}{row}measure = "{measure}"\n', encoding="utf-8")
+    matrix = read_matrix(path)
+    result = fly_matrix(matrix, tmp_path / "four", jobs=2, keep="results")
+    assert not (tmp_path / "four" / "cells").exists()
+    assert {cell.folder for cell in result.cells.values()} == {""}
+    scenario = matrix.rows[0].load()
+    for column in (None, *matrix.columns):
+        tables = () if column is None else column.tables()
+        defended = scenario.model_copy(update={"defences": tables})
+        flown = pair(defended, tmp_path / f"pair-{column and column.id}", arms="sham", seeds=2, run_reports=False)
+        rows = [row for row in flown.effects.to_pylist() if row["against"] == flown.baseline]
+        cell = result.cell("jump", "none" if column is None else column.id)
+        for number, seed in enumerate(flown.seeds):
+            own = [row for row in rows if row["seed"] == seed]
+            changed = [float(row["outcome"] != row["outcome_twin"]) for row in own]
+            assert cell.effects[number] == max(changed if measure == "mission" else [abs(row[measure]) for row in own])
+            done = all(row["outcome"] == "complete" for row in own if row["outcome_twin"] == "complete")
+            assert cell.complete[number] == done
+        alarms = sum(flown.run("nominal", seed).table("alerts").num_rows > 0 for seed in flown.seeds)
+        assert sum(count > 0 for count in cell.false_alarms) == (alarms if tables else 0)
+        assert [run.frames for run in cell.nominal] == [
+            flown.run("nominal", seed).table("frames", ["size"]).num_rows for seed in flown.seeds
+        ]

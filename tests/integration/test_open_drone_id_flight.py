@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from skyrange.assembly.build import Additions
 from skyrange.codec import f3411
 from skyrange.codec.mavlink import decode, dialect, message_id
 from skyrange.codec.remote_id import link_payload
@@ -85,7 +86,7 @@ def flown(kind: str) -> RunRecord:
     """One flight of all three, for all tests."""
     folder = Path(mkdtemp(prefix="did-")) / "run"
     cut = TapPlacement(f"log:{CUT}", "companion", Cutter)
-    return fly(scenario(kind, ("a1", "a2", "a3"), radio={}), folder, taps=[cut], report=False)
+    return fly(scenario(kind, ("a1", "a2", "a3"), radio={}), folder, additions=Additions([cut]), report=False)
 
 
 def texts(record: RunRecord, vehicle: str) -> list[str]:

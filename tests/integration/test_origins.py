@@ -15,6 +15,8 @@ from skyrange.record import RunRecord
 from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 
+pytestmark = pytest.mark.slow
+
 SCENARIO = """
 name = "somewhere"
 seed = 3

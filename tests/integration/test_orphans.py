@@ -29,10 +29,13 @@ def is_running(pid: int) -> bool:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes end with their parent on Linux alone")
-@pytest.mark.parametrize("command", [["pair", "gnss.drift", "--jobs", "2"], ["matrix", "--jobs", "2"]])
+@pytest.mark.parametrize(
+    "command",
+    [["pair", "gnss.drift", "--jobs", "2"], ["matrix", "--row", "gnss-drift", "--column", "firewall", "--jobs", "2"]],
+)
 def test_the_processes_of_a_killed_command_end(command: list[str], tmp_path: Path) -> None:
     process = multiprocessing.get_context("fork").Process(
-        target=app, args=([*command, "--out", str(tmp_path / "out")],), kwargs={"standalone_mode": False}
+        target=app, args=([*command, "--jobs", "2", "--out", str(tmp_path / "out")],), kwargs={"standalone_mode": False}
     )
     process.start()
     assert process.pid is not None

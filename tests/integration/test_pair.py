@@ -18,9 +18,10 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.metrics.exact_difference import diff
 from skyrange.record import RunRecord, load
 from skyrange.scenario.toml_files import load_text
+from skyrange.study.execution.plan_run import PlanProgress
 from skyrange.study.pairing import pair
-from skyrange.study.parallel_runs import run_all
-from skyrange.twins.pair_folder import Pair, load_pair
+from skyrange.study.runs import fly
+from skyrange.twins.pair_folder import FORMAT, Pair, load_pair
 from tests.hostile_kind import KIND, Homeward, Orders, offered, scenario
 from tests.hostile_kind import make as make_homeward
 
@@ -30,14 +31,16 @@ ONSET_S = 12.0
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Pair:
     with offered():
-        told: list[int] = []
+        told: list[PlanProgress] = []
         folder = tmp_path_factory.mktemp("pair") / "out"
         found = pair(
             load_text(scenario(ONSET_S, 22.0)),
             folder,
-            on_progress=lambda number, now, end: told.append(number),
+            on_progress=told.append,
         )
-    assert set(told) == {0, 1, 2}
+    assert told[0][:2] == (0, 3)
+    assert told[-1][:3] == (3, 3, 0.0)
+    assert any(0.0 < one.under_way < 3.0 for one in told)
     return found
 
 
@@ -118,7 +121,7 @@ def test_the_folder_opens_again_and_has_its_page(made: Pair) -> None:
     assert (again.arms, again.seeds, again.reference) == (["nominal", "attacked", "sham"], [4], "sham")
     page = made.report.read_text(encoding="utf-8")
     assert "default-src 'none'" in html.unescape(page)
-    assert "<script" not in page
+    assert page.count("<script") == 2  # the stream of the flights, and what plays them
     for words in ("homeward", "From onset to effect", "gcs:blue/b1", "T0855", "in the twin", "Against the sham"):
         assert words in page
     assert (made.path / "nominal" / "report.html").exists()
@@ -131,9 +134,7 @@ def test_the_folder_opens_again_and_has_its_page(made: Pair) -> None:
 def test_the_muted_arm_is_the_scenario_without_its_attack(made: Pair, tmp_path: Path) -> None:
     text = scenario(ONSET_S, 22.0)
     bare = load_text(text[: text.index("[[attacks]]")])
-    (flown,) = run_all([(bare, tmp_path / "bare")], report=False)
-    assert flown == (0, "")
-    assert load(tmp_path / "bare").manifest["digests"] == made.run("nominal").manifest["digests"]
+    assert fly(bare, tmp_path / "bare", report=False).manifest["digests"] == made.run("nominal").manifest["digests"]
 
 
 @pytest.mark.slow
@@ -142,7 +143,8 @@ def test_seeds_make_an_ensemble(tmp_path: Path) -> None:
         found = pair(load_text(scenario(4.0, 7.0)), tmp_path / "out", seeds=2, jobs=2, run_reports=False)
     assert found.seeds == [4, 5]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "attribution.parquet", "effects.parquet", "pair.json", "propagation.parquet", "report.html", "seed-4", "seed-5",
+        ".lock", "attribution.parquet", "blocks", "effects.parquet", "pair.json", "plan.json", "propagation.parquet",
+        "report.html", "seed-4", "seed-5",
     ]  # fmt: skip
     departures = [
         row["departure_m"]
@@ -195,30 +197,31 @@ def test_a_run_that_fails_is_named_and_what_was_flown_is_kept(tmp_path: Path, mo
     from skyrange.contracts.plugins import registry as plugins
 
     plugins.register(plugins.ATTACKS, KIND, AttackPlugin(Homeward, broken, "Breaks."))
-    with pytest.raises(ComponentError, match=r"run (nominal|attacked|sham), seed 4"):
+    with pytest.raises(ComponentError, match=r"pair seed-4/(nominal|attacked|sham)"):
         pair(load_text(scenario(2.0, 6.0)), tmp_path / "out", jobs=2)
     manifest = json.loads((tmp_path / "out" / "pair.json").read_text())
     assert manifest["status"] == "failed"
     errors = {row["arm"]: row["error"] for row in manifest["runs"]}
     assert "out of orders" in errors["attacked"]
-    assert "ended with code 9" in errors["sham"]
+    assert "ended with exit code 9" in errors["sham"]
     assert load(tmp_path / "out" / "attacked").status == "failed"
 
 
-def test_interrupted_flights_are_shortfalls(tmp_path: Path) -> None:
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_interrupted_flights_are_shortfalls(jobs: int, tmp_path: Path) -> None:
     with offered():
         text = load_text(scenario(2.0, 3600.0))
-        sent: list[int] = []
+        sent: list[float] = []
 
-        def stop(number: int, now: int, end: int) -> None:
-            if not sent:
-                sent.append(number)
+        def stop(told: PlanProgress) -> None:
+            if told.under_way and not sent:
+                sent.append(told.under_way)
                 os.kill(os.getpid(), 2)
 
-        with pytest.raises(ShortfallError):
-            pair(text, tmp_path / "out", jobs=2, on_progress=stop)
-    status = {arm: load(tmp_path / "out" / arm).status for arm in ("nominal", "attacked")}
-    assert status == {"nominal": "interrupted", "attacked": "interrupted"}
+        with pytest.raises(ShortfallError, match=r"0 of 3 blocks are finished; to go on: skyrange resume"):
+            pair(text, tmp_path / "out", jobs=jobs, on_progress=stop)
+    status = {path.parent.name: load(path.parent).status for path in (tmp_path / "out").glob("*/manifest.json")}
+    assert status == dict.fromkeys(("nominal", "attacked")[:jobs], "interrupted")
 
 
 def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -230,9 +233,9 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         assert "blue/b1" in printed.out
         assert "3 hostile acts labelled in 1 attacked run" in printed.out
         assert str(out) in printed.out.replace("\n", "")
-        assert "homeward, 3 runs" in printed.err
-        with pytest.raises(InputError, match="a new or empty folder"):
-            app(["pair", str(tmp_path / "s.toml"), "--out", str(out)], standalone_mode=False)
+        assert "homeward: 3 of 3 runs" in printed.err
+        with pytest.raises(InputError, match="pair: differs in seeds"):
+            app(["pair", str(tmp_path / "s.toml"), "--out", str(out), "--seeds", "2"], standalone_mode=False)
         again = [
             "pair",
             str(tmp_path / "s.toml"),
@@ -263,7 +266,7 @@ def test_show_and_report_take_the_folder_of_a_pair(
 
 
 def test_a_pair_that_did_not_end_says_where_its_runs_are(tmp_path: Path) -> None:
-    told = {"format": "skyrange.pair/3", "seeds": [1], "arms": ["nominal", "attacked"]}
+    told = {"format": FORMAT, "seeds": [1], "arms": ["nominal", "attacked"]}
     (tmp_path / "pair.json").write_text(json.dumps(told))
     for command in ("show", "report"):
         with pytest.raises(InputError, match=r"effects\.parquet: missing.*skyrange show .*attacked"):

@@ -18,6 +18,8 @@ from skyrange.vehicle.builtin.estimation.state import Status
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range
 
+pytestmark = pytest.mark.slow
+
 DRIFT = AttackPlugin.find("gnss.drift")
 PULL_OFF = AttackPlugin.find("gnss.pull_off")
 

@@ -16,6 +16,8 @@ from skyrange.core.errors import InputError
 from skyrange.twins.pair_folder import load_pair
 from tests.integration.twin_range import plain
 
+pytestmark = pytest.mark.slow
+
 T_975_1 = math.tan(0.475 * math.pi)
 """Student's t, 0.975 quantile, one degree of freedom, which has a closed form: 12.706 in tables."""
 ATTACK = """
@@ -38,6 +40,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 def test_the_arms_and_seeds_that_were_asked_for(told: dict[str, Any]) -> None:
     assert told["arms"] == ["nominal", "attacked", "sham"]
     assert told["seeds"] == [5, 6]

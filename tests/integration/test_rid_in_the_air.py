@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from skyrange.assembly.build import Additions
 from skyrange.codec import f3411
 from skyrange.codec.remote_id import link_payload
 from skyrange.contracts.components import SensorAct, Sensors
@@ -23,6 +24,8 @@ from skyrange.study.pairing import pair
 from skyrange.study.runs import fly
 from skyrange.twins.pair_folder import Pair
 from tests.integration.twin_range import heard, plain
+
+pytestmark = pytest.mark.slow
 
 B1, B2 = "blue/b1", "blue/b2"
 ELEMENTS = ("BasicId", "Location", "System")
@@ -241,7 +244,7 @@ class Elsewhere:
 def test_a_gnss_attack_is_broadcast_as_if_it_were_true(tmp_path: Path) -> None:
     """Belief, not truth: the companion tells where the autopilot thinks that it is."""
     plan = Act("gnss", start_ns=10 * NS_PER_S, sensor_hooks=[Elsewhere()])
-    record = flown(tmp_path / "run", plain(28), acts=[plan])
+    record = flown(tmp_path / "run", plain(28), additions=Additions(acts=[plan]))
     truth = {
         (row["vehicle"], row["time_ns"]): (row["east_m"], row["north_m"]) for row in record.table("truth").to_pylist()
     }

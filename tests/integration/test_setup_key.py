@@ -10,6 +10,8 @@ from skyrange.scenario.toml_files import load_text
 from tests.flights import shared_run
 from tests.integration.test_signed_flights import notes, outcome
 
+pytestmark = pytest.mark.slow
+
 KEY = 'vehicles = ["blue/b1"]'
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from skyrange.assembly.build import Additions
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import is_signed
@@ -67,7 +68,7 @@ def test_it_does_not_obey_what_nobody_signed(signed: RunRecord, tmp_path: Path) 
     def flown(signing: str) -> RunRecord:
         taps = [TapPlacement(f"gcs:{V}", "companion", lambda link: Says([forged]), "mallory")]
         plans = [Act("mallory")]
-        return fly(scenario(signing), tmp_path / signing, taps=taps, acts=plans, report=False)
+        return fly(scenario(signing), tmp_path / signing, additions=Additions(taps, plans), report=False)
 
     assert "LAND" in modes(flown("off"), 0)
     safe = flown("on")

@@ -14,7 +14,7 @@ from typing import Any
 import pymavlink
 import pytest
 
-from skyrange.assembly.build import build
+from skyrange.assembly.build import Additions, build
 from skyrange.codec.mavlink import Packer, decode, message_name
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import (
@@ -129,7 +129,7 @@ class Strips:
 
 def flown(folder: Path, what: Scenario, tap: Callable[[], Any] | None = None) -> RunRecord:
     taps = [TapPlacement(LINK, "companion", lambda link: tap(), "mallory")] if tap else []
-    return fly(what, folder, taps=taps, acts=[Act("mallory")] if tap else [], report=False)
+    return fly(what, folder, additions=Additions(taps, [Act("mallory")] if tap else []), report=False)
 
 
 def notes(record: RunRecord, kind: str) -> list[dict[str, Any]]:

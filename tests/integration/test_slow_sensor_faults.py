@@ -34,7 +34,7 @@ def test_called_at_new_readings_alone_they_give_the_same_run(
             calls += 1
             return super().alter(*arguments)
 
-    monkeypatch.setattr("skyrange.kernel.kernel.SensorHookInjector", Counting)
+    monkeypatch.setattr("skyrange.kernel.run_parts.SensorHookInjector", Counting)
     quick = flown(name, tmp_path / "quick")
     few, calls = calls, 0
 
@@ -47,7 +47,7 @@ def test_called_at_new_readings_alone_they_give_the_same_run(
         def slow(self, value: bool) -> None:
             pass
 
-    monkeypatch.setattr("skyrange.kernel.kernel.SensorHookInjector", AtEveryTick)
+    monkeypatch.setattr("skyrange.kernel.run_parts.SensorHookInjector", AtEveryTick)
     thorough = flown(name, tmp_path / "thorough")
     assert 2 * few < calls
     assert quick.manifest["digests"]["fingerprint"] == thorough.manifest["digests"]["fingerprint"]

@@ -61,6 +61,7 @@ def returns(record: RunRecord) -> list[float]:
     return [row["time_ns"] / 1e9 for row in rows if row["kind"] == "event.mode" and "gcs_failsafe" in row["data"]]
 
 
+@pytest.mark.slow
 def test_the_autopilot_is_late_and_loses_frames(records: dict[str, RunRecord]) -> None:
     starved, muted, free = (to_autopilot(records[name], "blue/b1") for name in ("starved", "muted", "unlimited"))
     assert latency_ms(free) == pytest.approx(0.1)

@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import signal
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +17,21 @@ from typer.testing import CliRunner
 
 from skyrange.cli.app import app
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
-from skyrange.study import folder as study_folder
-from skyrange.study.design.blocks import Block
-from skyrange.study.design.model import Study, read_study
-from skyrange.study.execution import worker
-from skyrange.study.execution.executors import LocalPool
-from skyrange.study.execution.study_run import forget_failures, list_failures, run_blocks, run_study
-from skyrange.study.execution.worker import DiskFullError
-from skyrange.study.folder import StudyFolder, create_folder, open_folder, require_same, require_unchanged
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.study import study_run
+from skyrange.study.design.blocks import Block, scenario_in
+from skyrange.study.design.model import Study, StudyArm, read_study
+from skyrange.study.execution import flight, plan_run, store, worker
+from skyrange.study.execution.executors import InThisProcess, LocalPool
+from skyrange.study.execution.flight import DiskFullError, fly_runs
+from skyrange.study.execution.plan import PlannedRun
+from skyrange.study.execution.plan_run import PlanProgress, forget_failures
+from skyrange.study.execution.worker import fly_group
+from skyrange.study.folder import StudyFolder, open_folder, require_same, require_unchanged
 from skyrange.study.measurement import TABLES
 from skyrange.study.results import read_results, write_results
 from skyrange.study.runs import fly
+from skyrange.study.study_run import StudyPlan, create_folder, list_failures, run_blocks, run_study
 from skyrange.study.summary import summarise_study
 
 TEXT = """
@@ -69,9 +74,14 @@ def small(study: Study) -> Study:
 def fly_in_turn(study: Study, path: Path) -> tuple[StudyFolder, list[tuple[int, int]]]:
     """The folder of a study that one worker flew, and the progress that was told."""
     done: list[tuple[int, int]] = []
+
+    def tell(told: PlanProgress) -> None:
+        assert told.finished + told.under_way <= told.runs
+        done.append((told.finished, told.runs))
+
     folder = create_folder(study, path)
-    result = run_blocks(folder, LocalPool(1), lambda finished, total, _: done.append((finished, total)))
-    assert (result.finished, result.flown, result.failed) == (4, 4, [])
+    found = run_blocks(folder, LocalPool(1), tell)
+    assert (found.finished, found.flown, found.failed) == (4, 4, [])
     return folder, done
 
 
@@ -90,7 +100,7 @@ def test_results_do_not_depend_on_the_workers(
     study: Study, in_turn: tuple[StudyFolder, list[tuple[int, int]]], tmp_path: Path
 ) -> None:
     one, done = in_turn
-    assert done == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
+    assert list(dict.fromkeys(done)) == [(0, 12), (3, 12), (6, 12), (9, 12), (12, 12)]
     several = create_folder(study, tmp_path / "several")
     several.blocks.reverse()
     run_blocks(several, LocalPool(2))
@@ -135,7 +145,7 @@ def test_a_killed_study_goes_on_without_flying_finished_runs_again(
     deadline = time.monotonic() + 10.0
     while time.monotonic() < deadline:  # its workers end with it
         try:
-            with open_folder(path).lock():
+            with open_folder(path).store.lock():
                 break
         except InputError:
             time.sleep(0.05)
@@ -147,6 +157,22 @@ def test_a_killed_study_goes_on_without_flying_finished_runs_again(
     assert results_of(path) == results_of(in_turn[0].path)
 
 
+def test_the_runs_of_a_group_of_blocks_are_flown_by_one_call(
+    small: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, calls = create_folder(small, tmp_path / "s"), []
+
+    def counted(runs: Sequence[PlannedRun], *more: Any, **named: Any) -> Any:
+        calls.append([run.folder for run in runs])
+        return fly_runs(runs, *more, **named)
+
+    monkeypatch.setattr(plan_run, "_TURNS", 0.1)
+    monkeypatch.setattr(worker, "fly_runs", counted)
+    assert run_blocks(folder, InThisProcess()).flown == 2
+    assert calls == [[f"runs/{block.name}/{arm}" for block in folder.blocks for arm in ("nominal", "attacked")]]
+    assert len(read_results(folder.path, "runs")) == 4
+
+
 def test_a_folder_is_of_one_study_one_version_and_one_process(
     study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -155,9 +181,13 @@ def test_a_folder_is_of_one_study_one_version_and_one_process(
         require_same(folder, study.model_copy(update={"seeds": 3}))
     with pytest.raises(InputError, match="the study other"):
         require_same(folder, study.model_copy(update={"name": "other"}))
-    with folder.lock(), pytest.raises(InputError, match="no other process"), open_folder(folder.path).lock():
+    with (
+        folder.store.lock(),
+        pytest.raises(InputError, match="no other process"),
+        open_folder(folder.path).store.lock(),
+    ):
         pass
-    monkeypatch.setattr(study_folder, "version", lambda _: "99")
+    monkeypatch.setattr(store, "version", lambda _: "99")
     with pytest.raises(InputError, match="which began it"):
         require_unchanged(folder)
     with pytest.raises(InputError, match="which began it"):
@@ -165,7 +195,8 @@ def test_a_folder_is_of_one_study_one_version_and_one_process(
     refused = CliRunner().invoke(app, ["study", "resume", str(folder.path)])
     assert isinstance(refused.exception, InputError)
     assert "which began it" in str(refused.exception)
-    require_unchanged(folder, other_version=True)
+    folder.store.allow_version()
+    require_unchanged(open_folder(folder.path))
 
 
 @pytest.mark.parametrize("problem", [ComponentError("autopilot", "ended"), ValueError("autopilot: ended")])
@@ -178,7 +209,8 @@ def test_a_run_that_fails_is_kept_with_its_error_and_flown_again_when_asked_for(
             raise problem
         return fly(scenario, out, **more)
 
-    monkeypatch.setattr(worker, "fly", failing)
+    monkeypatch.setattr(flight, "count_together", lambda _: 1)
+    monkeypatch.setattr(flight, "fly", failing)
     folder = create_folder(small, tmp_path / "s")
     result = run_blocks(folder, LocalPool(2))
     assert [name for name, _ in result.failed] == ["p0001-s1"]
@@ -186,10 +218,25 @@ def test_a_run_that_fails_is_kept_with_its_error_and_flown_again_when_asked_for(
     failed = [row for row in read_results(folder.path, "runs").to_pylist() if row["status"] == "failed"]
     assert [(row["block"], row["arm"]) for row in failed] == [("p0001-s1", "attacked")]
     assert sum(cell.failed for cell in summarise_study(folder)) == 1
-    monkeypatch.setattr(worker, "fly", fly)
-    forget_failures(folder)
+    monkeypatch.setattr(flight, "fly", fly)
+    forget_failures(folder.store)
     assert run_blocks(folder, LocalPool(1)).flown == 1
     assert list_failures(folder) == []
+
+
+def test_a_scenario_that_is_wrong_fails_its_own_run_alone(
+    small: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def wrong(study: Study, arm: StudyArm, block: Block) -> Scenario:
+        if (arm.id, block.name) == ("attacked", "p0001-s1"):
+            raise InputError.one("scenario jumps", "onset", "9", "less")
+        return scenario_in(study, arm, block)
+
+    folder = create_folder(small, tmp_path / "s")
+    monkeypatch.setattr(study_run, "scenario_in", wrong)
+    assert run_blocks(folder, LocalPool(2)).failed == [("p0001-s1", "scenario jumps: onset: 9 — expected less")]
+    status = {(row["block"], row["arm"]): row["status"] for row in read_results(folder.path, "runs").to_pylist()}
+    assert [one for one, how in status.items() if how != "complete"] == [("p0001-s1", "attacked")]
 
 
 def test_a_run_that_a_signal_ends_is_flown_when_the_study_goes_on(
@@ -200,11 +247,12 @@ def test_a_run_that_a_signal_ends_is_flown_when_the_study_goes_on(
         raise ShortfallError("interrupted at 3.0 of 22.0 simulated seconds", out)
 
     folder = create_folder(small, tmp_path / "s")
-    monkeypatch.setattr(worker, "fly", told_to_end)
+    monkeypatch.setattr(flight, "count_together", lambda _: 1)
+    monkeypatch.setattr(flight, "fly", told_to_end)
     with pytest.raises(ShortfallError, match="interrupted at 3"):
         run_blocks(folder, LocalPool(2))
     assert folder.finished() == []
-    monkeypatch.setattr(worker, "fly", fly)
+    monkeypatch.setattr(flight, "fly", fly)
     assert run_blocks(folder, LocalPool(2)).failed == []
 
 
@@ -222,9 +270,10 @@ def test_a_full_disk_ends_the_study_and_a_budget_does(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     folder = create_folder(study, tmp_path / "full")
-    run_one = LocalPool(1).run(folder.blocks[:1], lambda block: worker.fly_block(study, block, folder.path), 60.0, bool)
-    assert len(list(run_one)) == 1
-    monkeypatch.setattr(worker, "fly", full)
+    plan = StudyPlan(study, folder.blocks)
+    assert len(fly_group(plan, folder.path, plan.blocks[:1])) == 1
+    monkeypatch.setattr(flight, "count_together", lambda _: 1)
+    monkeypatch.setattr(flight, "fly", full)
     with pytest.raises(DiskFullError, match="the disk is full"):
         run_blocks(folder, LocalPool(2))
     assert len(folder.finished()) == 1

@@ -11,11 +11,11 @@ import pytest
 from skyrange.study.design.factors import Factor
 from skyrange.study.design.model import Study
 from skyrange.study.execution.executors import LocalPool, RayPool
+from skyrange.study.execution.plan_run import PlanProgress
 from skyrange.study.execution.storage import BlockStorage
-from skyrange.study.execution.study_run import run_blocks
-from skyrange.study.folder import create_folder
 from skyrange.study.measurement import TABLES
 from skyrange.study.results import read_results
+from skyrange.study.study_run import create_folder, run_blocks
 
 pytestmark = pytest.mark.slow
 
@@ -64,8 +64,8 @@ def test_a_cluster_gives_the_same_results_and_survives_a_node(cluster: Any, tmp_
     on_ray = create_folder(STUDY, tmp_path / "ray")
     ended: list[Any] = []
 
-    def end_a_node(done: int, total: int, left_s: float | None) -> None:
-        if done == 1 and not ended:
+    def end_a_node(told: PlanProgress) -> None:
+        if told.finished == 2 and not ended:
             ended.append(extra)
             cluster.remove_node(extra, allow_graceful=False)
 

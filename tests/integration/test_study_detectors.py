@@ -23,12 +23,15 @@ from skyrange.scenario.toml_files import load_file
 from skyrange.scoring.result_file import read_scores
 from skyrange.study.design.blocks import check_blocks, city_of, list_blocks, scenario_in
 from skyrange.study.design.model import SHIPPED, read_study
-from skyrange.study.execution.worker import fly_block
+from skyrange.study.execution.worker import fly_group
 from skyrange.study.folder import open_folder
 from skyrange.study.learned_detectors import learn_detectors
 from skyrange.study.runs import fly
 from skyrange.study.score_tables import make_score_tables
+from skyrange.study.study_run import StudyPlan
 from tests.flights import shared_folder
+
+pytestmark = pytest.mark.slow
 
 STREETS = Path(__file__).parents[3] / "shared/data/cities/manhattan-upper-east-side.geojson"
 TEXT = """
@@ -83,6 +86,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(shutil.copytree(flown, tmp_path_factory.mktemp("study") / "out"))
 
 
+@pytest.mark.slow
 def test_a_detector_that_sees_the_attack_leads_one_that_does_not(study: Path, tmp_path: Path) -> None:
     file = tmp_path / "scores.json"
     command("study", "score", str(study), "--out", str(file), "--json")
@@ -162,7 +166,8 @@ def test_a_run_whose_windows_are_missing_is_flown_again(study: Path, tmp_path: P
     (tmp_path / "runs" / block.name / "nominal" / "windows.parquet").unlink()
     kept = tmp_path / "runs" / block.name / "attacked" / "manifest.json"
     before = kept.stat().st_mtime_ns
-    fly_block(folder.study, block, tmp_path)
+    plan = StudyPlan(folder.study, [block])
+    fly_group(plan, tmp_path, plan.blocks)
     for arm in ("nominal", "attacked"):
         mine, theirs = (path / "kept" / "windows" / block.name / f"{arm}.parquet" for path in (tmp_path, study))
         assert mine.read_bytes() == theirs.read_bytes()
@@ -213,17 +218,17 @@ def test_options_replace_what_a_study_holds_out(study: Path, tmp_path: Path) -> 
 def test_a_data_set_has_the_splits_of_the_file(study: Path, tmp_path: Path) -> None:
     other = tmp_path / "study"
     shutil.copytree(study, other)
-    data = json.loads((other / "study.json").read_text())
-    data["study"]["held_out"]["families"] = ["gnss_false_position"]
-    (other / "study.json").write_text(json.dumps(data))
+    data = json.loads((other / "plan.json").read_text())
+    data["told"]["held_out"]["families"] = ["gnss_false_position"]
+    (other / "plan.json").write_text(json.dumps(data))
     made = command("dataset", "build", str(other), str(tmp_path / "data"), "--json")
     assert made["splits"] == {"heldout_family": 12}
 
 
 def test_a_study_without_whole_runs_makes_no_data_set(study: Path, tmp_path: Path) -> None:
-    text = (study / "study.json").read_text().replace('"keep": "everything"', '"keep": "results"')
+    text = (study / "plan.json").read_text().replace('"keep": "everything"', '"keep": "results"')
     (tmp_path / "blocks").mkdir()
-    (tmp_path / "study.json").write_text(text)
+    (tmp_path / "plan.json").write_text(text)
     with pytest.raises(InputError, match="everything"):
         command("dataset", "build", str(tmp_path), str(tmp_path / "data"))
 

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from skyrange.core.errors import ComponentError, InputError
-from skyrange.study.design.blocks import Block
 from skyrange.study.design.factors import Factor
 from skyrange.study.design.model import LearnedTable, Study
-from skyrange.study.execution.executors import FlyBlock, LocalPool, Outcome
+from skyrange.study.execution.executors import Flights, LocalPool, Outcome
+from skyrange.study.execution.plan import PlannedBlock
+from skyrange.study.execution.plan_run import forget_failures
 from skyrange.study.execution.storage import BlockStorage
-from skyrange.study.execution.study_run import forget_failures, run_blocks
-from skyrange.study.folder import create_folder, digest_of
+from skyrange.study.folder import digest_of
 from skyrange.study.measurement import TABLES
 from skyrange.study.results import read_results
+from skyrange.study.study_run import create_folder, run_blocks
 
 STUDY = Study(
     name="stored",
@@ -38,12 +39,10 @@ class InTurn:
         self.most = most
         self.flown: list[str] = []
 
-    def run(
-        self, blocks: Sequence[Block], fly: FlyBlock, limit_s: float, stop: Callable[[], bool]
-    ) -> Iterator[tuple[Block, Outcome]]:
-        for block in blocks[: self.most]:
-            self.flown.append(block.name)
-            yield block, fly(block)
+    def run(self, flights: Flights) -> Iterator[tuple[PlannedBlock, Outcome]]:
+        while len(self.flown) < self.most and (group := flights.queue.take()):
+            self.flown += [block.name for block in group]
+            yield from zip(group, flights.fly(group), strict=True)
 
 
 def files_of(root: Path) -> dict[str, int]:
@@ -101,9 +100,10 @@ def test_failed_blocks_are_flown_again_when_asked_for(
 
     folder = create_folder(STUDY, tmp_path / "one")
     with monkeypatch.context() as patched:
-        patched.setattr("skyrange.study.execution.worker.fly", failing)
+        patched.setattr("skyrange.study.execution.flight.count_together", lambda _: 1)
+        patched.setattr("skyrange.study.execution.flight.fly", failing)
         assert len(run_blocks(folder, InTurn(9), storage=storage).failed) == 2
-    forget_failures(folder, storage)
+    forget_failures(folder.store, storage)
     again = InTurn(9)
     assert run_blocks(folder, again, storage=storage).failed == []
     assert len(again.flown) == 2

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from skyrange.assembly.build import Additions
 from skyrange.codec.mavlink import message_name
 from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Act, TapPlacement
@@ -39,7 +40,9 @@ class Blinds:
 
 def flown(folder: Path, plan: Act | None) -> RunRecord:
     taps = [TapPlacement("gcs:blue/b1", "companion", Blinds, "blind")] if plan else []
-    return fly(load("squares", ["duration_s=24"]), folder, taps=taps, acts=[plan] if plan else [], report=False)
+    return fly(
+        load("squares", ["duration_s=24"]), folder, additions=Additions(taps, [plan] if plan else []), report=False
+    )
 
 
 def positions(record: RunRecord, vehicle: str) -> list[float]:
@@ -78,5 +81,5 @@ def test_live_muted_and_removed(tmp_path: Path) -> None:
 def test_a_tap_on_a_link_that_is_not_there_leaves_nothing_behind(tmp_path: Path) -> None:
     taps = [TapPlacement("gcs:blue/b9", "companion", Blinds, "blind")]
     with pytest.raises(InputError, match=r"gcs:blue/b9.*Did you mean 'gcs:blue/b"):
-        fly(load("squares"), tmp_path / "run", taps=taps, acts=[Act("blind")])
+        fly(load("squares"), tmp_path / "run", additions=Additions(taps, [Act("blind")]))
     assert list(tmp_path.iterdir()) == []

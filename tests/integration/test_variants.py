@@ -46,6 +46,9 @@ def test_three_approvals_of_one_scenario_are_compared(tmp_path: Path) -> None:
             assert f'href="{result.folder(variant, seed)}/report.html"' in page
             assert (result.path / result.folder(variant, seed) / "report.html").is_file()
     assert "<svg" in page
+    verdict = page[page.index('class="verdict"') : page.index("</header>")]
+    assert verdict.index("issions complete") < verdict.index("delay, mean: unchanged ")
+    assert "all 0 s" in verdict
     assert json.loads((result.path / "comparison.json").read_text())["variants"][1]["name"] == "all"
 
 

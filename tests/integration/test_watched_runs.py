@@ -16,6 +16,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mav
 from typer.testing import CliRunner
 
+from skyrange.assembly.build import Additions
 from skyrange.cli.app import app
 from skyrange.cli.output.viewer_notices import open_port_warning
 from skyrange.contracts.frames import Frame
@@ -162,9 +163,9 @@ def test_a_fleet_that_travels_in_blocks_is_shown_aircraft_by_aircraft(tmp_path: 
 def lost_station(scenario: Scenario, folder: Path, speed: float, *clients: Client) -> RunRecord:
     taps = [TapPlacement("gcs:*", "companion", Jam)]
     if not clients:
-        return fly(scenario, folder, taps=taps, report=False)
+        return fly(scenario, folder, additions=Additions(taps), report=False)
     with Viewers([ONE], 0) as viewers, watching(viewers, *clients):
-        return fly(scenario, folder, speed=speed, taps=taps, viewers=viewers, report=False)
+        return fly(scenario, folder, speed=speed, additions=Additions(taps), viewers=viewers, report=False)
 
 
 def failsafe_s(record: RunRecord) -> float:

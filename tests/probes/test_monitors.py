@@ -93,7 +93,7 @@ def flown(plan: Wiring, ends: Sequence[Time] = (END,), observer: Any = None) -> 
 
 
 def seen_by(kernel: Kernel) -> Keeper:
-    (slot,) = kernel._network._monitors.slots  # type: ignore[union-attr]
+    (slot,) = kernel._runs[0].monitors.slots
     assert isinstance(slot.monitor, Keeper)
     return slot.monitor
 
@@ -126,7 +126,7 @@ def test_it_sees_what_its_ends_see_when_they_see_it(make: Any, tapped: bool, gcs
         plan = replace(make(gcs, tapped), monitors=[MonitorPlacement("all", Keeper, links, side)])
         observer, kernel = flown(plan)
         keeper = seen_by(kernel)
-        ports = set(kernel._network._monitors.slots[0].collector.ports)  # type: ignore[union-attr]
+        ports = set(kernel._runs[0].monitors.slots[0].collector.ports)
         last = END - END % keeper.service_ns
         assert told(keeper.frames) == expected(plan, observer.frames, ports, last)
         assert len(keeper.frames) > 20
@@ -146,8 +146,8 @@ def test_nothing_shows_that_it_was_there(make: Any, tapped: bool) -> None:
     assert (watched.notes, watched.labels) == (without.notes, without.labels)
     assert (len(without.alerts), len(watched.alerts) > 30) == (0, True)
     alone = Kernel(make(None, tapped))
-    fused = {name for name, link in alone._network.links.items() if link.fused or link.staged}
-    assert fused == {name for name, link in kernel._network.links.items() if link.fused or link.staged}
+    fused = {name for name, link in alone._runs[0].links.items() if link.fused or link.staged}
+    assert fused == {name for name, link in kernel._runs[0].links.items() if link.fused or link.staged}
     assert fused or tapped
 
 
@@ -211,7 +211,7 @@ def test_each_kernel_of_a_range_sees_the_ends_that_live_there() -> None:
     for now in range(0, END + 1, 5 * MS):  # shorter than any latency between the two
         sent = [part.advance(now, inbound[k]) for k, part in enumerate(parts)]
         inbound = [[t for t in sent[1 - k] if t.arrival > now] for k in range(2)]
-    both = [{slot.id: slot for slot in part._network._monitors.slots} for part in parts]  # type: ignore[union-attr]
+    both = [{slot.id: slot for slot in part._runs[0].monitors.slots} for part in parts]
     assert [set(slots) for slots in both] == [{"all", "station"}, {"all"}]
     for slots, own in zip(both, (ground, air), strict=True):
         keeper: Any = slots["all"].monitor
@@ -274,7 +274,7 @@ def test_one_that_breaks_its_contract_is_blamed(answer: Any, said: str) -> None:
 
 def test_what_it_is_handed_can_be_narrowed() -> None:
     _, kernel = flown(replace(range_wiring(None), monitors=[everywhere()]))
-    ports = kernel._network._monitors.slots[0].collector.ports  # type: ignore[union-attr]
+    ports = kernel._runs[0].monitors.slots[0].collector.ports
     assert list(ports) == sorted(ports, key=lambda port: (port.link, port.endpoint))
 
     class Narrow(Keeper):

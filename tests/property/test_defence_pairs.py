@@ -21,6 +21,8 @@ from skyrange.record import MemoryObserver
 from skyrange.scenario.toml_files import load_text
 from tests.tiers import examples
 
+pytestmark = pytest.mark.slow
+
 Variant = tuple[str, str]
 """A kind, and the parameters in which it is not what its name says."""
 GNSS: list[Variant] = [(kind, 'action = "reject"') for kind in ("gnss.barometer", "gnss.innovation", "gnss.receiver")]

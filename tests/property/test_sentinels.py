@@ -15,7 +15,6 @@ import pytest
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
-from skyrange.core.chance import Chance
 from skyrange.vehicle.builtin.engine import BuiltinFleet
 from skyrange.vehicle.builtin.layout import ControlMode
 from skyrange.vehicle.builtin.telemetry.table import BUILDERS, build_table
@@ -63,8 +62,8 @@ def sentinels() -> dict[tuple[str, str], float]:
 def fleet_of_extremes(seed: int) -> Any:
     """Aircraft with a fix and a battery, whose other numbers are of any magnitude, and what a sentinel stands for."""
     chance = np.random.default_rng(seed)
-    specs = [VehicleSpec(f"blue/b{row}", row % 250 + 1) for row in range(ROWS)]
-    made = BuiltinFleet("x", specs, ORIGIN, EPOCH, Chance(3))
+    specs = [VehicleSpec(f"blue/b{row}", row % 250 + 1, seed=3) for row in range(ROWS)]
+    made = BuiltinFleet("x", specs, ORIGIN, EPOCH)
     fleet = made._fleet
     fleet.now = 123_456_789_000
     special = np.array([value * scale for value in set(sentinels().values()) for scale in (1.0, 0.1, 0.01, 0.001)])

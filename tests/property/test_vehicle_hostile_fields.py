@@ -23,6 +23,8 @@ from skyrange.vehicle.contract import VehicleSpec
 from tests.cases import each_case
 from tests.integration.flight_harness import ORIGIN, Item, Range, rtl, start, takeoff, waypoint
 
+pytestmark = pytest.mark.catalogue
+
 V = "blue/b1"
 A = dialect
 NAN, INF, HUGE = math.nan, math.inf, 3.4e38

@@ -13,6 +13,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from skyrange.core.geodesy import Origin
+from skyrange.record.read.run import RunRecord
+from skyrange.record.read.tables import Tables
 
 HOMES = {"blue/b1": (5, 5), "blue/b2": (10, 0), "green/g1": (-5, -10), "green/g2": (-15, 0), "green/g3": (0, -20)}
 SIDES = {"blue/b1": 5, "blue/b2": 7, "green/g1": 4, "green/g2": 3, "green/g3": 2}
@@ -29,7 +31,7 @@ SCHEMAS = {
     "truth": {
         "time_ns": pa.int64(), "vehicle": pa.string(), "source": pa.string(), "east_m": pa.float64(),
         "north_m": pa.float64(), "up_m": pa.float64(), "vel_east_mps": pa.float64(), "vel_north_mps": pa.float64(),
-        "vel_up_mps": pa.float64(),
+        "vel_up_mps": pa.float64(), "qw": pa.float64(), "qx": pa.float64(), "qy": pa.float64(), "qz": pa.float64(),
     },
     "telemetry": {
         "time_ns": pa.int64(), "operator": pa.string(), "vehicle": pa.string(), "system_id": pa.int64(),
@@ -57,18 +59,45 @@ SCHEMAS["receptions"] = {
     "outcome": pa.string(), "east_m": pa.float32(), "north_m": pa.float32(), "up_m": pa.float32(),
 }  # fmt: skip
 SCHEMAS["events"] = SCHEMAS["decisions"]
+SCHEMAS["alerts"] = {
+    "time_ns": pa.int64(), "detector": pa.string(), "kind": pa.string(), "subject": pa.string(), "score": pa.float64(),
+    "data": pa.string(),
+}  # fmt: skip
+SCHEMAS["observations"] = {
+    "time_ns": pa.int64(), "receiver": pa.string(), "radio": pa.string(), "rssi_dbm": pa.float32(),
+    "frame": pa.string(), "uas_id": pa.string(), "east_m": pa.float64(), "north_m": pa.float64(),
+    "up_m": pa.float64(), "height_m": pa.float64(),
+}  # fmt: skip
 SCHEMAS["sensors"] = {"time_ns": pa.int64(), "vehicle": pa.string()}
 
 
-class SampleRun:
-    """A duck-typed run record."""
+class NoPayloads(Tables):
+    """Tables without a payload."""
+
+    def frames_with_payloads(
+        self, columns: Sequence[str] | None = None, *, encoded: bool = False
+    ) -> Iterator[pa.Table]:
+        return iter(())
+
+
+class SampleRun(RunRecord):
+    """A record of which nothing is on disk."""
+
+    _rows: dict[str, list[dict[str, Any]]]
+    _tables: dict[str, pa.Table]
 
     def __init__(self, path: Path, manifest: dict[str, Any], city: list[dict[str, Any]], rows: dict[str, Any]) -> None:
-        self.path = path
-        self.manifest = manifest
-        self.city = city
-        self._rows = rows
-        self._tables: dict[str, pa.Table] = {}
+        complete = {"record": {"level": "full"}, "status": "unknown", **manifest}
+        super().__init__(path, complete, NoPayloads(path, spooled=False))
+        self.__dict__.update(_city=city, _rows=rows, _tables={})
+
+    def move(self, path: Path) -> None:
+        self.__dict__["path"] = path
+
+    @property
+    def city(self) -> list[dict[str, Any]]:
+        found: list[dict[str, Any]] = self.__dict__["_city"]
+        return found
 
     def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
         if name not in self._tables:
@@ -151,7 +180,8 @@ def fly(
         for t, p, v in zip(times, path_m, velocity, strict=True):
             rows["truth"].append(
                 {"time_ns": round(t * S), "vehicle": name, "source": "dynamic", "east_m": p[0], "north_m": p[1],
-                 "up_m": p[2], "vel_east_mps": v[0], "vel_north_mps": v[1], "vel_up_mps": v[2]}
+                 "up_m": p[2], "vel_east_mps": v[0], "vel_north_mps": v[1], "vel_up_mps": v[2], "qw": 1.0, "qx": 0.0,
+                 "qy": 0.0, "qz": 0.0}
             )  # fmt: skip
         noise = np.cumsum(rng.normal(0, 0.04, (len(times), 3)), axis=0) * 0.3
         stride = max(1, int(rate_hz / 4))

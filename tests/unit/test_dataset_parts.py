@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import pyarrow as pa
 import pytest
@@ -15,7 +16,7 @@ from skyrange.contracts.plugins.registry import ATTACKS, kinds
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import hash64
 from skyrange.dataset.build import BlockWriter
-from skyrange.dataset.columns import VIEWS, WINDOW_KEYS, check_table, observable_columns, view_schema
+from skyrange.dataset.columns import VIEWS, WINDOW_KEYS, Role, check_table, observable_columns, view_schema
 from skyrange.dataset.families import FAMILIES, TIMING_KINDS, family_of
 from skyrange.dataset.frame_views import describe_approval
 from skyrange.dataset.members import HeldOut, Member, assign_splits, check_held_out, check_splits, cluster_members
@@ -39,6 +40,12 @@ def test_a_kind_without_a_family_is_refused() -> None:
     with pytest.raises(InputError, match=r"gnss\.drift"):
         family_of("gnss.drif")
     assert family_of("my.kind", {"my.kind": "identity"}) == "identity"
+
+
+def test_columns_have_a_role_and_each_name_once() -> None:
+    for columns in VIEWS.values():
+        assert {column.role for column in columns} <= set(get_args(Role))
+        assert len({column.name for column in columns}) == len(columns)
 
 
 def test_truth_is_in_no_observable_column() -> None:
@@ -142,6 +149,7 @@ def member(
     attacks = [{"id": f"a{k}", "kind": kind} for k, kind in enumerate(kinds)]
     manifest = {
         "format": FORMAT, "status": "complete", "name": "x", "seed": seed, "attacks": attacks,
+        "record": {"level": "full", "features_hz": 1.0},
         "digests": {"frames": f"{seed} {arm}", "truth": "t"},
         "vehicles": [{"id": f"blue/b{k}", "operator": "blue"} for k in range(fleet)],
     }  # fmt: skip

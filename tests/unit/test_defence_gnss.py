@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -17,7 +19,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch
 from skyrange.defence.bases.fix_checks import FixCheck, FixGuard
-from skyrange.defence.gnss.barometer import BarometerCheck, HeightErrors, Heights
+from skyrange.defence.gnss.barometer import BarometerCheck, BarometerReadings, HeightErrors, Heights
 from skyrange.defence.gnss.dead_reckoning import DeadReckoning
 from skyrange.defence.gnss.gates import chi_square_gate, cusum_gate, normal_gate
 from skyrange.defence.gnss.innovation import A, B, ErrorFilter, InnovationCheck
@@ -76,7 +78,7 @@ def made(kind: type[CheckT], action: str = "reject") -> CheckT:
 
 def innovation_check(action: str = "reject") -> InnovationCheck:
     check = made(InnovationCheck, action)
-    check.reckoning = DeadReckoning(1, FIELD)
+    check.tracker = DeadReckoning(1, FIELD)
     return check
 
 
@@ -156,9 +158,10 @@ def test_the_guard_takes_fixes_away_until_they_were_plausible_for_its_time() -> 
 
 
 def test_the_barometer_between_two_readings_is_interpolated() -> None:
-    heights = Heights(HeightErrors(BarometerCheck()), 5.0)
-    heights.read_barometer(0, 10.0)
-    heights.read_barometer(100 * NS_PER_MS, 11.0)
+    barometer = BarometerReadings([deque()])
+    heights = Heights(HeightErrors(BarometerCheck()), 5.0, barometer.of[0])
+    for now, up_m in ((0, 10.0), (5 * NS_PER_MS, 12.0), (50 * NS_PER_MS, 10.0), (100 * NS_PER_MS, 11.0)):
+        barometer.update(now, replace(readings(), baro_up_m=np.array([up_m])))
     assert heights.height_at(25 * NS_PER_MS) == pytest.approx(10.25)
     assert heights.height_at(130 * NS_PER_MS) == 11.0
     assert heights.height_at(-1) is None
@@ -247,3 +250,36 @@ def test_the_tilt_of_the_alignment_hides_the_bias_until_the_aircraft_turns() -> 
             error[:, B] = -attitude[:2]
             sigma = np.sqrt(np.diag(error @ one.covariance @ error.T))
             assert sigma == pytest.approx(biases * params.accel_bias_mps2, abs=1e-9)
+
+
+def test_joined_trackers_are_what_each_is_alone() -> None:
+    """In a batch of runs, one update is that of the trackers of all: of 1, 2 and 1 aircraft here."""
+    counts, random = (1, 2, 1), np.random.default_rng(5)
+    apart, members = ([DeadReckoning(count, FIELD) for count in counts] for _ in range(2))
+    heights, parts = ([BarometerReadings([deque() for _ in range(count)]) for count in counts] for _ in range(2))
+    joined, joined_heights = members[0].join(members[1:]), parts[0].join(parts[1:])
+    still, rows = readings(4), (slice(0, 1), slice(1, 3), slice(3, 4))
+    for step in range(450):
+        now, noise = 10 * NS_PER_MS * step, random.normal(0.0, 1e-3, (4, 3)) * (1.0 if step < 400 else 30.0)
+        sensors = replace(
+            still,
+            gyro_radps=still.gyro_radps + noise,
+            delta_angle_rad=0.01 * noise,
+            baro_up_m=np.floor(random.normal(0.0, 2.0, 4)),
+        )
+        joined.update(now, sensors)
+        joined_heights.update(now, sensors)
+        for alone, height, part in zip(apart, heights, rows, strict=True):
+            own = Sensors(**{name: getattr(sensors, name)[part] for name in Sensors.__dataclass_fields__})
+            alone.update(now, own)
+            height.update(now, own)
+        assert step != 399 or joined.aligned.all()
+    for one, other in zip(apart, members, strict=True):
+        assert one.resting.tobytes() == other.resting.tobytes()
+        for row in range(one.count):
+            alone_state, joined_state = one.at(row, now - 35 * NS_PER_MS), other.at(row, now - 35 * NS_PER_MS)
+            assert alone_state is not None
+            assert joined_state is not None
+            assert [part.tobytes() for part in alone_state] == [part.tobytes() for part in joined_state]
+    assert [part.of for part in heights] == [part.of for part in parts]
+    assert parts[1].of == joined_heights.of[1:3]

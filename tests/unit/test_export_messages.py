@@ -6,12 +6,14 @@ import csv
 import io
 import json
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
 import duckdb
+import jsonschema
 import pyarrow as pa
 import pytest
 from hypothesis import given
@@ -19,10 +21,12 @@ from hypothesis import strategies as st
 
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
-from skyrange.export import kml_file
+from skyrange.export import kml_file, knowledge_messages
 from skyrange.export.csv_tables import print_cells
 from skyrange.export.foxglove_messages import building_messages, log_messages, pose_messages, whole_ticks
+from skyrange.export.foxglove_schemas import ACT, SCHEMAS
 from skyrange.export.kml_file import write_kml, xml_text
+from skyrange.export.knowledge_messages import CLAIMS_TOPIC, act_messages, claim_messages, reception_messages
 from skyrange.figures.palette import ThemeColour
 from skyrange.metrics.time_series import start_utc_ns
 from skyrange.record import RunRecord
@@ -32,7 +36,8 @@ from skyrange.record.schema import arrow_schema
 START_NS = 1_767_268_800_000_000_000
 ORIGIN = {"lat_deg": 40.778, "lon_deg": -73.955, "alt_msl_m": 20.0, "geoid_m": -32.7}
 MANIFEST = {
-    "format": "skyrange.run/1", "status": "complete", "start_unix_ns": START_NS, "origin": ORIGIN, "outcomes": {},
+    "format": "skyrange.run/1", "status": "complete", "record": {"level": "full"}, "start_unix_ns": START_NS,
+    "origin": ORIGIN, "outcomes": {},
     "operators": [{"id": "blue"}], "vehicles": [{"id": "blue/b1", "operator": "blue"}],
 }  # fmt: skip
 
@@ -183,6 +188,85 @@ def test_labels_and_alerts_say_all_that_they_have() -> None:
         (5, 3, "rules", 'blue/b1: mavlink.source 2.5 {"system": 9}'),
     ]
     assert found[0][1]["timestamp"] == {"sec": START_NS // 1_000_000_000, "nsec": 3}
+
+
+# ---------------------------------------------------------------- acts, receptions and claims
+
+names = st.text(max_size=8)
+places = st.none() | st.floats()
+
+
+@given(
+    st.lists(
+        st.fixed_dictionaries(
+            {
+                "at_ns": st.integers(0, 10**10), "attack": names, "actor": names, "action": names, "frame": names,
+                "child": st.none() | names, "until_ns": st.none() | st.integers(0, 10**10), "benign": st.booleans(),
+                "fault": st.booleans(), "harmless_intrusion": st.booleans(),
+            }
+        ),
+        max_size=6,
+    )
+)  # fmt: skip
+def test_each_label_is_one_act_at_its_time(labels: list[dict[str, Any]]) -> None:
+    told = [(one.time_ns, json.loads(one.json)) for one in act_messages(record(labels=[labels]), START_NS)]
+    rows = sorted(labels, key=lambda row: row["at_ns"])
+    assert [at_ns for at_ns, _ in told] == [row["at_ns"] for row in rows]
+    keep = ("attack", "actor", "action", "frame", "child")
+    assert Counter(tuple(one[name] for name in keep) for _, one in told) == Counter(
+        tuple(row[name] for name in keep) for row in rows
+    )
+    authors = Counter("fault" if row["fault"] else "harmless" if row["benign"] else "attack" for row in rows)
+    assert Counter(one["author"] for _, one in told) == authors
+    for at_ns, one in told:
+        jsonschema.validate(one, SCHEMAS[ACT])
+        assert one["timestamp"] == {
+            "sec": (START_NS + at_ns) // 10**9,
+            "nsec": (START_NS + at_ns) % 10**9,
+        }
+
+
+@given(
+    st.lists(
+        st.fixed_dictionaries(
+            {
+                "time_ns": st.integers(0, 10**10), "receiver": names, "radio": names, "frame": st.sampled_from("abc"),
+                "uas_id": st.none() | names, "rssi_dbm": st.floats(width=32), "east_m": places, "north_m": places,
+                "up_m": places, "height_m": places, "lat_deg": places, "lon_deg": places, "alt_geo_m": places,
+            }
+        ),
+        max_size=8,
+    )
+)  # fmt: skip
+def test_each_reception_is_told_and_each_broadcast_with_a_place_is_one_claim(rows: list[dict[str, Any]]) -> None:
+    full = [dict.fromkeys(arrow_schema("observations").names) | {"transport": "bt4"} | row for row in rows]
+    run = record(observations=[full[:3], full[3:]])
+    receptions = list(reception_messages(run, START_NS))
+    assert sorted(one.time_ns for one in receptions) == sorted(row["time_ns"] for row in rows)
+    claims = list(claim_messages(run, START_NS, {}))
+    placed = [row for row in rows if all(math.isfinite(row[key] or 0.0) and row[key] is not None for key in PLACE)]
+    told = [json.loads(one.json) for one in claims if one.topic == CLAIMS_TOPIC]
+    assert {one["frame"] for one in told} == {row["frame"] for row in placed}
+    assert len(told) == len({row["frame"] for row in placed}) == len(claims) - len(told)
+    for message in (*receptions, *claims):
+        jsonschema.validate(json.loads(message.json), SCHEMAS[message.schema])
+    for one, message in zip(told, claims[::2], strict=True):
+        assert message.time_ns == min(row["time_ns"] for row in placed if row["frame"] == one["frame"])
+
+
+PLACE = ("east_m", "north_m")
+
+
+def test_claims_are_told_once_also_beyond_what_is_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(knowledge_messages, "_SEEN", 4)
+    empty = dict.fromkeys(arrow_schema("observations").names) | {"receiver": "r", "radio": "x", "transport": "bt4"}
+    rows = [
+        empty | {"time_ns": 10**8 * n + late, "frame": f"f{n}", "rssi_dbm": 0.0, "east_m": 1.0, "north_m": 2.0}
+        for n in range(200)
+        for late in (0, 5, 10**7)
+    ]
+    told = [json.loads(one.json) for one in claim_messages(record(observations=[rows]), START_NS, {})]
+    assert [one["frame"] for one in told if "frame" in one] == [f"f{n}" for n in range(200)]
 
 
 # ---------------------------------------------------------------- KML

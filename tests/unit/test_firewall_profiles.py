@@ -7,6 +7,7 @@ the files). The numbers of fields are what these functions set.
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any, Final
 
 import pytest
@@ -27,6 +28,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Epoch
 from skyrange.defence.contract import DefencePlugin
 from skyrange.defence.station_profiles import PROFILES
+from skyrange.study.matrix.model import read_matrix
 
 KIND: Final = DefencePlugin.find("mavlink.firewall")
 SYSTEM: Final = 7
@@ -288,3 +290,9 @@ def test_profiles_have_names_of_the_dialect_and_each_once() -> None:
         ):
             assert len(set(names)) == len(names)
             assert set(names) <= set(known)
+
+
+def test_the_matrix_of_the_page_has_every_profile() -> None:
+    matrix = read_matrix(Path(__file__).parents[2] / "docs/reference/firewall-profiles.toml")
+    params = [defence.params for column in matrix.columns for defence in column.defences]
+    assert {one.get("profile") for one in params} == set(PROFILES)

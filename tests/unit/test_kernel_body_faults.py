@@ -11,7 +11,6 @@ import pytest
 
 from skyrange.contracts.components import BodyAct, BodyHook, Disturbances
 from skyrange.contracts.links import Act, LinkSpec
-from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import Time
 from skyrange.kernel import EngineMount, Kernel, Wiring
@@ -52,8 +51,8 @@ class Weather:
 
 
 def rig(*plans: Act, gusty: bool = False, moves: Sequence[str] = ()) -> tuple[Kernel, World, Log]:
-    bodies = [Body(vehicle, "iris", 10.0 * k, 0.0, 50.0) for k, vehicle in enumerate(FLEET)]
-    world = World(bodies, wind=Wind((2.0, 0.0, 0.0), 10.0 if gusty else 0.0), chance=Chance(3))
+    bodies = [Body(vehicle, "iris", 10.0 * k, 0.0, 50.0, seed=3) for k, vehicle in enumerate(FLEET)]
+    world = World(bodies, wind=Wind((2.0, 0.0, 0.0), 10.0 if gusty else 0.0))
     engine = Hoverer("hover", FLEET)
     engine.moves = moves
     links = [LinkSpec(f"autopilot:{v}", f"{v}.proxy", f"{v}.autopilot") for v in FLEET]

@@ -144,6 +144,7 @@ def write_pair(place: Path, **edits: tuple[str, str]) -> Path:
     return place / "kernels"
 
 
+@pytest.mark.slow
 def test_one_change_compiles_one_function_of_a_file(tmp_path: Path) -> None:
     folder = write_pair(tmp_path)
     assert ended(started(folder, "calls()")) == {"results": [11, 20, 12], "compiled": [1, 1, 1]}

@@ -159,6 +159,7 @@ def test_ctrl_c_while_processes_come_up_starts_nothing_any_more(
     assert load(flight.folder).status == "interrupted"
 
 
+@pytest.mark.slow
 def test_a_node_is_started_anew_three_times_and_no_more(tmp_path: Path) -> None:
     flight = prepared(SCENARIO.replace("duration_s = 10", "duration_s = 12"), tmp_path, on_death="restart")
 

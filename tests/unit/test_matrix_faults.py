@@ -70,6 +70,8 @@ def test_the_summary_of_a_page_has_it() -> None:
         "gust: 3.0 → 3.0 m, 25 alarms/h",
         "–",
     ]
+    frames = list(section.head).index("frames an aircraft-hour")
+    assert [row[frames].text for row in section.rows] == ["+0", "+0", "–"], "nothing is said of what was not flown"
 
 
 def test_a_defence_that_breaks_the_mission_while_nobody_attacks_stops_nothing() -> None:

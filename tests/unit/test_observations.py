@@ -140,16 +140,6 @@ def test_a_run_without_receptions_has_no_file_and_reads_no_frames(
     assert run.table("observations").num_rows == run.rows("observations") == 0
 
 
-def test_an_older_run_gets_the_table_when_it_is_asked_for(tmp_path: Path) -> None:
-    frames = [up("blue/b1", 0, 100 * MS, whole_body())]
-    rows = [{"time_ns": 150 * MS, "link": "rid_up:blue/b1", "serial": 0, "receiver": "mast"}]
-    run = recorded(tmp_path / "run", frames, rows, "closed")
-    before = run.table("observations")
-    (tmp_path / "run" / "observations.parquet").unlink()
-    assert run.table("observations").equals(before)
-    assert [batch.to_pylist() for batch in run.batches("observations", ["mac"])] == [[{"mac": "d6:84:ff:b0:30:b7"}]]
-
-
 def test_a_frame_that_was_held_back_is_found_and_memory_is_bounded(tmp_path: Path) -> None:
     """One frame reaches the medium 30 s after it was sent; frames older than a minute are not kept."""
     held = up("red/r1", 0, 2 * NS_PER_S, whole_body(), arrived_ns=32 * NS_PER_S)

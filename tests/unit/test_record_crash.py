@@ -234,7 +234,7 @@ def test_what_is_no_run_says_so(tmp_path: Path) -> None:
         (good[: len(good) // 2], "damaged"),
         ("[]", "JSON object"),
         ("{}", "skyrange.run/1"),
-        (good.replace("skyrange.run/1", "skyrange.run/2"), "another version of skyrange"),
+        (good.replace("skyrange.run/1", "skyrange.run/2"), "another version of skyrange: fly it again"),
         (good.replace('"complete"', '"resting"'), "'resting'"),
         (good.replace('"complete"', '"running"'), "streams of a run that did not end"),
     ):
@@ -262,6 +262,9 @@ def test_what_is_no_run_says_so(tmp_path: Path) -> None:
         ({"simulated_s": "long"}, "simulated_s"),
         ({"timings": [1]}, "timings"),
         ({"outcomes": 3}, "outcomes"),
+        ({"record": None}, "record.level: None — expected one of full, study, summary"),
+        ({"record": {"level": "most", "features_hz": 1.0}}, "record.level: 'most'"),
+        ({"record": {"level": "full", "features_hz": 0}}, "record.features_hz: 0"),
     ],
 )
 def test_a_manifest_changed_by_hand_is_blamed(changed: dict[str, Any], message: str, tmp_path: Path) -> None:

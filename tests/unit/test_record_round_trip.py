@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import shutil
 import struct
 from pathlib import Path
 
@@ -20,9 +19,7 @@ from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import FrameId
 from skyrange.record import MemoryObserver, Recorder, RunRecord, load
-from skyrange.record.read.telemetry import UNION
 from skyrange.record.schema import OPTIONAL, TABLES, TELEMETRY, arrow_schema
-from skyrange.record.verification import verify_run
 from skyrange.record.write.files import derivation, table_files
 from tests.unit.record_sample import HEADER, LABELS, MS, VEHICLES, StillWorld, make_frame, tell, traffic
 
@@ -151,36 +148,6 @@ def test_telemetry_is_what_the_ground_stations_received(run: RunRecord) -> None:
         run.telemetry("ATITUDE")
     with pytest.raises(InputError, match=r"record\.telemetry\('ATTITUDE'\)"):
         run.table("telemetry")
-
-
-def test_telemetry_of_an_older_run_is_read_by_message_too(tmp_path: Path) -> None:
-    """Older versions wrote one table with the columns of all messages, numbers as float64."""
-    recorder = Recorder.open(tmp_path / "run", HEADER)
-    tell(recorder, ROUNDS)
-    recorder.close()
-    run = load(tmp_path / "run")
-    shutil.copytree(run.path, tmp_path / "old")
-    parts = []
-    for name in run.messages:
-        table = run.telemetry(name)
-        numeric = [one.name not in NAMED and pa.types.is_primitive(one.type) for one in table.schema]
-        fields = [
-            (one.with_type(pa.float64()) if own else one).with_nullable(True)
-            for one, own in zip(table.schema, numeric, strict=True)
-        ]
-        wide = table.cast(pa.schema(fields))
-        parts.append(wide.append_column("message", pa.array([name] * table.num_rows)))
-    pq.write_table(pa.concat_tables(parts, promote_options="default").sort_by("time_ns"), tmp_path / "old" / UNION)
-    shutil.rmtree(tmp_path / "old" / "telemetry")
-    manifest = json.loads((tmp_path / "old" / "manifest.json").read_text())
-    manifest["counts"]["telemetry"] = sum(manifest.pop("messages").values())
-    manifest.pop("files")
-    (tmp_path / "old" / "manifest.json").write_text(json.dumps(manifest))
-    old = load(tmp_path / "old")
-    assert old.messages == run.messages
-    assert verify_run(old).ok
-    for name in run.messages:
-        assert old.telemetry(name).equals(run.telemetry(name))
 
 
 def test_telemetry_is_written_in_groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -120,7 +120,8 @@ while rows < 600_000:
         payload = packers[k].pack(dialect.MAVLink_attitude_message(count, 0.01 * count, k, 1.0, 0.0, 0.0, 0.0))
         parent = None
         for link, sender in ends[k]:
-            frame = Frame(link, "rev", sender, count, sender, "x", count * 125_000_000, payload, parent)
+            sent_ns = count * 125_000_000
+            frame = Frame(link, "rev", sender, count, sender, "x", sent_ns=sent_ns, payload=payload, parent=parent)
             end_journey(frame, Fate.DELIVERED, frame.sent_ns + 1000)
             parent = frame.id
             recorder.on_frame(frame)

@@ -6,6 +6,8 @@ import re
 from pathlib import Path
 
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 
 from skyrange.figures.maps import draw_reception_map
 from skyrange.figures.palette import shades
@@ -17,8 +19,10 @@ from skyrange.metrics.links import (
     reception_summaries,
     summarise_receptions,
 )
+from skyrange.metrics.safety import min_building_distance_m
 from skyrange.metrics.time_series import Track, Vehicle
 from skyrange.report.pair import belief, effect_tables, propagation_timeline
+from skyrange.report.pair.moments import MomentFinder, Moments
 from skyrange.report.run import sections
 from skyrange.statistics.means import Interval
 from tests.unit.study_sample import SampleRun
@@ -151,7 +155,7 @@ def test_nothing_to_draw_draws_nothing() -> None:
     draw_twin_plan(SUBJECT, empty, empty, [], {})
     draw_departures(SUBJECT, empty, empty, ["a/1"], [])
     assert "No hostile act" in propagation_timeline.render_timeline(SUBJECT, [], [], [], 10.0)
-    assert "No aircraft" in effect_tables.render_effects(SUBJECT, [])
+    assert "No aircraft" in effect_tables.render_effects(SUBJECT, [], lambda _: Moments())
 
 
 def row(phase: str, at_s: float, kind: str, vehicle: str | None, **more: object) -> dict[str, object]:
@@ -163,7 +167,7 @@ def row(phase: str, at_s: float, kind: str, vehicle: str | None, **more: object)
         "attack": "ghost",
         "source": "x",
     }
-    return {"depth": None, "data": None, "departure_m": None, "frame": None, **base, **more}
+    return {"fault": False, "depth": None, "data": None, "departure_m": None, "frame": None, **base, **more}
 
 
 def test_the_chain_has_a_lane_for_the_attack_and_for_each_aircraft_it_reached() -> None:
@@ -205,12 +209,33 @@ def effect(vehicle: str, **more: object) -> dict[str, object]:
 
 
 def test_effects_are_said_with_signs_and_those_that_departed_first() -> None:
-    drawn = effect_tables.render_effects(SUBJECT, [effect("a/1", departure_m=0.0, departed_s=None), effect("a/2<b>")])
+    rows = [effect("a/1", departure_m=0.0, departed_s=None), effect("a/2<b>")]
+    drawn = effect_tables.render_effects(SUBJECT, rows, lambda _: Moments(nearest_s=7.25))
     assert drawn.index("a/2&lt;b&gt;") < drawn.index("a/1")
     assert "−3.0" in drawn
     assert "0 → 2" in drawn
     assert "4.0 → far" in drawn
     assert drawn.count("class=quiet") == 1
+    assert '<a href="#t=2.00&amp;select=a/2%3Cb%3E">2.0' in drawn, "a departure leads to its moment"
+    assert drawn.count("#t=7.25") == 4, "the least separations and near misses of both"
+
+
+@given(st.lists(st.tuples(*[st.floats(-90.0, 90.0)] * 6), min_size=2, max_size=9))
+def test_moments_are_those_of_the_numbers(places: list[tuple[float, ...]]) -> None:
+    here, there = (np.array(places)[:, part] for part in (slice(0, 3), slice(3, 6)))
+    away_m = np.linalg.norm(here - there, axis=1)
+    finder = MomentFinder(
+        SampleRun(Path(), {}, CITY, {}), {"a/1": track(*here.tolist()), "a/2<b>": track(*there.tolist())}, []
+    )
+    found = effect(
+        "a/1", nearest="a/2<b>", min_separation_m=float(away_m.min()), finished_s=8.0, landed_s=None, min_wall_m=1.0
+    )
+    moments = finder.find(found, {"a/1": track(*there.tolist())})
+    assert away_m[round(moments.farthest_s or 0.0)] == away_m.max()
+    assert away_m[round(moments.nearest_s or 0.0)] == away_m.min()
+    assert (moments.end_s, moments.collision_s) == (8.0, None)
+    walls_m = min_building_distance_m(here[None], np.ones((1, len(here)), np.bool_), CITY)
+    assert walls_m[round(moments.wall_s or 0.0)] == walls_m.min()
 
 
 def test_intervals_are_bold_where_they_leave_zero_out() -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
+from skyrange.core.errors import InputError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.metrics.aircraft import departures, measure, read_ticks
@@ -240,22 +241,31 @@ def test_causes_are_traced_through_parents_causes_and_decisions(tmp_path: Path) 
     assert propagation_table([*rows, *found]).num_rows == 10
 
 
-@pytest.mark.parametrize(
-    ("layout", "name"),
-    [
-        (FORMAT, "propagation.parquet"),
-        ("skyrange.pair/3", "propagation.parquet"),
-        ("skyrange.pair/2", "propagation.parquet"),
-        ("skyrange.pair/1", "labels.parquet"),
-    ],
-)
-def test_the_folder_of_a_pair_is_read_in_every_layout(layout: str, name: str, tmp_path: Path) -> None:
+def test_the_folder_of_a_pair_is_read_as_it_was_written(tmp_path: Path) -> None:
     row = dict.fromkeys(column.name for column in PROPAGATION_COLUMNS) | {
         "seed": 4, "phase": "onset", "at_ns": S, "attack": "x", "kind": "send", "source": "x.radio"
     }  # fmt: skip
-    (tmp_path / "pair.json").write_text(json.dumps({"format": layout, "arms": ["nominal", "attacked"], "seeds": [4]}))
-    pq.write_table(propagation_table([row]), tmp_path / name)
+    (tmp_path / "pair.json").write_text(json.dumps({"format": FORMAT, "arms": ["nominal", "attacked"], "seeds": [4]}))
+    pq.write_table(propagation_table([row]), tmp_path / "propagation.parquet")
     assert load_pair(tmp_path).propagation.to_pylist() == [row]
+
+
+@pytest.mark.parametrize(
+    ("manifest", "found"),
+    [
+        ({"format": "skyrange.pair/3"}, "'skyrange.pair/3'"),
+        ({"format": "skyrange.run/1"}, "'skyrange.run/1'"),
+        ({}, "None"),
+        ([], "'list'"),
+    ],
+)
+def test_the_folder_of_a_pair_of_another_format_is_not_read(manifest: object, found: str, tmp_path: Path) -> None:
+    (tmp_path / "pair.json").write_text(json.dumps(manifest))
+    with pytest.raises(InputError) as caught:
+        load_pair(tmp_path)
+    (problem,) = caught.value.problems
+    assert (problem.where, problem.value, problem.expected) == ("pair.json: format", found, repr(FORMAT))
+    assert ("fly the pair again" in str(problem)) == ("pair/" in found)
 
 
 def test_a_world_without_batteries_can_be_measured(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from skyrange.record.schema import arrow_schema
 LINKS = ["gcs:a/1", "rid_up:a/1", "rid_down:a/1", "rid_up:b/1", "rid_down:b/1", "oracle:a"]
 MANIFEST = {
     "format": "skyrange.run/1", "status": "complete", "start_unix_ns": NS_PER_S,
+    "record": {"level": "full", "features_hz": 1.0},
     "operators": [{"id": "a"}, {"id": "b"}],
     "vehicles": [{"id": "a/1", "operator": "a"}, {"id": "b/1", "operator": "b"}],
     "links": [{"name": name} for name in LINKS], "receivers": [{"id": "mast", "operator": "a"}],

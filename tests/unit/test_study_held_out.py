@@ -14,8 +14,10 @@ from skyrange.dataset.members import HeldOut, draw_split
 from skyrange.scoring.tables import StudyTables
 from skyrange.study.design.blocks import Block
 from skyrange.study.design.model import SHIPPED, HeldOutTraits, Study, read_study
-from skyrange.study.folder import BlockResult, StudyFolder, create_folder, write_block
+from skyrange.study.execution.store import BlockResult
+from skyrange.study.folder import StudyFolder
 from skyrange.study.score_tables import make_score_tables, score_study
+from skyrange.study.study_run import create_folder
 
 HELD = {"families": ["link_timing"], "cities": ["new"], "aircraft": [3]}
 KINDS = {"gnss.drift": "gnss_false_position", "link.delay": "link_timing"}
@@ -49,7 +51,7 @@ def fabricate(
     )
     folder = create_folder(study, path)
     for block in folder.blocks:
-        write_block(path, BlockResult(block.name, 2, 0, (), 1.0, 1.0, 0), _rows(block, harmless))
+        folder.store.write(BlockResult(block.name, 2, 0, (), 1.0, 1.0, 0), _rows(block, harmless))
     return folder
 
 

@@ -22,7 +22,8 @@ from skyrange.scenario.overrides import read_assignment, set_key
 from skyrange.scenario.toml_files import load_file, load_text
 from skyrange.study.design.blocks import list_blocks, scenario_in
 from skyrange.study.design.model import Study, change_study, parse_study
-from skyrange.study.folder import create_folder, digest_of, list_inputs, require_same
+from skyrange.study.folder import digest_of, list_inputs, require_same
+from skyrange.study.study_run import create_folder
 from tests.loss_tables import make_table
 from tests.unit.test_learned_detectors import model_of
 

@@ -43,6 +43,7 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> list[ComparedReaction]
     return read(fly(Scenario.model_validate(model), folder / "run", report=False), CHOSEN)
 
 
+@pytest.mark.slow
 def test_it_is_like_itself(compared: list[ComparedReaction]) -> None:
     found = agreement(compared)
     # both the jump and, after its failsafe, the fast drift are reset

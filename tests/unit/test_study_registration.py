@@ -12,9 +12,11 @@ from typer.testing import CliRunner
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError
 from skyrange.study.design.model import read_study
-from skyrange.study.folder import BlockResult, StudyFolder, create_folder, open_folder, require_same, write_block
+from skyrange.study.execution.store import BLOCKS, MANIFEST, BlockResult
+from skyrange.study.folder import StudyFolder, open_folder, require_same
 from skyrange.study.page import write_study_report
 from skyrange.study.registration import FILE, read_registration, register_study
+from skyrange.study.study_run import create_folder
 
 TEXT = """
 name = "asked"
@@ -51,7 +53,7 @@ def fly(folder: StudyFolder) -> None:
             for arm in ("nominal", "attacked")
         ]
         rows = {"runs": runs, "effects": effects, "aircraft": [], "alerts": [], "acts": []}
-        write_block(folder.path, BlockResult(block.name, 2, 0, (), 1.0, 1.0, 0), rows)
+        folder.store.write(BlockResult(block.name, 2, 0, (), 1.0, 1.0, 0), rows)
 
 
 def test_the_report_says_what_was_registered_and_what_is_exploratory(file: Path, tmp_path: Path) -> None:
@@ -81,6 +83,27 @@ def test_without_a_registration_all_of_it_is_exploratory(file: Path, tmp_path: P
     assert "<td>registered</td>" not in page
     with pytest.raises(InputError, match=r"a table \[registration\]"):
         register_study(read_study(file), tmp_path / "t")
+
+
+def test_files_of_another_format_are_not_read(file: Path, tmp_path: Path) -> None:
+    folder, _ = register_study(read_study(file), tmp_path / "s")
+    fly(folder)
+    block = next((folder.path / BLOCKS).iterdir())
+    for path, format_, read, match in (
+        (
+            block,
+            "skyrange.block/3",
+            lambda: folder.store.read(block.stem),
+            r"the format 'skyrange\.block/9'.*Delete it and resume",
+        ),
+        (folder.path / FILE, "skyrange.registration/1", lambda: read_registration(folder), "register the study again"),
+        (folder.path / MANIFEST, "skyrange.plan/1", lambda: open_folder(folder.path), "fly it again"),
+    ):
+        path.write_text(path.read_text().replace(format_, f"{format_[:-1]}9"))
+        with pytest.raises(InputError, match=match) as caught:
+            read()
+        assert f"{format_[:-1]}9" in str(caught.value)
+        assert format_ in str(caught.value)
 
 
 def test_what_was_flown_cannot_be_registered_and_what_was_registered_cannot_change(file: Path, tmp_path: Path) -> None:

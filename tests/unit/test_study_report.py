@@ -7,16 +7,24 @@ import hashlib
 import html
 import json
 import re
+import zlib
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from jinja2 import UndefinedError
 
 from skyrange.report import write_report
 from skyrange.report.rendering import environment
+from skyrange.view.inline import viewer_script
+from skyrange.view.stream.messages import Message, decode_file
+from skyrange.view.stream.recorded import THINNED, RecordedArms
+from skyrange.view.stream.scene import ArmRecord
 from tests.unit.study_sample import SampleRun, fleet_of, fly, small_city, squares
 
 VOID = {"meta", "input", "br", "img", "link", "hr"}
@@ -68,9 +76,19 @@ def find_group(pattern: str, text: str) -> str:
     return str(match[1])
 
 
+def unpack(packed: str) -> str:
+    return zlib.decompress(base64.b64decode(packed)).decode()
+
+
 def data_of(text: str) -> dict[str, Any]:
-    data: dict[str, Any] = json.loads(find_group(r'<script type="application/json" id="run">(.*?)</script>', text))
+    packed = find_group(r'<script type="application/octet-stream" id="run">(.*?)</script>', text)
+    data: dict[str, Any] = json.loads(unpack(packed))
     return data
+
+
+def stream_of(text: str) -> list[Message]:
+    found = find_group(r'<script type="application/octet-stream" id="viewer-stream">(.*?)</script>', text)
+    return list(decode_file(base64.b64decode(found)))
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +112,14 @@ def test_links_within_the_page_have_their_targets(text: str) -> None:
     page = Page(text)
     targets = [attrs["href"] for tag, attrs in page.elements if tag == "a"]
     assert targets
-    assert all(str(target)[1:] in page.ids for target in targets)
+    moments = [str(target) for target in targets if str(target).startswith("#t=")]
+    assert all(str(target)[1:] in page.ids for target in targets if target not in moments)
+    assert len(moments) == 72 + 15, "a link for each event, act and decision"
+    start_s, end_s = (stream_of(text)[0].head[key] for key in ("start_s", "end_s"))
+    assert all(start_s <= float(moment[3:].partition("&")[0]) <= end_s for moment in moments)
+    assert {moment.partition("&select=")[2] for moment in moments} == {
+        vehicle["id"] for vehicle in data_of(text)["vehicles"]
+    }
 
 
 def test_nothing_is_fetched(text: str) -> None:
@@ -103,7 +128,9 @@ def test_nothing_is_fetched(text: str) -> None:
     assert not [tag for tag, _ in page.elements if tag in ("link", "img", "iframe", "object", "embed", "base")]
     addresses = set(re.findall(r"https?://[^\s\"'<>)]+", text))
     assert addresses == {"http://www.w3.org/2000/svg"}  # a name, not an address
-    assert not re.search(r"@import|url\(|fetch\(|XMLHttpRequest|WebSocket|import\(|eval\(|innerHTML", text)
+    own = text.replace(viewer_script(), "")
+    assert own != text
+    assert not re.search(r"@import|url\(|fetch\(|XMLHttpRequest|WebSocket|import\(|eval\(|innerHTML", own)
 
 
 def test_the_policy_seals_this_very_style_and_script(text: str) -> None:
@@ -131,14 +158,15 @@ def test_the_scene_gets_the_tracks_as_they_were(text: str, tmp_path: Path) -> No
     assert (
         np.abs(drawn - [row["north_m"] for row in at]).max() < 0.04
     )  # 2 cm of thinning, 1 cm of rounding, 1 cs of time
-    assert len(data["buildings"]["h"]) == 6
-    court = next(rings for rings in data["buildings"]["r"] if len(rings) == 2)
-    assert np.cumsum(np.array(court[0]).reshape(-1, 2), axis=0).tolist() == [
-        [-140, -380],
-        [80, -380],
-        [80, -270],
-        [-140, -270],
-    ]
+
+
+def test_the_viewer_gets_the_flight_and_a_sentence(text: str) -> None:
+    scene, *others = stream_of(text)
+    assert scene.head["verdict"] == "5 of 5 missions complete; no collision, crash or failsafe, 12 hostile acts."
+    assert scene.head["arms"][0]["missions"] == [5, 5]
+    assert [vehicle["id"] for vehicle in scene.head["vehicles"]] == [v["id"] for v in data_of(text)["vehicles"]]
+    assert len(scene.arrays["heights"]) == 6
+    assert {message.head.get("layer") for message in others} == {None, "truth", "station"}
 
 
 def test_the_clock_stops_when_all_is_calm(text: str) -> None:
@@ -200,10 +228,10 @@ def test_hostile_names_stay_text(tmp_path: Path) -> None:
         row["kind"] = row["source"] = attack
         row["data"] = json.dumps({attack: attack})
         row["causes"] = [attack]
-    record.path = tmp_path / "</code><b>"
+    record.move(tmp_path / "</code><b>")
     text = written(record, tmp_path)
     page = Page(text)
-    assert sum(tag == "script" for tag, _ in page.elements) == 2
+    assert sum(tag == "script" for tag, _ in page.elements) == 3
     assert not [1 for tag, _ in page.elements if tag in ("img", "b") and "onerror" in _]
     assert attack.replace("\u2028", " ")[:30] in page.text
     data_of(text)
@@ -232,33 +260,96 @@ def test_embedded_json_cannot_close_its_element() -> None:
 
 
 @pytest.mark.slow
-def test_a_hundred_aircraft_over_a_city_stay_under_five_megabytes(tmp_path: Path) -> None:
+def test_five_hundred_aircraft_over_a_city_stay_under_three_megabytes(tmp_path: Path) -> None:
     block = small_city()
     city = [
         {**b, "rings": [[[e + 100 * i, n + 100 * j] for e, n in ring] for ring in b["rings"]]}
         for i in range(-20, 20) for j in range(-20, 20) for b in block
     ]  # fmt: skip
-    record = fly(tmp_path, fleet_of(100, 4), {f"op{k}": "" for k in range(4)}, city, seconds=120, rate_hz=4)
+    record = fly(tmp_path, fleet_of(500, 10), {f"op{k}": "" for k in range(10)}, city, seconds=120, rate_hz=4)
     text = written(record, tmp_path)
-    assert len(text.encode()) < 5_000_000
-    data = data_of(text)
-    assert len(data["vehicles"]) == 100
-    assert all(len(v["truth"]["t"]) > 5 for v in data["vehicles"])
+    assert len(text.encode()) <= 3_000_000
+    assert all(len(v["truth"]["t"]) > 5 for v in data_of(text)["vehicles"])
+    scene = stream_of(text)[0]
+    assert len(scene.head["vehicles"]) == 500
+    assert len(Page(text).elements) < 15_000
 
 
 def test_what_is_left_out_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("skyrange.report.run.contents.MAX_TRUTH_POINTS", 50)
-    monkeypatch.setattr("skyrange.report.run.contents.MAX_CITY_VERTICES", 10)
     page = Page(written(squares(tmp_path), tmp_path))
-    assert "of 6 buildings" in page.text
     assert "samples of tracks" in page.text
+
+
+@given(st.floats(0.0, 1.2))
+@example(0.0)
+@settings(deadline=None)
+def test_a_stream_is_thinned_before_it_is_left_out_and_says_what_is_missing(part: float) -> None:
+    arms = sample_arms()
+    whole = arms.encode()
+    stream = arms.encode_within(int(part * len(whole)))
+    if stream is None:
+        assert int(part * len(whole)) < len(arms.encode(THINNED[-1]))
+        return
+    assert len(stream) <= part * len(whole)
+    scene, *messages = decode_file(stream)
+    said = scene.head["left_out"]
+    positions = [message for message in messages if message.kind == "P"]
+    layers, steps = ({message.head[key] for message in positions} for key in ("layer", "step_s"))
+    assert ("station" in layers) == (said.get("layers of positions", [3, 3])[0] > 1)
+    assert said.get("positions a second", [5.0, 5.0]) == [1.0 / steps.pop(), 5.0]
+    assert (stream == whole) == (not said)
+
+
+@cache
+def sample_arms() -> RecordedArms:
+    return RecordedArms([ArmRecord("run", "squares", squares(Path("squares")))], name="squares")
+
+
+def test_a_flight_that_is_too_long_for_the_page_names_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("skyrange.report.viewer.MAX_STREAM_BYTES", 100)
+    text = written(squares(tmp_path), tmp_path)
+    assert f"skyrange watch {tmp_path}" in Page(text).text
+    assert "viewer-stream" not in text
+    assert "5 of 5 missions complete; no collision" in Page(text).text
+
+
+@pytest.mark.parametrize("operators", [1, 7])
+def test_rows_beyond_the_first_are_packed_and_none_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operators: int
+) -> None:
+    monkeypatch.setattr("skyrange.report.rendering.MAX_ROWS_READY", 10_000)
+    monkeypatch.setattr("skyrange.report.rendering.MAX_ROWS_WHOLE", 10_000)
+    record = fly(tmp_path, fleet_of(20, operators), {f"op{k}": "" for k in range(operators)}, [], seconds=20, rate_hz=4)
+    whole = written(record, tmp_path)
+    monkeypatch.setattr("skyrange.report.rendering.MAX_ROWS_READY", 3)
+    monkeypatch.setattr("skyrange.report.rendering.MAX_ROWS_WHOLE", 3)
+    folded = written(record, tmp_path)
+    assert len(REST.findall(folded)) > 4
+    assert len(folded) < len(whole)
+    assert folded.count("<tr") < whole.count("<tr") / 2
+    assert rows_of(folded) == rows_of(whole)
+
+
+REST = re.compile(
+    r'<p class="note more".*?</p><script type="application/octet-stream" class="rest">(.*?)</script>', re.S
+)
+ROW = re.compile(r"<tr .*?</tr>|<tr>.*?</tr>|<div class=.lane.*?</svg></div>", re.S)
+
+
+def rows_of(text: str) -> list[str]:
+    """The rows of all tables and lanes, those that are packed as well."""
+    packed = [row for part in REST.findall(text) for row in ROW.findall(unpack(part))]
+    return sorted([*ROW.findall(REST.sub("", text)), *packed])
 
 
 def test_long_tables_are_cut_and_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("skyrange.report.run.timeline.MAX_ROWS", 7)
     page = Page(written(squares(tmp_path), tmp_path))
     assert "The first 7 of 60" in page.text
-    assert sum("data-t" in attrs for _, attrs in page.elements) == 14  # events and decisions
+    assert sum((attrs.get("href") or "").startswith("#t=") for _, attrs in page.elements) == 14  # events and decisions
 
 
 def test_an_unwritable_place_leaves_nothing_behind(tmp_path: Path) -> None:

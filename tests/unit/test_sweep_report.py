@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,10 +16,12 @@ from skyrange.statistics.means import estimate_mean, standardised_effect
 from skyrange.study.design.blocks import Block
 from skyrange.study.design.factors import Factor
 from skyrange.study.design.model import Study
+from skyrange.study.execution.store import BlockResult
 from skyrange.study.execution.worker import note_failure
-from skyrange.study.folder import BlockResult, create_folder, write_block
-from skyrange.study.page import write_study_report
+from skyrange.study.page import Effect, describe_effects, draw_differences, write_study_report
+from skyrange.study.registration import QUANTITIES
 from skyrange.study.results import cluster_blocks, cluster_samples
+from skyrange.study.study_run import StudyPlan, create_folder
 from skyrange.study.summary import find_levels, trace_response
 
 
@@ -104,20 +108,67 @@ def test_the_report_has_effects_curves_interactions_and_failures_and_escapes_tex
             {**head, "arm": "attacked", "vehicle": v, "departure_m": d} for v, d in (("a", 1.0), ("b", departure))
         ]
         runs = [
-            {**head, "arm": arm, "status": "complete", "collisions": 0.0, "flight": f"{block.seed} {arm}"}
+            {
+                **head,
+                "arm": arm,
+                "status": "complete",
+                "collisions": 0.0,
+                "vehicles": 2,
+                "missions_complete": 1,
+                "flight": f"{block.seed} {arm}",
+            }
             for arm in ("nominal", "attacked")
         ]
         rows = {"runs": runs, "effects": effects, "aircraft": [], "alerts": [], "acts": []}
-        write_block(folder.path, BlockResult(block.name, 2, 0, (), 1.0, 1.0, 0), rows)
-    note_failure(study, folder.blocks[-1], folder.path, "its process was ended by <SIGKILL>")
+        folder.store.write(BlockResult(block.name, 2, 0, (), 1.0, 1.0, 0), rows)
+    plan = StudyPlan(study, folder.blocks)
+    note_failure(plan, folder.store, plan.blocks[-1], "its process was ended by <SIGKILL>")
     page = write_study_report(folder.path).read_text()
     assert "<b>a</b>" not in page
     assert "&lt;SIGKILL&gt;" in page
     assert "collisions (" not in page  # they are 0 everywhere
     figures = sorted(path.name for path in (folder.path / "figures").glob("*.svg"))
-    assert figures == ["departure_m-by-size-and-word.svg", "departure_m-by-size.svg", "departure_m-by-word.svg"]
+    curves = ["departure_m-by-size-and-word.svg", "departure_m-by-size.svg", "departure_m-by-word.svg"]
+    missions = ["missions_complete-by-size.svg", "missions_complete-by-word.svg"]
+    assert figures == [*curves, "differences.svg", *missions]
     for path in (folder.path / "figures").glob("*.svg"):
         ElementTree.parse(path)
     assert "over its deviation" in page
     assert "there are 2" in page  # blocks of one seed are one sample
     assert "21.5 (15.1 to 27.9)" in page  # the mean of 2 * 10 + seed over two seeds, with t of one degree of freedom
+    assert "14 of 28 missions complete" in page, "one of two aircraft in seven blocks with two runs"
+    assert "Against nominal, by more than the 95 % interval: attacked departure (m) +" in page
+    points = re.findall(r'<tr id="point-(\d+)">.*?<code>(.*?)</code>', page, re.S)
+    assert points == [(str(k), f"skyrange watch {folder.path} --run p000{k}-s1") for k in range(4)]
+    marks = re.findall(r'<a href="#point-(\d+)"', page)
+    assert set(marks) <= {number for number, _ in points}
+    assert len(marks) == 2 + 2 + 4 + 4 + 4, "the means of departures, and of missions of both arms"
+
+
+@given(
+    st.lists(
+        st.lists(st.tuples(st.floats(-50.0, 50.0), st.integers(1, 9)), max_size=12, unique_by=lambda pair: pair[1]),
+        max_size=5,
+    )
+)
+def test_paired_differences_are_drawn_and_said(samples: list[list[tuple[float, int]]]) -> None:
+    effects = [
+        Effect(QUANTITIES[0], f"arm{k}", values, clusters, estimate_mean(values, clusters))
+        for k, rows in enumerate(samples)
+        for values, clusters in [([value for value, _ in rows], [str(number) for _, number in rows])]
+    ]
+    figure, sentence = draw_differences(effects, "nominal"), describe_effects(effects, "nominal")
+    assert (figure is None) == (not any(samples))
+    for effect in effects:
+        clear = effect.mean is not None and effect.mean.excludes_zero
+        assert (f"{effect.arm} departure (m)" in sentence) == clear
+    if figure is not None:
+        assert figure.svg.count("<circle") == sum(map(len, samples))
+        assert figure.svg.count('stroke-width="3"') == sum(
+            effect.mean is not None and effect.mean.low is not None for effect in effects
+        )
+        places = [float(x) for x in re.findall(r'<circle cx="([-\d.]+)"', figure.svg)]
+        assert all(250.0 <= place <= 1010.0 for place in places)
+        signs = [np.sign(round(place - 630.0, 1)) for place in places]
+        values = [value for rows in samples for value, _ in rows]
+        assert all(sign in (0.0, np.sign(value)) for sign, value in zip(signs, values, strict=True))

@@ -196,7 +196,7 @@ def test_an_end_of_which_the_dss_has_not_heard_is_asked_for_after_a_restart() ->
         checker=TokenChecker(frozenset({"north"}), (public_of(SECRET),), EPOCH),
         limits=AuthorityParams().limits,
         epoch=EPOCH,
-        own=[OwnIntent(ended, reference)],
+        earlier_intents=[OwnIntent(ended, reference)],
     )
     (departure,) = uss.step(0, Inbox()).departures
     request = decode(departure.payload)

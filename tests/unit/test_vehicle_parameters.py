@@ -7,7 +7,6 @@ import math
 import pytest
 
 from skyrange.codec.mavlink import dialect
-from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.vehicle.builtin.engine import BuiltinFleet
 from skyrange.vehicle.builtin.parameters.renames import RENAMED, canonical_name, from_canonical, to_canonical
@@ -164,8 +163,8 @@ def test_bad_start_values_are_all_named() -> None:
 
 def test_bad_specs_are_all_named() -> None:
     with pytest.raises(InputError, match="at least one vehicle"):
-        BuiltinFleet("x", [], ORIGIN, EPOCH, Chance(1))
+        BuiltinFleet("x", [], ORIGIN, EPOCH)
     with pytest.raises(InputError, match="system_id"):
         Range([VehicleSpec(V, 255)])
     with pytest.raises(InputError, match="iris"):
-        BuiltinFleet("x", [VehicleSpec(V, 1, "irs")], ORIGIN, EPOCH, Chance(1))
+        BuiltinFleet("x", [VehicleSpec(V, 1, "irs")], ORIGIN, EPOCH)

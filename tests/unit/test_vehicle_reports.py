@@ -17,7 +17,6 @@ import pytest
 from skyrange.codec.mavlink import decode, dialect, message_fields
 from skyrange.codec.mavlink.message_columns import payload_dtype
 from skyrange.contracts.mailboxes import Outbox
-from skyrange.core.chance import Chance
 from skyrange.gcs.telemetry_streams import OPERATOR
 from skyrange.vehicle.builtin.engine import BuiltinFleet
 from skyrange.vehicle.builtin.layout import ControlMode
@@ -34,8 +33,8 @@ COUNT = 7
 
 def engine(count: int = COUNT) -> BuiltinFleet:
     """A fleet in flight, every number of it different and none 0."""
-    specs = [VehicleSpec(f"blue/b{row}", row + 1) for row in range(count)]
-    made = BuiltinFleet("x", specs, ORIGIN, EPOCH, Chance(3))
+    specs = [VehicleSpec(f"blue/b{row}", row + 1, seed=3) for row in range(count)]
+    made = BuiltinFleet("x", specs, ORIGIN, EPOCH)
     fleet = made._fleet
     fleet.now = 123_456_789_000
     for table in (fleet.estimate, fleet.flight, fleet.battery):

@@ -144,14 +144,14 @@ def test_momentum_and_angular_momentum_are_kept(
     seen = {}
     look = type(contacts).resolve_tick
 
-    def watched(self: ContactTracker, now: Time, step_s: float, stride2_m2: float, bodies: BodyState) -> Sequence[Note]:
+    def watched(self: ContactTracker, now: Time, step_s: float, bodies: BodyState) -> Sequence[tuple[int, Note]]:
         seen["before"] = (
             _momentum(world),
             world._bodies.velocity.copy(),
             world._bodies.rates.copy(),
             world._bodies.position.copy(),
         )
-        return look(self, now, step_s, stride2_m2, bodies)
+        return look(self, now, step_s, bodies)
 
     type(contacts).resolve_tick = watched  # type: ignore[method-assign]
     try:

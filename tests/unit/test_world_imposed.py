@@ -15,7 +15,6 @@ from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.contracts.components import Poses, Source
 from skyrange.contracts.mailboxes import Note
-from skyrange.core.chance import Chance
 from skyrange.world import AIRFRAMES, Body, SensorSpec, Wind, World
 from skyrange.world.imposed_poses import CARRY_S, JUMP_M
 from skyrange.world.sensing.sensor_errors import ACCEL_MOTORS_MPS2
@@ -142,11 +141,8 @@ def test_the_others_are_to_the_bit_as_they_are_without_it() -> None:
     """A dynamic aircraft flies among gusts with noisy sensors: beside dynamic ones, and beside one that is led."""
 
     def flown(led: Sequence[int]) -> bytes:
-        bodies = [Body(f"blue/b{i}", "iris", 15.0 * i, 0.0, 20.0) for i in range(3)]
-        chance = Chance(7)
-        world = _world(
-            *bodies, led=led, wind=Wind((3.0, 0.0, 0.0), 1.0), chance=chance, sensors=SensorSpec(1.0, chance=chance)
-        )
+        bodies = [Body(f"blue/b{i}", "iris", 15.0 * i, 0.0, 20.0, seed=7) for i in range(3)]
+        world = _world(*bodies, led=led, wind=Wind((3.0, 0.0, 0.0), 1.0), sensors=SensorSpec(1.0))
         said = b""
         for tick in range(1, 800):
             if led and tick % 5 == 0:
@@ -355,9 +351,7 @@ def test_handed_back_it_falls_from_where_it_is() -> None:
 
 def test_motors_that_its_engine_reports_drain_the_battery_and_shake_the_sensors() -> None:
     def flown(command: float) -> tuple[float, float, float]:
-        world = _world(
-            Body("blue/a", "iris", 0.0, 0.0, 20.0), led=[0], sensors=SensorSpec(1.0, chance=Chance(3)), chance=Chance(3)
-        )
+        world = _world(Body("blue/a", "iris", 0.0, 0.0, 20.0, seed=3), led=[0], sensors=SensorSpec(1.0))
         felt = []
         for tick in range(1, 800):
             world.actuate(slice(None), np.full((1, 4), command))

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from skyrange.contracts.components import READINGS_NS, Sensors
-from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S
@@ -20,11 +19,11 @@ from skyrange.world.sensing.geomagnetism import magnetic_field_at
 
 ORIGIN = Origin(-35.363328, 149.1652241, 584.0, 19.0)
 STEP = 2_500_000
-SPEC = SensorSpec(1.0, magnetic_field_at(ORIGIN), Chance(11))
+SPEC = SensorSpec(1.0, magnetic_field_at(ORIGIN))
 
 
 def standing(count: int, spec: SensorSpec = SPEC, first: int = 0, step_ns: int = STEP) -> World:
-    bodies = [Body(f"blue/b{i}", "iris", 10.0 * i, 0.0, 0.0, 90.0) for i in range(first, first + count)]
+    bodies = [Body(f"blue/b{i}", "iris", 10.0 * i, 0.0, 0.0, 90.0, seed=11) for i in range(first, first + count)]
     return World(bodies, step_ns, sensors=spec)
 
 

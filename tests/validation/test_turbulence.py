@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.world import Body, Wind, World, turbulence
 
@@ -20,7 +19,7 @@ def _sample(n: int, steps: int, speed_mps: float = SPEED_MPS, height_m: float = 
     """Gusts (time, n, 3) of n aircraft flying east at a speed, from the kernel's own steady state on."""
     air, heard = np.zeros((n, 3)), []
     gusts = turbulence.Gusts(
-        seed=np.uint64(7),
+        seeds=np.full(n, 7, dtype=np.uint64),
         stream=np.uint64(hash64(turbulence.STREAM)),
         who=np.array([hash64(f"blue/b{i}") for i in range(n)], dtype=np.uint64),
         steady_enu_mps=np.zeros(3),
@@ -132,7 +131,7 @@ def test_a_hover_in_still_air_still_gusts() -> None:
 
 def test_gusts_ride_on_the_steady_wind_and_push() -> None:
     wind = Wind((6.0, 0.0, 0.0), W20_MPS)
-    world = World([Body(f"blue/b{i}", "iris", 20.0 * i, 0.0, 500.0) for i in range(400)], wind=wind, chance=Chance(3))
+    world = World([Body(f"blue/b{i}", "iris", 20.0 * i, 0.0, 500.0, seed=3) for i in range(400)], wind=wind)
     heard = []
     for tick in range(401):
         world.advance(tick * 2_500_000)
@@ -146,9 +145,9 @@ def test_gusts_ride_on_the_steady_wind_and_push() -> None:
 
 
 def test_company_and_order_change_no_gust() -> None:
-    bodies = [Body(f"blue/b{i}", "iris", 50.0 * i, 0.0, 300.0) for i in range(5)]
+    bodies = [Body(f"blue/b{i}", "iris", 50.0 * i, 0.0, 300.0, seed=5) for i in range(5)]
     wind = Wind((3.0, -2.0, 0.0), 10.0)
-    worlds = [World(b, wind=wind, chance=Chance(5)) for b in (bodies[2:3], bodies, bodies[::-1])]
+    worlds = [World(b, wind=wind) for b in (bodies[2:3], bodies, bodies[::-1])]
     for tick in range(401):
         for world in worlds:
             world.advance(tick * 2_500_000)
@@ -158,10 +157,10 @@ def test_company_and_order_change_no_gust() -> None:
 
 
 def test_another_seed_is_another_air() -> None:
-    body, wind = Body("blue/b1", "iris", 0.0, 0.0, 300.0), Wind(turbulence_mps=10.0)
+    wind = Wind(turbulence_mps=10.0)
     seen = []
     for seed in (1, 2, 1):
-        world = World([body], wind=wind, chance=Chance(seed))
+        world = World([Body("blue/b1", "iris", 0.0, 0.0, 300.0, seed=seed)], wind=wind)
         world.advance(0)
         world.advance(2_500_000)
         seen.append(float(world.truth()["wind_up_mps"][0]))

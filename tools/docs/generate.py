@@ -149,6 +149,7 @@ _SECTIONS = (
     ("DefenceCost", "`cost` of a defence"),
     ("When", "`when` of an attack or a fault"),
     ("DetectorTable", "`[[detectors]]`"),
+    ("ManualActTable", "`[[manual_acts]]`: starts and stops by hand"),
     ("Operator", "`[[operators]]`"),
     ("VolumeMargins", "`margins` of an operator"),
     ("ReplanningRules", "`replan` of an operator"),

@@ -17,7 +17,7 @@ from typing import Final
 from skyrange.report.pair.page import draw_pair_plan
 from skyrange.scenario.shipped import DEFENCE_EXAMPLES, load
 from skyrange.statistics.means import estimate_mean
-from skyrange.study.matrix.cells import Cell, measure_cell
+from skyrange.study.matrix.cells import Cell, join_seeds, measure_cell
 from skyrange.study.pairing import pair
 from skyrange.twins.arms import NOMINAL
 from skyrange.twins.pair_folder import Pair
@@ -71,7 +71,8 @@ def _cell(effect: tuple[str, str] | None) -> str:
 def _describe_alarms(acting: Pair) -> str:
     """When the first alarm came, and how many came without an attack."""
     detectors = [row["id"] for row in acting.run(NOMINAL).manifest["defences"]]
-    cell = measure_cell(acting, Cell("", ""), "departure_m", detectors)
+    each = [{arm: acting.run(arm, seed) for arm in acting.arms} for seed in acting.seeds]
+    cell = join_seeds([measure_cell(runs, Cell("", ""), "departure_m", detectors) for runs in each])
     alarms_s = [at for at in cell.alarms_s if at is not None]
     mean = estimate_mean(alarms_s)
     when = "No alarm"

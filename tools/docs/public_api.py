@@ -28,7 +28,8 @@ TOPICS: dict[str, dict[str, str]] = {
         "Operators and aircraft": "Operator Vehicle Fleet Start Sensors RemoteId Verify Avoidance Autopilots",
         "Plans": "Plan Square Path Route Fence FenceCircle FencePolygon square path route mission_file",
         "Links, processing, attacks, faults, defences, detectors, recording": """Link WifiParams CellularParams
-            BaseStation Processing AttackTable FaultTable When DefenceTable DefenceCost DetectorTable Record Live""",
+            BaseStation Processing AttackTable FaultTable When ManualActTable DefenceTable DefenceCost DetectorTable
+            Record Live""",
     },
     "skyrange.plugin": {
         "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu items refuse Floats Ints",

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
-from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.assembly.acts.honest_arm import HonestAircraft, mount, park
+from skyrange.assembly.acts.honest_arm import HonestAircraft, park
 from skyrange.assembly.signing import derive_keys
 from skyrange.city.city import City
 from skyrange.core.chance import Chance
@@ -17,63 +16,133 @@ from skyrange.core.ids import vehicle_id
 from skyrange.kernel import EngineMount
 from skyrange.scenario.model.fleet import Vehicle
 from skyrange.scenario.model.scenario import Scenario
+from skyrange.vehicle.claimed_tracks import ClaimedTracks, HonestBody
 from skyrange.vehicle.contract import AutopilotContext, AutopilotPlugin, VehicleSpec
 from skyrange.world import Body, SensorSpec, World
 from skyrange.world.sensing.geomagnetism import magnetic_field_at
+
+_BATCHED = "builtin"
+"""The autopilot whose engine flies the aircraft of several runs."""
+
+
+class Aircraft(NamedTuple):
+    """The aircraft of one run of a scenario, in the order of the scenario's fleet."""
+
+    bodies: Sequence[Body]
+    specs: Sequence[VehicleSpec]
+    autopilots: Sequence[str]
+    """The kind of each one's autopilot."""
+    parked: Sequence[Body] = ()
+    """The bodies of real aircraft on claimed tracks, which have the last rows of the run."""
+    claimed: Sequence[HonestBody] = ()
+    """What moves each of these."""
+
+
+def list_aircraft(
+    scenario: Scenario,
+    run: int = 0,
+    flown: Container[str] | None = None,
+    honest: Sequence[HonestAircraft] = (),
+) -> Aircraft:
+    """The bodies and the vehicles of a scenario, as run number `run` of a batch; with `flown` these vehicles only.
+    `honest` are the real aircraft on claimed tracks.
+    """
+    bodies: list[Body] = []
+    specs: list[VehicleSpec] = []
+    autopilots: list[str] = []
+    for operator, vehicle in scenario.fleet:
+        key = vehicle_id(operator.id, vehicle.id)
+        if flown is not None and key not in flown:
+            continue
+        start = vehicle.start
+        bodies.append(
+            Body(
+                vehicle=key,
+                airframe=vehicle.airframe,
+                east_m=start.east_m,
+                north_m=start.north_m,
+                heading_deg=start.heading_deg,
+                charge=vehicle.charge,
+                run=run,
+                seed=scenario.seed,
+            )
+        )
+        specs.append(
+            VehicleSpec(
+                vehicle=key,
+                system_id=vehicle.system_id,
+                network=vehicle.network,
+                airframe=vehicle.airframe,
+                home_enu_m=(start.east_m, start.north_m, 0.0),
+                heading_deg=start.heading_deg,
+                params=dict(vehicle.params),
+                wind_enu_mps=scenario.wind.air.steady_enu_mps,
+                signing_key=derive_keys(scenario, operator).aircraft,
+                signing_exempt=operator.signing == "exempt",
+                run=run,
+                seed=scenario.seed,
+            )
+        )
+        autopilots.append(vehicle.autopilot)
+    return Aircraft(bodies, specs, autopilots, *park(honest, scenario, run))
+
+
+def make_aircraft(
+    scenario: Scenario,
+    city: City | None,
+    runs: Sequence[Aircraft],
+    *,
+    motion: bool,
+) -> tuple[World, list[EngineMount]]:
+    """The world of one or more runs, and an engine for each kind of autopilot with the rows of its aircraft.
+
+    `runs` are what `list_aircraft` lists of each run, in the order of their numbers; all are of scenarios that differ
+    from `scenario` in nothing but the seed and what attacks do. `motion` is the command line's word that vehicles
+    outside the range may be moved. Raises `InputError`; and `ValueError` where several runs have another autopilot than
+    the builtin one.
+    """
+    bodies: list[Body] = []
+    own_rows: list[int] = []
+    parked_rows: list[int] = []
+    for run in runs:
+        own_rows += range(len(bodies), len(bodies) + len(run.bodies))
+        bodies += run.bodies
+        parked_rows += range(len(bodies), len(bodies) + len(run.parked))
+        bodies += run.parked
+    specs = [spec for run in runs for spec in run.specs]
+    kinds = [kind for run in runs for kind in run.autopilots]
+    if len(runs) > 1:
+        others = sorted(set(kinds) - {_BATCHED})
+        if others:
+            raise ValueError(f"a batch of runs with {', '.join(others)}")
+    datum = scenario.origin.datum
+    true = scenario.sensors
+    sensors = SensorSpec(true.noise, magnetic_field_at(datum), true.warming_k, true.instability, true.gnss)
+    world = World(bodies, wind=scenario.wind.air, city=city, sensors=sensors)
+    mounts = []
+    for kind in dict.fromkeys(kinds):
+        places = [place for place, other in enumerate(kinds) if other == kind]
+        own = [specs[place] for place in places]
+        chance = Chance(scenario.seed)
+        context = AutopilotContext(kind, own, datum, scenario.epoch, chance, motion, city, specs)
+        engine = AutopilotPlugin.find(kind)(scenario.autopilots.params_of(kind), context)
+        mounts.append(EngineMount(engine, _rows_of([own_rows[place] for place in places])))
+    if parked_rows:
+        claimed = [body for run in runs for body in run.claimed]
+        mounts.append(EngineMount(ClaimedTracks(claimed, world.quantum_ns), _rows_of(parked_rows)))
+    return world, mounts
 
 
 def build_aircraft(
     scenario: Scenario,
     city: City | None,
-    chance: Chance,
     *,
     motion: bool,
     honest: Sequence[HonestAircraft] = (),
     flown: Container[str] | None = None,
 ) -> tuple[World, list[EngineMount]]:
-    """The world, and an engine for each kind of autopilot with the rows of its aircraft. Raises `InputError`.
-
-    `motion` is the command line's word that vehicles outside the range may be moved. `honest` are
-    the real aircraft on claimed tracks; they have the last rows. With `flown` the world has these vehicles only.
-    """
-    bodies: list[Body] = []
-    specs: dict[str, list[tuple[int, VehicleSpec]]] = {}
-    for operator, vehicle in scenario.fleet:
-        key = vehicle_id(operator.id, vehicle.id)
-        if flown is not None and key not in flown:
-            continue
-        row = len(bodies)
-        start = vehicle.start
-        bodies.append(Body(key, vehicle.airframe, start.east_m, start.north_m, 0.0, start.heading_deg, vehicle.charge))
-        spec = VehicleSpec(
-            vehicle=key,
-            system_id=vehicle.system_id,
-            network=vehicle.network,
-            airframe=vehicle.airframe,
-            home_enu_m=(start.east_m, start.north_m, 0.0),
-            heading_deg=start.heading_deg,
-            params=dict(vehicle.params),
-            wind_enu_mps=scenario.wind.air.steady_enu_mps,
-            signing_key=derive_keys(scenario, operator).aircraft,
-            signing_exempt=operator.signing == "exempt",
-        )
-        specs.setdefault(vehicle.autopilot, []).append((row, spec))
-    fleet = len(bodies)
-    bodies += park(honest, scenario)
-    datum = scenario.origin.datum
-    true = scenario.sensors
-    sensors = SensorSpec(true.noise, magnetic_field_at(datum), chance, true.warming_k, true.instability, true.gnss)
-    world = World(bodies, wind=scenario.wind.air, city=city, chance=chance, sensors=sensors)
-    mounts = []
-    everyone = [spec for _, spec in sorted(chain.from_iterable(specs.values()), key=lambda member: member[0])]
-    for kind, members in specs.items():
-        own = [spec for _, spec in members]
-        context = AutopilotContext(kind, own, datum, scenario.epoch, chance, motion, city, everyone)
-        engine = AutopilotPlugin.find(kind)(scenario.autopilots.params_of(kind), context)
-        mounts.append(EngineMount(engine, _rows_of([row for row, _ in members])))
-    if honest:
-        mounts.append(mount(honest, slice(fleet, len(bodies)), world.quantum_ns))
-    return world, mounts
+    """`make_aircraft` of one run alone; with `flown` the world has these vehicles only."""
+    return make_aircraft(scenario, city, [list_aircraft(scenario, 0, flown, honest)], motion=motion)
 
 
 def _rows_of(places: Sequence[int]) -> slice | NDArray[np.int64]:
@@ -105,8 +174,8 @@ def list_battery_warnings(scenario: Scenario) -> list[str]:
     lines = []
     reasons: dict[str, str] = {}
     for operator, vehicle in scenario.fleet:
-        asked = _asked(vehicle)
-        if not asked:
+        settings = _battery_settings(vehicle)
+        if not settings:
             continue
         kind = vehicle.autopilot
         if kind not in reasons:
@@ -114,11 +183,11 @@ def list_battery_warnings(scenario: Scenario) -> list[str]:
         if reasons[kind]:
             name = vehicle_id(operator.id, vehicle.id)
             unlike = f"the autopilot does not measure the world's battery: {reasons[kind]}"
-            lines.append(f"{name}: {', '.join(asked)}, but {unlike}")
+            lines.append(f"{name}: {', '.join(settings)}, but {unlike}")
     return lines
 
 
-def _asked(vehicle: Vehicle) -> list[str]:
+def _battery_settings(vehicle: Vehicle) -> list[str]:
     """What a vehicle sets of its battery, as it is written in the scenario."""
     charge = [f"charge = {vehicle.charge:g}"] if vehicle.charge < 1.0 else []
     return charge + [f"{name} = {value:g}" for name, value in vehicle.params.items() if name.startswith(_PARAMETERS)]

@@ -54,7 +54,7 @@ def _constraints(scenario: Scenario) -> list[Constraint]:
     """The areas that are closed, on the ellipsoid and on the scenario's clock. Raises `InputError`."""
     origin = scenario.origin.datum
     ground_m = origin.ellipsoid_of(origin.alt_msl_m)
-    found = []
+    constraints = []
     for number, table in enumerate(scenario.constraints):
         outline = tuple(
             (float(lat), float(lon))
@@ -66,8 +66,8 @@ def _constraints(scenario: Scenario) -> list[Constraint]:
             where = f"constraints.{number}.corners_m"
             expected = "corners of an area, in order around it"
             raise InputError.one(f"scenario {scenario.name}", where, "corners whose edges cross", expected)
-        found.append(Constraint(table.id, volume, from_seconds(table.published_s)))
-    return found
+        constraints.append(Constraint(table.id, volume, from_seconds(table.published_s)))
+    return constraints
 
 
 def _check_ports(service: ApprovalService, context: ApprovalContext) -> None:

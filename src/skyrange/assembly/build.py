@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Container, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 from skyrange.assembly.acts.attacks import MadeAttacks, check_transmitters, make_attack_context, make_attacks
 from skyrange.assembly.acts.conflicts import list_own_sensors
 from skyrange.assembly.acts.defences import MadeDefences, make_defences
-from skyrange.assembly.acts.honest_arm import describe_aircraft
+from skyrange.assembly.acts.honest_arm import HonestAircraft, describe_aircraft
+from skyrange.assembly.acts.overlaps import Overlaps
 from skyrange.assembly.aircraft import build_aircraft, describe_engines, list_battery_warnings
 from skyrange.assembly.approvals import build_approvals
 from skyrange.assembly.city import build_city
@@ -30,7 +31,7 @@ from skyrange.assembly.radio import LiveMedium, build_radio, check_radios, descr
 from skyrange.assembly.run_header import make_attachments, make_header, make_mission_files
 from skyrange.assembly.signing import check_signing, derive_keys, place_gateways
 from skyrange.city.city import City
-from skyrange.contracts.components import Agent
+from skyrange.contracts.components import Agent, Observer
 from skyrange.contracts.links import Act, LinkSpec, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.chance import Chance
@@ -46,6 +47,23 @@ from skyrange.kernel import Wiring
 from skyrange.radio.oracle import ENDPOINT, Oracle
 from skyrange.scenario.model.operators import ReplanningRules
 from skyrange.scenario.model.scenario import Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class Additions:
+    """What is placed in a run from Python, beside what its scenario declares."""
+
+    taps: Sequence[TapPlacement] = ()
+    """Placed on its links by name or pattern."""
+    acts: Sequence[Act] = ()
+    """The acts that the taps belong to."""
+    monitors: Sequence[MonitorPlacement] = ()
+    """They listen at ends of links."""
+    observers: Sequence[Observer] = ()
+    """They see everything beside the recorder, and alter nothing."""
+
+
+NOTHING_MORE: Final = Additions()
 
 
 class _Everywhere:
@@ -71,6 +89,10 @@ class BuiltScenario:
     """The missions of the vehicles that are built, as they fly them, as further files."""
     oracle: Oracle | None
     """The one that owns the radio medium, if there is one."""
+    overlaps: Overlaps
+    """What its acts alter or decide as the only ones."""
+    honest: Sequence[HonestAircraft] = ()
+    """The real aircraft on claimed tracks."""
 
     @property
     def files(self) -> dict[str, bytes]:
@@ -90,24 +112,24 @@ def _request_s(ahead_s: float | None, depart_s: float) -> float:
 
 def build(
     scenario: Scenario,
+    additions: Additions = NOTHING_MORE,
     *,
-    taps: Sequence[TapPlacement] = (),
-    acts: Sequence[Act] = (),
-    monitors: Sequence[MonitorPlacement] = (),
     local: Container[str] | None = None,
     flown: Container[str] | None = None,
     attached: bool = True,
     motion: bool = False,
     live: LiveMedium | None = None,
+    aircraft: bool = True,
 ) -> BuiltScenario:
     """Build everything. Raises `InputError` with all that is wrong, before anything is written or started.
 
-    `taps`, `acts` and `monitors` are placed on the scenario's links, by name or pattern, beside those that it
-    declares. With `local` only what lives at these endpoints is built, as a process needs it that runs a part of the
-    range: world, oracle and autopilots where `oracle` is among them. With `flown` only these vehicles are built, and
-    their starts and plans checked, whose operators have to be the ones of `local`; other processes check the rest.
+    `additions` are placed beside what the scenario declares, but for the observers: they are told by a kernel. With
+    `local` only what lives at these endpoints is built, as a process needs it that runs a part of the range: world,
+    oracle and autopilots where `oracle` is among them. With `flown` only these vehicles are built, and their starts and
+    plans checked, whose operators have to be the ones of `local`; other processes check the rest.
     Without `attached` there are no `attachments`. `motion` is the command line's word that vehicles outside may be
-    moved; the scenario's is needed too. `live` says what a live range does about a dead radio engine.
+    moved; the scenario's is needed too. `live` says what a live range does about a dead radio engine. Without
+    `aircraft` there is neither a world nor an engine: the caller gives it a part of those of a batch.
     """
     city = build_city(scenario)
     declared = plan_routes(scenario, city)
@@ -132,7 +154,7 @@ def build(
         raise InputError(f"scenario {scenario.name}", problems)
     links += [*made.links, *between]
     detectors, rows = build_detectors(scenario, links)
-    rows += map(describe_monitor, monitors)
+    rows += map(describe_monitor, additions.monitors)
     here: Container[str] = _Everywhere() if local is None else local
     whole = ENDPOINT in here
     air = build_radio(
@@ -147,8 +169,8 @@ def build(
     epoch, chance = scenario.epoch, Chance(scenario.seed)
     plans = {vehicle: plan for vehicle, plan in made_plans.items() if isinstance(plan, FlightPlan)}
     world, engines = (
-        build_aircraft(scenario, city, chance, motion=motion, honest=made.aircraft, flown=flown)
-        if whole
+        build_aircraft(scenario, city, motion=motion, honest=made.aircraft, flown=flown)
+        if whole and aircraft
         else (None, [])
     )
     agents: list[Agent] = [a for service in approvals for a in service.agents] if APPROVAL in here else []
@@ -182,7 +204,7 @@ def build(
                 replanning=_replanning_of(operator.replan),
             )
         )
-    placed = place_foreign_radios([*place_gateways(scenario), *defences.taps, *made.taps, *taps], over_air)
+    placed = place_foreign_radios([*place_gateways(scenario), *defences.taps, *made.taps, *additions.taps], over_air)
     control_links = build_control_links(scenario, city, chance, over_air) if whole else None
     if control_links is not None:
         agents.append(control_links)
@@ -194,8 +216,9 @@ def build(
         agents=[*agents, *air.agents],
         truth_subscribers=air.truth_subscribers,
         taps=placed,
-        acts=[plan if whole else _elsewhere(plan) for plan in (*made.plans, *acts, *defences.plans)],
-        monitors=[*detectors, *monitors],
+        acts=[plan if whole else _elsewhere(plan) for plan in (*made.plans, *additions.acts, *defences.plans)],
+        manual_acts=[act.manual_act for act in scenario.manual_acts],
+        monitors=[*detectors, *additions.monitors],
         processing=processing,
         world=world,
         engines=engines,
@@ -220,6 +243,13 @@ def build(
         make_attachments(scenario, city) if attached else {},
         make_mission_files(plans),
         air.oracle,
+        Overlaps(
+            made.exclusive,
+            defences.exclusive,
+            defences.declared,
+            [o.id for o in scenario.operators if o.signing != "off"],
+        ),
+        made.aircraft,
     )
 
 
@@ -233,7 +263,7 @@ def _make_acts(
     """The attacks, faults and defences of a scenario whose links without those of attacks are `links`."""
     context = make_attack_context(scenario, links, city)
     made = make_attacks(scenario, context, own_sensors)
-    return made, make_defences(scenario.defences, context, over_air, own_sensors)
+    return made, make_defences(scenario, context, over_air, own_sensors)
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,8 +296,8 @@ def stay_elsewhere(plan: Act) -> Act:
 
 def _elsewhere(plan: Act) -> Act:
     """An attack as a process has it without the world: taps alone, and of its trigger it is told (`Kernel.begin`)."""
-    start = plan.start_ns if plan.trigger is None else NEVER
-    return replace(plan, agents=(), sensor_hooks=(), body_hooks=(), trigger=None, start_ns=start)
+    start = NEVER if plan.trigger is not None or plan.manual else plan.start_ns
+    return replace(plan, agents=(), sensor_hooks=(), body_hooks=(), trigger=None, manual=False, start_ns=start)
 
 
 def _replanning_of(rules: ReplanningRules | None) -> Replanning | None:

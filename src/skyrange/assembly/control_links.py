@@ -118,7 +118,9 @@ def place_foreign_radios(taps: Sequence[TapPlacement], made: LinksOverAir) -> li
     Raises `InputError` for one on a link that is not over Wi-Fi.
     """
     links = {link.name: link for link in made.wifi}
-    transmitters = {(one.transmitter.name, one.transmitter.channel): one.transmitter for one in made.foreign}
+    transmitters = {
+        (foreign.transmitter.name, foreign.transmitter.channel): foreign.transmitter for foreign in made.foreign
+    }
     placed = []
     for tap in taps:
         site = tap.site

@@ -93,12 +93,12 @@ def make_broadcast(operator: Operator, vehicle: Vehicle, scenario: Scenario) -> 
 def make_lookout(operator: str, scenario: Scenario) -> TrafficPicture | None:
     """What an operator's ground receivers tell its ground station; `None` without any."""
     receivers = scenario.radio.receivers if scenario.radio is not None else ()
-    own = [receiver for receiver in receivers if receiver.operator == operator]
-    if not own:
+    operator_receivers = [receiver for receiver in receivers if receiver.operator == operator]
+    if not operator_receivers:
         return None
-    verifications = [make_verification(receiver.verify, scenario) for receiver in own]
+    verifications = [make_verification(receiver.verify, scenario) for receiver in operator_receivers]
     return TrafficPicture(
-        operator, [receiver.id for receiver in own], scenario.origin.datum, verifications, scenario.epoch
+        operator, [receiver.id for receiver in operator_receivers], scenario.origin.datum, verifications, scenario.epoch
     )
 
 
@@ -106,15 +106,15 @@ def describe_medium(scenario: Scenario, oracle: Oracle | None) -> dict[str, Any]
     """What the manifest says of the radio: `medium` of one that is not builtin, and `loss_table` if there is one."""
     if scenario.radio is None or oracle is None:
         return {}
-    told: dict[str, Any] = {}
+    description: dict[str, Any] = {}
     if scenario.radio.plugin is not BUILTIN:
         medium = oracle.medium
-        told["medium"] = {"kind": scenario.radio.engine, "repeatable": medium.repeatable, **medium.manifest}
+        description["medium"] = {"kind": scenario.radio.engine, "repeatable": medium.repeatable, **medium.manifest}
     if scenario.radio.table is not None:
         data = read_input(Path(scenario.radio.table), "loss table", max_bytes=MAX_BYTES)
         header = decode_loss_table(data).header
-        told["loss_table"] = {"sha256": sha256(data).hexdigest(), **header.model_dump(mode="json")}
-    return told
+        description["loss_table"] = {"sha256": sha256(data).hexdigest(), **header.model_dump(mode="json")}
+    return description
 
 
 def build_radio(
@@ -151,7 +151,7 @@ def _oracle(
     vehicles = [(vehicle_id(operator.id, vehicle.id), operator, vehicle) for operator, vehicle in scenario.fleet]
     specs = [_aboard(key, vehicle, PROFILES[radio.aboard]) for key, _, vehicle in vehicles]
     specs += [RadioSpec(r.id, r.place, PROFILES[r.kind], antenna=r.antenna) for r in radio.receivers]
-    specs += [_attacker(one) for one in attackers]
+    specs += [_attacker(attacker) for attacker in attackers]
     surroundings = RadioEnvironment(
         radio.horizon_m, radio.chance, radio.city_busy, radio.city_dbm, radio.carrier_sense_dbm
     )
@@ -160,13 +160,13 @@ def _oracle(
         specs, chance, city, surroundings, radio.losses, radio.every_pair, loss_table=table, **live._asdict()
     )
     medium = radio.plugin(radio.settings, context)
-    nodes = [owner_of(one.endpoint) for one in attackers]
-    listening = [owner_of(one.endpoint) for one in attackers if one.listens]
-    own = [key for key, _, _ in vehicles]
+    nodes = [owner_of(attacker.endpoint) for attacker in attackers]
+    listening = [owner_of(attacker.endpoint) for attacker in attackers if attacker.listens]
+    vehicle_ids = [key for key, _, _ in vehicles]
     return Oracle(
         medium,
-        [*own, *nodes],
-        [*own, *listening],
+        [*vehicle_ids, *nodes],
+        [*vehicle_ids, *listening],
         {receiver.id: receiver.operator for receiver in radio.receivers},
         recording=True,
         spectrum=spectrum,
@@ -207,10 +207,12 @@ def _aboard(key: str, vehicle: Vehicle, listening: tuple[ScanSchedule, ...]) -> 
     return RadioSpec(key, None, listening, wifi_dbm=remote_id.wifi_dbm, ble_dbm=remote_id.ble_dbm)
 
 
-def _attacker(one: Transmitter) -> RadioSpec:
-    listening = PROFILES["companion"] if one.listens else ()
-    name = owner_of(one.endpoint)
-    return RadioSpec(name, one.at_enu_m, listening, wifi_dbm=one.power_dbm, ble_dbm=one.power_dbm)
+def _attacker(transmitter: Transmitter) -> RadioSpec:
+    listening = PROFILES["companion"] if transmitter.listens else ()
+    name = owner_of(transmitter.endpoint)
+    return RadioSpec(
+        name, transmitter.at_enu_m, listening, wifi_dbm=transmitter.power_dbm, ble_dbm=transmitter.power_dbm
+    )
 
 
 def check_radios(scenario: Scenario, radios: Sequence[Transmitter], city: City | None) -> Iterator[Problem]:

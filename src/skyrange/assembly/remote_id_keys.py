@@ -84,8 +84,8 @@ class AdversaryKeys:
 
     def stolen(self, vehicle: str) -> Registration | None:
         """The registration of an aircraft; `None` if it signs nothing or does not exist."""
-        for operator, one in self.scenario.fleet:
-            remote_id = one.remote_id
-            if vehicle_id(operator.id, one.id) == vehicle and remote_id is not None and remote_id.auth == "drip":
+        for operator, aircraft in self.scenario.fleet:
+            remote_id = aircraft.remote_id
+            if vehicle_id(operator.id, aircraft.id) == vehicle and remote_id is not None and remote_id.auth == "drip":
                 return aircraft_credentials(vehicle, remote_id, self.scenario).registration
         return None

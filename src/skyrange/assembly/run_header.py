@@ -97,7 +97,7 @@ def _describe_mission_files(scenario: Scenario) -> dict[str, Any]:
         with suppress(InputError):
             mission = read_mission(file)
             used = {"items": len(mission.items), "fence": len(mission.fence), "rally": len(mission.rally)}
-            rows.append({"file": mission.source, **used, "ignored": [one.to_dict() for one in mission.ignored]})
+            rows.append({"file": mission.source, **used, "ignored": [ignored.to_dict() for ignored in mission.ignored]})
     return {"mission_files": rows} if rows else {}
 
 
@@ -109,8 +109,8 @@ def _describe_expectation(plan: Plan) -> dict[str, str]:
 
 def _describe_city(city: City) -> dict[str, Any]:
     """The city in the manifest: its source, its number of buildings, and what became of its file's features."""
-    told = {"source": city.source, "buildings": len(city.buildings)}
-    return told | ({"reading": city.reading.to_dict()} if city.reading is not None else {})
+    description = {"source": city.source, "buildings": len(city.buildings)}
+    return description | ({"reading": city.reading.to_dict()} if city.reading is not None else {})
 
 
 def _name_copy(file: Path) -> str:

@@ -265,8 +265,8 @@ class AttackPlugin(Plugin[AttackContext, Attack]):
 
 def moved(plugin: AttackPlugin, params: Params, by: Place) -> Params:
     """The parameters of an attack with all their places moved, in metres east, north and up."""
-    found = move_places(plugin.places, params, by)
-    return found if plugin.move is None else plugin.move(found, by)
+    moved_params = move_places(plugin.places, params, by)
+    return moved_params if plugin.move is None else plugin.move(moved_params, by)
 
 
 def move_places(names: Sequence[str], params: Params, by: Place) -> Params:

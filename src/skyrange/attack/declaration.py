@@ -89,7 +89,7 @@ class Acting(Kind):
     def copy(self) -> Self:
         """A copy with state of its own; it shares the schedule, which the kernel fills in, and what it `shares`."""
         return deepcopy(
-            self, {id(part): part for part in (self.schedule, *(getattr(self, one) for one in self.shares))}
+            self, {id(part): part for part in (self.schedule, *(getattr(self, name) for name in self.shares))}
         )
 
     def is_acting(self, now: Time) -> bool:
@@ -128,16 +128,18 @@ def attack(name: str, **facts: Unpack[Facts]) -> Callable[[ActingT], ActingT]:
 
 def facts_of(kind: type) -> Facts:
     """The facts of the bases of a kind; those of a nearer base go before those of its own bases."""
-    found: Facts = {}
+    facts: Facts = {}
     for base in reversed(kind.__mro__):
-        found |= vars(base).get("attack_facts", {})
-    return found
+        facts |= vars(base).get("attack_facts", {})
+    return facts
 
 
-def _take(kind: type, names: Sequence[str], known: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, str] | None:
+def _take(
+    kind: type, names: Sequence[str], known: Mapping[str, Any], namespace: Mapping[str, Any]
+) -> dict[str, str] | None:
     """The facts of these names, if all of them are known. Raises `InputError` if the kind gives only some of them."""
     missing = [name for name in names if name not in known]
-    if missing and not own.keys().isdisjoint(names):
+    if missing and not namespace.keys().isdisjoint(names):
         expected = f"{', '.join(names)}: all of them, here or in a base"
         raise InputError.one(place_of(kind), missing[0], "missing", expected)
     return None if missing else {name: known[name] for name in names}

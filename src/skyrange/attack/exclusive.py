@@ -43,6 +43,6 @@ class Exclusive:
 def common(first: Iterable[Exclusive], second: Iterable[Exclusive]) -> str:
     """The first thing that both of two attacks alter, in words; "" if there is nothing."""
     others: dict[str, list[Exclusive]] = {}
-    for one in second:
-        others.setdefault(one.what, []).append(one)
-    return next((said for one in first for other in others.get(one.what, ()) if (said := one.common(other))), "")
+    for exclusive in second:
+        others.setdefault(exclusive.what, []).append(exclusive)
+    return next((text for entry in first for other in others.get(entry.what, ()) if (text := entry.common(other))), "")

@@ -95,11 +95,11 @@ def place_taps(
     """
     chosen = []
     for number, pattern in enumerate(patterns):
-        found = [name for name in context.links if fnmatchcase(name, pattern)]
-        if not found:
+        matches = [name for name in context.links if fnmatchcase(name, pattern)]
+        if not matches:
             hint = nearest(pattern, context.links)
             raise InputError.one(context.id, f"links.{number}", pattern, "a link of the scenario", hint)
-        chosen += found
+        chosen += matches
     return [_place_tap(name, context, make, place, site) for name in dict.fromkeys(chosen)]
 
 
@@ -137,13 +137,13 @@ def _place_tap(
 def ends_of(link: str, direction: Direction) -> tuple[str, str]:
     """Claimed source and destination of a frame injected on a `gcs`, `log`, `autopilot`, `approval` or `uss` link."""
     role, _, owner = link.partition(":")
-    one, _, other = owner.partition("~")
+    service, _, peer = owner.partition("~")
     first, second = {
         "gcs": (endpoint(operator_of(owner), "gcs"), endpoint(owner, "companion")),
         "log": (endpoint(owner, "companion"), endpoint(owner, "proxy")),
         "autopilot": (endpoint(owner, "proxy"), endpoint(owner, "autopilot")),
         APPROVAL: (endpoint(owner, "gcs"), APPROVAL),
-        USS: (endpoint(APPROVAL, one), endpoint(APPROVAL, other)),
+        USS: (endpoint(APPROVAL, service), endpoint(APPROVAL, peer)),
     }[role]
     return (first, second) if direction == "fwd" else (second, first)
 

@@ -146,8 +146,8 @@ def describe_technique(technique: Technique) -> str:
     Of one that depends on a parameter it is that of each value. Raises `ValueError` for an id that neither matrix has.
     """
     if isinstance(technique, TechniqueBy):
-        found = [f"{describe_technique(one)} ({value})" for value, one in technique.techniques.items()]
-        return f"by {technique.parameter}: {'; '.join(found)}"
+        texts = [f"{describe_technique(alternative)} ({value})" for value, alternative in technique.techniques.items()]
+        return f"by {technique.parameter}: {'; '.join(texts)}"
     if technique == NO_FIT:
         return "no technique of ATT&CK for ICS or SPARTA fits"
     if technique in ATTACK_ICS:

@@ -109,9 +109,11 @@ def make_intent(number: int) -> OperationalIntent:
         turn, far, _, _ = draw(k)
         length_m = 150.0 + 250.0 * far
         angle = 2.0 * math.pi * turn
-        there = Point(here.east_m + length_m * math.cos(angle), here.north_m + length_m * math.sin(angle), here.up_m)
-        legs.append(Leg(here, there, length_m / 5.0))
-        here = there
+        next_point = Point(
+            here.east_m + length_m * math.cos(angle), here.north_m + length_m * math.sin(angle), here.up_m
+        )
+        legs.append(Leg(here, next_point, length_m / 5.0))
+        here = next_point
     legs.append(Leg(here, here._replace(up_m=0.0), here.up_m / 1.5))
     volumes = leg_volumes(_ORIGIN, legs, round((60.0 + _HOUR_S * when) * NS_PER_S), MARGINS)
     return OperationalIntent(intent_id(vehicle), "blue", vehicle, volumes)

@@ -80,10 +80,10 @@ def _flown(vehicles: int, seconds: float, fleet: FleetOptions) -> dict[str, Any]
         engine: Any = next(mount.engine for mount in run.built.wiring.engines)
         run.advance(WARM_UP_S)
         setup_s = time.perf_counter() - began
-        theirs, ours, wall = engine.cpu_s, time.process_time(), time.perf_counter()
+        engine_cpu_s, own_cpu_s, wall = engine.cpu_s, time.process_time(), time.perf_counter()
         run.advance(WARM_UP_S + seconds)
         took_s = time.perf_counter() - wall
-        theirs, ours = engine.cpu_s - theirs, time.process_time() - ours
+        engine_cpu_s, own_cpu_s = engine.cpu_s - engine_cpu_s, time.process_time() - own_cpu_s
         run.finish()
         record = load_record(Path(folder) / "run")
         return {
@@ -96,12 +96,12 @@ def _flown(vehicles: int, seconds: float, fleet: FleetOptions) -> dict[str, Any]
             "loop_hz": values.get(LOOP_RATE, listed.get(LOOP_RATE)),
             "exchanges_hz": 0.0 if speedup is not None else round(per_tick / ticks / QUANTUM_S, 1),
             "real_time_factor": round(seconds / took_s, 3),
-            "autopilots_cpu_s": round(theirs, 2),
-            "ours_cpu_s": round(ours, 2),
+            "autopilots_cpu_s": round(engine_cpu_s, 2),
+            "ours_cpu_s": round(own_cpu_s, 2),
             "bare_cpu_s": round(bare_s, 2),
-            "over_bare": round((theirs + ours) / bare_s, 2),
-            "ours_over_bare": round(ours / bare_s, 2),
-            "per_core": round(vehicles * seconds / (theirs + ours), 1),
+            "over_bare": round((engine_cpu_s + own_cpu_s) / bare_s, 2),
+            "ours_over_bare": round(own_cpu_s / bare_s, 2),
+            "per_core": round(vehicles * seconds / (engine_cpu_s + own_cpu_s), 1),
             "setup_s": round(setup_s, 2),
             "flying": flying(record),
             "frames_per_s": round(record.rows("frames") / to_seconds(run.now), 1),
@@ -162,12 +162,12 @@ def _alone(vehicles: int, parameters: str, speedup: float) -> float:
 def _processes(vehicles: int, folder: Path, parameters: str) -> Iterator[dict[str, Any]]:
     """The arguments with which each process is started."""
     for number in range(vehicles):
-        own = folder / str(number)
-        own.mkdir()
+        process_folder = folder / str(number)
+        process_folder.mkdir()
         yield {
             "name": f"arducopter {number + 1}",
             "binary": find_binary().path,
-            "folder": own,
+            "folder": process_folder,
             "home": (0.0, 1.0, 0.0, 0.0),
             "system_id": 1,
             "start_unix_s": 1,

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from skyrange.assembly.build import Additions
 from skyrange.bench.isolation import run_in_process
 from skyrange.bench.sampling import PARTS, Sampler
 from skyrange.bench.yardstick import yardstick_us
@@ -91,15 +92,15 @@ def fleet_scenario(vehicles: int, seconds: float, fleet: FleetOptions = LIGHT) -
         )
         for index in range(vehicles)
     ]
-    each = PER_OPERATOR if fleet.operators == 0 else math.ceil(vehicles / fleet.operators)
+    per_operator = PER_OPERATOR if fleet.operators == 0 else math.ceil(vehicles / fleet.operators)
     owners = [
         Operator(
-            id=f"op{start // each + 1}",
+            id=f"op{start // per_operator + 1}",
             streams=fleet.load,
             avoidance=Avoidance(kind="geometric") if fleet.remote_id else None,
-            vehicles=tuple(aircraft[start : start + each]),
+            vehicles=tuple(aircraft[start : start + per_operator]),
         )
-        for start in range(0, vehicles, each)
+        for start in range(0, vehicles, per_operator)
     ]
     return Scenario(
         name=f"bench fleet {vehicles}",
@@ -145,7 +146,7 @@ def _flown(vehicles: int, seconds: float, fleet: FleetOptions, *, detector: bool
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
         scenario = fleet_scenario(vehicles, seconds, fleet)
-        run = Run.start(scenario, Path(folder) / "run", monitors=[_DETECTOR] if detector else ())
+        run = Run.start(scenario, Path(folder) / "run", additions=Additions(monitors=[_DETECTOR] if detector else ()))
         run.advance(WARM_UP_S)
         setup_s = time.perf_counter() - began
         with Sampler() as sampler:

@@ -56,22 +56,22 @@ def measure(
     while len(times) < routes and tried < _MOST_TRIES * routes:
         across, up, turn, _ = chance.uniform4(_STREAM, hash64("place"), tried, 0)
         tried += 1
-        one = west + across * (east - west), south + up * (north - south)
+        start = west + across * (east - west), south + up * (north - south)
         angle = 2.0 * math.pi * turn
-        other = one[0] + length_m * math.cos(angle), one[1] + length_m * math.sin(angle)
-        if not city.is_clear([(*one, alt_m)], 8.0) or not city.is_clear([(*other, alt_m)], 8.0):
+        end = start[0] + length_m * math.cos(angle), start[1] + length_m * math.sin(angle)
+        if not city.is_clear([(*start, alt_m)], 8.0) or not city.is_clear([(*end, alt_m)], 8.0):
             continue
         began, before_s = time.perf_counter(), time.process_time()
         try:
-            found = np.array(find_route(city, [one, other], limits, sampling))
+            route = np.array(find_route(city, [start, end], limits, sampling))
         except NoRouteError:
             no_way += 1
             continue
         times.append(time.perf_counter() - began)
         cpu_s += time.process_time() - before_s
-        detours.append(float(np.linalg.norm(np.diff(found[:, :2], axis=0), axis=1).sum()) / length_m)
-        flown_s = sum(limits.costs.of(a, b) for a, b in pairwise(found.tolist()))
-        lates.append(flown_s / limits.costs.of((*one, alt_m), (*other, alt_m)))
+        detours.append(float(np.linalg.norm(np.diff(route[:, :2], axis=0), axis=1).sum()) / length_m)
+        flown_s = sum(limits.costs.of(a, b) for a, b in pairwise(route.tolist()))
+        lates.append(flown_s / limits.costs.of((*start, alt_m), (*end, alt_m)))
     milliseconds = np.array(times) * 1e3
     return {
         "buildings": len(city),

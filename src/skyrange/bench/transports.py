@@ -75,16 +75,16 @@ def _measured(transport: TransportKind, frames: int) -> dict[str, Any]:
         tried.bind((LOOPBACK, 0))
         crossing = _crossing(transport, int(tried.getsockname()[1]))
     context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    listener = context.Process(target=_listen, args=(theirs, crossing, frames))
+    parent_end, child_end = context.Pipe()
+    listener = context.Process(target=_listen, args=(child_end, crossing, frames))
     listener.start()
-    theirs.close()
+    child_end.close()
     try:
-        ours.recv()  # it listens
+        parent_end.recv()  # it listens
         cpu_s = asyncio.run(_call(crossing, frames))
-        if not ours.poll(PATIENCE_S):
+        if not parent_end.poll(PATIENCE_S):
             raise ComponentError(f"bench of {transport}", f"not all frames came within {PATIENCE_S:g} s")
-        answer = ours.recv()
+        answer = parent_end.recv()
     except EOFError:
         raise ComponentError(f"bench of {transport}", "its listener ended") from None
     finally:
@@ -195,17 +195,17 @@ async def _call(crossing: Crossing, frames: int) -> float:
                     await asyncio.sleep(APART_S)
                 await asyncio.sleep(APART_S)
             whole: Sequence[bytes] = [frame(transport, 1, number) for number in range(1, WINDOW + 1)]
-            before, said = time.process_time(), 0
-            while said < frames:
-                room = WINDOW - (ONE_BY_ONE + said - credits * per_credit)
+            before, sent = time.process_time(), 0
+            while sent < frames:
+                room = WINDOW - (ONE_BY_ONE + sent - credits * per_credit)
                 if room <= 0:
                     opened.clear()
                     await opened.wait()
                     continue
-                for _ in range(min(room, frames - said)):
-                    if not sender.send(whole[said % WINDOW]):
+                for _ in range(min(room, frames - sent)):
+                    if not sender.send(whole[sent % WINDOW]):
                         break
-                    said += 1
+                    sent += 1
                 await asyncio.sleep(0)
             while (ONE_BY_ONE + frames) // per_credit > credits:
                 opened.clear()

@@ -101,15 +101,17 @@ def _intent(number: int, now: int) -> OperationalIntent:
     """The `number`-th flight of the benchmark, on the clock of the day."""
     intent = make_intent(number)
     start = now // NS_PER_S * NS_PER_S
-    volumes = tuple(replace(one, start_ns=one.start_ns + start, end_ns=one.end_ns + start) for one in intent.volumes)
+    volumes = tuple(
+        replace(volume, start_ns=volume.start_ns + start, end_ns=volume.end_ns + start) for volume in intent.volumes
+    )
     return replace(intent, volumes=volumes)
 
 
 async def _ask(config: ServiceConfig, token: str, requests: int, clients: int) -> tuple[Any, float]:
     """Seconds that each request took, and that all took together."""
     now, times, count = time.time_ns(), np.zeros(requests), iter(range(requests))
-    asked = [json.loads(encode(Request.of(_intent(number, now), UNIX))) for number in range(requests)]
-    bodies = [json.dumps(one["body"]).encode() for one in asked]
+    messages = [json.loads(encode(Request.of(_intent(number, now), UNIX))) for number in range(requests)]
+    bodies = [json.dumps(message["body"]).encode() for message in messages]
     assert config.tls is not None
     context = ssl.create_default_context(cafile=config.tls.authority)
     headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
@@ -117,7 +119,7 @@ async def _ask(config: ServiceConfig, token: str, requests: int, clients: int) -
     async def ask(session: aiohttp.ClientSession) -> None:
         for number in count:
             began = time.perf_counter()
-            url = config.base_url + asked[number]["path"]
+            url = config.base_url + messages[number]["path"]
             async with session.put(url, data=bodies[number], headers=headers) as response:
                 await response.read()
                 if response.status != 200:

@@ -88,27 +88,27 @@ def height_of(tags: Mapping[str, Any], span_m: float = 0.0) -> BuildingHeight:
     A tag that cannot be read is skipped in favour of the next best one. A base at or above the top is ignored.
     """
     named = {key.lower(): key for key in tags if key.lower() in KEYS}
-    told = {name: tags[key] for name, key in named.items() if tags[key] not in (None, "")}
-    height_m, source, key, unreadable = _top(told, span_m)
-    base_m = next((base for name in BASE_KEYS if (base := parse_length(told.get(name)))), None)
+    height_tags = {name: tags[key] for name, key in named.items() if tags[key] not in (None, "")}
+    height_m, source, key, unreadable = _top(height_tags, span_m)
+    base_m = next((base for name in BASE_KEYS if (base := parse_length(height_tags.get(name)))), None)
     if base_m is None:
-        base_m = next((base for name in _BASE_STOREY_KEYS if (base := _storeys(told.get(name)))), 0.0)
+        base_m = next((base for name in _BASE_STOREY_KEYS if (base := _storeys(height_tags.get(name)))), 0.0)
     return BuildingHeight(height_m, base_m if base_m < height_m else 0.0, source, named.get(key, key), unreadable)
 
 
-def _top(told: Mapping[str, Any], span_m: float) -> tuple[float, HeightSource, str, bool]:
+def _top(height_tags: Mapping[str, Any], span_m: float) -> tuple[float, HeightSource, str, bool]:
     unreadable = False
     for name in (*METRE_KEYS, *FOOT_KEYS):
-        if name in told:
-            metres = parse_length(told[name])
+        if name in height_tags:
+            metres = parse_length(height_tags[name])
             if metres is not None:
                 return metres * (FOOT_M if name in FOOT_KEYS else 1.0), "measured", name, unreadable
             unreadable = True
     if _LEAST_SPAN_M <= span_m <= _MOST_SPAN_M:
         return span_m, "derived", "3-D coordinates", unreadable
     for name in STOREY_KEYS:
-        if name in told:
-            metres = _storeys(told[name])
+        if name in height_tags:
+            metres = _storeys(height_tags[name])
             if metres is not None:
                 return metres, "derived", name, unreadable
             unreadable = True

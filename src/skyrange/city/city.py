@@ -67,17 +67,17 @@ class City:
 
     def inside(self, east_m: float, north_m: float, up_m: float = 0.0) -> Building | None:
         """The building that contains a point (walls included), or None; of several the tallest, then the first."""
-        found = [
+        containing = [
             self.buildings[i]
             for i in self._at(east_m, north_m)
             if self.buildings[i].base_m <= up_m < self.buildings[i].height_m
         ]
-        return max(found, key=lambda building: building.height_m) if found else None
+        return max(containing, key=lambda building: building.height_m) if containing else None
 
     def height_at(self, east_m: float, north_m: float) -> float:
         """Height of the highest roof over a point, 0 if there is none."""
-        found = self._at(east_m, north_m)
-        return float(self._heights_m[found].max()) if len(found) else 0.0
+        indices = self._at(east_m, north_m)
+        return float(self._heights_m[indices].max()) if len(indices) else 0.0
 
     def _at(self, east_m: float, north_m: float) -> list[int]:
         """Buildings whose footprint covers a point, in order."""
@@ -86,8 +86,8 @@ class City:
     def obstacles_within(self, east_m: float, north_m: float, radius_m: float) -> list[Building]:
         """Buildings whose footprint comes within `radius_m` of a point, in the city's order."""
         point = shapely.Point(east_m, north_m)
-        found = self._tree.query(point, predicate="dwithin", distance=radius_m).tolist()
-        return [self.buildings[i] for i in sorted(found)]
+        indices = self._tree.query(point, predicate="dwithin", distance=radius_m).tolist()
+        return [self.buildings[i] for i in sorted(indices)]
 
     def first_obstruction(self, path: Sequence[Point3], margin_m: float = 0.0) -> Building | None:
         """The first building that a path comes too near to, or None.

@@ -48,9 +48,9 @@ class Projection:
         except ImportError as error:
             expected = "pyproj, which reprojects it to degrees"
             raise InputError.one(name, "coordinate system", f"{crs:.60}", expected, INSTALL_HINT) from error
-        found = _EPSG.search(crs)
+        match = _EPSG.search(crs)
         try:
-            system = CRS.from_user_input(f"EPSG:{found[1]}" if found and "[" not in crs else crs)
+            system = CRS.from_user_input(f"EPSG:{match[1]}" if match and "[" not in crs else crs)
             system = next((part for part in system.sub_crs_list if not part.is_vertical), system)
             self._transformer = Transformer.from_crs(system, "EPSG:4326", always_xy=True)
         except CRSError as error:
@@ -114,11 +114,11 @@ def choose_buildings(tags: Sequence[Mapping[str, Any]], reading: Reading) -> lis
     A feature with a `building` or `building:part` tag other than "no" is one. If no feature of the file has such a
     tag, every polygon counts as a building, unless features have OpenStreetMap's keys of other things.
     """
-    keys = [{key.lower() for key in own} for own in tags]
-    if any(own.intersection(BUILDING_KEYS) for own in keys):
-        return [_reason(own) for own in tags]
-    if any(own.intersection(_OTHER_KINDS) for own in keys):
-        return ["" if own & KEYS else "without a building tag" for own in keys]
+    keys = [{key.lower() for key in feature_tags} for feature_tags in tags]
+    if any(feature_keys.intersection(BUILDING_KEYS) for feature_keys in keys):
+        return [_reason(feature_tags) for feature_tags in tags]
+    if any(feature_keys.intersection(_OTHER_KINDS) for feature_keys in keys):
+        return ["" if feature_keys & KEYS else "without a building tag" for feature_keys in keys]
     if tags:
         reading.notes.append("no feature has a building tag, so every polygon counts as a building")
     return [""] * len(tags)
@@ -184,8 +184,8 @@ def _vertices(
     polygon_of_ring: list[int] = []
     building_of_polygon: list[int] = []
     for feature in chosen:
-        own = [ring for polygon in feature.polygons for ring in polygon]
-        flat = np.concatenate([ring[:, :2] for ring in own]) if own else np.empty((0, 2))
+        feature_rings = [ring for polygon in feature.polygons for ring in polygon]
+        flat = np.concatenate([ring[:, :2] for ring in feature_rings]) if feature_rings else np.empty((0, 2))
         degrees = projection.to_degrees(flat) if projection is not None else flat
         if not len(degrees):
             reading.dropped["without geometry"] += 1
@@ -193,7 +193,7 @@ def _vertices(
         if not ((np.abs(degrees) <= (180.0, 90.0)).all()):  # false for a NaN too
             reading.dropped["outside the coordinate system"] += 1
             continue
-        ends = np.cumsum([len(ring) for ring in own])[:-1]
+        ends = np.cumsum([len(ring) for ring in feature_rings])[:-1]
         rings += np.split(degrees, ends)
         for polygon in feature.polygons:
             polygon_of_ring += [len(building_of_polygon)] * len(polygon)

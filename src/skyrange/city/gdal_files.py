@@ -106,9 +106,9 @@ def _layer(name: str, layers: Sequence[tuple[str, str]]) -> str:
     areas = [layer for layer, kind in layers if _TOPO in kind or kind in ("Unknown", "GeometryCollection", "None")]
     areas = [layer for layer, kind in layers if _TOPO in kind] or areas
     named = [layer for layer in areas if any(word in layer.lower() for word in _WORDS)]
-    for found in (areas, named):
-        if len(found) == 1:
-            return found[0]
+    for candidates in (areas, named):
+        if len(candidates) == 1:
+            return candidates[0]
     value = ", ".join(areas or (f"{layer} ({kind})" for layer, kind in layers))
     if not areas:
         raise InputError.one(name, "layers", value, "a layer with polygons")
@@ -120,9 +120,9 @@ def _tags(fields: Sequence[str], values: Sequence[Any], count: int) -> list[dict
     """The attributes of each feature, without those that it lacks."""
     tags: list[dict[str, Any]] = [{} for _ in range(count)]
     for field, column in zip(fields, values, strict=True):
-        for own, value in zip(tags, column.tolist(), strict=True):
+        for feature_tags, value in zip(tags, column.tolist(), strict=True):
             if value is not None and value == value:  # NaN is how GDAL's numbers are null
-                own[field] = value
+                feature_tags[field] = value
     return tags
 
 
@@ -176,15 +176,17 @@ def _id(tags: Mapping[str, Any]) -> str:
 
 def _count_others(pyogrio: Any, path: Path, options: Mapping[str, Any], reading: Reading) -> None:
     """Count what has a building tag in an OpenStreetMap file and is no area, such as a way that is not closed."""
-    found: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     for layer, kind in (
         ("points", "node"), ("lines", "way that is not closed"), ("multilinestrings", "relation of open ways"),
         ("other_relations", "relation of another type"),
     ):  # fmt: skip
         meta, _, geometry, values = pyogrio.raw.read(path, layer=layer, **options)
         tags = _tags([str(field) for field in meta["fields"]], values, len(geometry))
-        found[kind] = sum(1 for own in tags if any(own.get(key, "no") != "no" for key in BUILDING_KEYS))
-    for kind, count in found.items():
+        counts[kind] = sum(
+            1 for feature_tags in tags if any(feature_tags.get(key, "no") != "no" for key in BUILDING_KEYS)
+        )
+    for kind, count in counts.items():
         if count:
             reading.features += count
             reading.dropped[f"with a building tag on a {kind}"] += count

@@ -58,8 +58,8 @@ def parse_document(text: str) -> Any:
         document[key] = features
 
         def feature(at: int) -> int:
-            one, at = decoder.raw_decode(text, at)
-            features.append(compact_feature(one))
+            value, at = decoder.raw_decode(text, at)
+            features.append(compact_feature(value))
             return at
 
         return _scan(text, at, "]", feature)
@@ -77,10 +77,10 @@ def _scan(text: str, at: int, end: str, read: Callable[[int], int]) -> int:
         return at + 1
     while True:
         at = _skip(text, read(at))
-        found = text[at : at + 1]
-        if found == end:
+        character = text[at : at + 1]
+        if character == end:
             return at + 1
-        if found != ",":
+        if character != ",":
             raise json.JSONDecodeError("Expecting ',' delimiter", text, at)
         at = _skip(text, at + 1)
 
@@ -94,24 +94,24 @@ def compact_feature(feature: Any) -> Any:
     """A GeoJSON feature with its rings as arrays, without members that are not used; anything else is unchanged."""
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
         return feature
-    found = {name: feature[name] for name in ("type", "id", "properties", "geometry") if name in feature}
-    tags, geometry = found.get("properties"), found.get("geometry")
+    compact = {name: feature[name] for name in ("type", "id", "properties", "geometry") if name in feature}
+    tags, geometry = compact.get("properties"), compact.get("geometry")
     if isinstance(tags, dict):  # the decoder shares the text of keys only within a feature
-        found["properties"] = {sys.intern(key): value for key, value in tags.items()}
+        compact["properties"] = {sys.intern(key): value for key, value in tags.items()}
     if isinstance(geometry, dict):
-        found["geometry"] = _compact_geometry(geometry)
-    return found
+        compact["geometry"] = _compact_geometry(geometry)
+    return compact
 
 
 def _compact_geometry(geometry: Mapping[str, Any]) -> dict[str, Any]:
-    found = {name: geometry[name] for name in ("type", "coordinates") if name in geometry}
-    kind = found.get("type")
+    compact = {name: geometry[name] for name in ("type", "coordinates") if name in geometry}
+    kind = compact.get("type")
     depth = _RINGS.get(kind) if isinstance(kind, str) else None
     if depth is None:
-        found.pop("coordinates", None)
-    elif isinstance(found.get("coordinates"), list):
-        found["coordinates"] = _compact_rings(found["coordinates"], depth)
-    return found
+        compact.pop("coordinates", None)
+    elif isinstance(compact.get("coordinates"), list):
+        compact["coordinates"] = _compact_rings(compact["coordinates"], depth)
+    return compact
 
 
 def _compact_rings(part: Any, depth: int) -> Any:
@@ -144,8 +144,8 @@ class _ShapeError(Exception):
 def read_collection(name: str, document: Any, origin: Origin | None, kind: str = "GeoJSON") -> tuple[City, Origin]:
     """The city of a FeatureCollection; `kind` is the format's name in the reading."""
     if not isinstance(document, dict) or document.get("type") != "FeatureCollection":
-        found = document.get("type") if isinstance(document, dict) else type(document).__name__
-        raise InputError.one(name, "type", repr(found), 'a GeoJSON "FeatureCollection"')
+        document_type = document.get("type") if isinstance(document, dict) else type(document).__name__
+        raise InputError.one(name, "type", repr(document_type), 'a GeoJSON "FeatureCollection"')
     rows = document.get("features")
     if not isinstance(rows, list):
         raise InputError.one(name, "features", type(rows).__name__, "a list of features")

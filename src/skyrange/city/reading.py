@@ -55,20 +55,20 @@ class Reading:
         }
 
 
-def describe_reading(told: Mapping[str, Any]) -> list[str]:
+def describe_reading(reading: Mapping[str, Any]) -> list[str]:
     """Sentences on a reading in the manifest's form (`Reading.to_dict`), for terminal and report."""
-    dropped = told.get("dropped") or {}
-    heights = told.get("heights") or {}
-    keys = ", ".join(f"{name} {count:,}" for name, count in (told.get("height_keys") or {}).items())
+    dropped = reading.get("dropped") or {}
+    heights = reading.get("heights") or {}
+    keys = ", ".join(f"{name} {count:,}" for name, count in (reading.get("height_keys") or {}).items())
     lost = ", ".join(f"{count:,} {reason}" for reason, count in dropped.items())
     lines = [
-        f"{told.get('kept', 0):,} buildings of {told.get('features', 0):,} features ({told.get('format')}, "
-        f"{told.get('crs')}); {sum(dropped.values()):,} dropped" + (f": {lost}" if lost else ""),
+        f"{reading.get('kept', 0):,} buildings of {reading.get('features', 0):,} features ({reading.get('format')}, "
+        f"{reading.get('crs')}); {sum(dropped.values()):,} dropped" + (f": {lost}" if lost else ""),
         f"heights: {heights.get('measured', 0):,} measured, {heights.get('derived', 0):,} derived, "
         f"{heights.get('defaulted', 0):,} defaulted" + (f" (from {keys})" if keys else ""),
     ]
-    if told.get("unreadable_heights"):
-        lines.append(f"{told['unreadable_heights']:,} buildings have a height that cannot be read")
-    if told.get("repaired"):
-        lines.append(f"{told['repaired']:,} shapes were repaired")
-    return [*lines, *map(str, told.get("notes") or ())]
+    if reading.get("unreadable_heights"):
+        lines.append(f"{reading['unreadable_heights']:,} buildings have a height that cannot be read")
+    if reading.get("repaired"):
+        lines.append(f"{reading['repaired']:,} shapes were repaired")
+    return [*lines, *map(str, reading.get("notes") or ())]

@@ -63,17 +63,17 @@ def _objects(name: str, document: Mapping[str, Any], transform: Mapping[str, Any
     except (TypeError, ValueError) as error:
         raise InputError.one(name, "vertices", str(error), "a list of [x, y, z]") from error
     features = []
-    for key, one in objects.items():
+    for key, city_object in objects.items():
         reading.features += 1
-        kind = str(one.get("type"))
+        kind = str(city_object.get("type"))
         if kind not in _KINDS:
             reading.dropped[f"of type {kind}"] += 1
             continue
-        tags = dict(one.get("attributes") or {})
-        for parent in one.get("parents") or ():
+        tags = dict(city_object.get("attributes") or {})
+        for parent in city_object.get("parents") or ():
             tags = {**(objects.get(parent, {}).get("attributes") or {}), **tags}
         try:
-            surfaces = _lowest(one.get("geometry") or [], vertices)
+            surfaces = _lowest(city_object.get("geometry") or [], vertices)
         except (IndexError, TypeError, ValueError, KeyError) as error:
             hint = f"Check it: `cjio {name} validate`."
             raise InputError.one(
@@ -88,19 +88,19 @@ def _objects(name: str, document: Mapping[str, Any], transform: Mapping[str, Any
 
 def _lowest(geometries: list[Mapping[str, Any]], vertices: NDArray[np.float64]) -> list[Surface]:
     """The surfaces of the lowest level of detail from 1 on, otherwise of level 0."""
-    known = [one for one in geometries if one["type"] in _SURFACE_DEPTH]
-    ranked = sorted(known, key=lambda one: (float(one.get("lod", 0)) < 1.0, float(one.get("lod", 0))))
+    known = [geometry for geometry in geometries if geometry["type"] in _SURFACE_DEPTH]
+    ranked = sorted(known, key=lambda geometry: (float(geometry.get("lod", 0)) < 1.0, float(geometry.get("lod", 0))))
     if not ranked:
         return []
     lod = ranked[0].get("lod")
-    found: list[Surface] = []
-    for one in ranked:
-        if one.get("lod") == lod:
-            for surface in _surfaces(one["boundaries"], _SURFACE_DEPTH[one["type"]]):
+    surfaces: list[Surface] = []
+    for geometry in ranked:
+        if geometry.get("lod") == lod:
+            for surface in _surfaces(geometry["boundaries"], _SURFACE_DEPTH[geometry["type"]]):
                 rings = [vertices[np.array(ring, dtype=np.int64)] for ring in surface]
                 if rings and all(len(ring) >= 3 for ring in rings):
-                    found.append([np.vstack((ring, ring[:1])) for ring in rings])
-    return found
+                    surfaces.append([np.vstack((ring, ring[:1])) for ring in rings])
+    return surfaces
 
 
 def _surfaces(boundaries: Any, depth: int) -> Iterator[Any]:

@@ -18,6 +18,7 @@ from skyrange.cli import (
     live,
     part_benchmarks,
     runs,
+    watching,
 )
 from skyrange.cli.datasets import dataset_app
 from skyrange.cli.installation import install_app
@@ -25,8 +26,14 @@ from skyrange.cli.options import (
     Arms,
     AsJson,
     Buildings,
+    Certificate,
+    CertificateKey,
     Changes,
+    Control,
+    Jobs,
     Motion,
+    On,
+    OtherVersion,
     Plugins,
     Qgc,
     RunFolder,
@@ -35,9 +42,13 @@ from skyrange.cli.options import (
     ScenarioChoice,
     ScenarioName,
     Seed,
+    View,
     ViewerHost,
     ViewerOptions,
     ViewerPort,
+    ViewHost,
+    ViewPort,
+    Workers,
     complete_scenario,
     load_plugins,
 )
@@ -87,7 +98,8 @@ def run(
         typer.Option(
             metavar="X",
             min=0.0,
-            help="Simulated seconds per second of wall time; 0 is as fast as possible. Default: 0, or 1 with --qgc.",
+            help="Simulated seconds per second of wall time; 0 is as fast as possible. Default: 0, or 1 with --qgc or "
+            "--control.",
         ),
     ] = None,
     buildings: Buildings = None,
@@ -104,6 +116,12 @@ def run(
             help="Processor cores for the run: its operators are divided among them, with the same result.",
         ),
     ] = 1,
+    view: View = False,
+    view_host: ViewHost = "127.0.0.1",
+    view_port: ViewPort = 0,
+    certificate: Certificate = None,
+    key: CertificateKey = None,
+    control: Control = False,
     plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
@@ -116,6 +134,9 @@ def run(
         viewers=ViewerOptions(wanted=qgc or viewer_port is not None, first_port=viewer_port, host=viewer_host),
         allow_motion=allow_motion,
         cores=cores,
+        view=view,
+        view_at=watching.ViewAddress(view_host, view_port, certificate, key),
+        control=control,
     )
     runs.run(options, as_json=as_json)
 
@@ -134,7 +155,10 @@ def pair(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder of the pair, empty or new. Default: runs/NAME-pair, then -2 …"),
+        typer.Option(
+            metavar="DIR",
+            help="Folder of the pair: empty, new, or one to go on with. Default: runs/NAME-pair, then -2 …",
+        ),
     ] = None,
     arms: Annotated[
         Arms | None,
@@ -161,10 +185,8 @@ def pair(
             "bytes at the same times; compare what the others do about the lie and about the truth.",
         ),
     ] = False,
-    jobs: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=1, help="Number of parallel runs, one process each. Default: one per core."),
-    ] = None,
+    jobs: Jobs = None,
+    on: On = None,
     seed: Annotated[int | None, typer.Option(metavar="N", help="The first seed; overrides the scenario's.")] = None,
     buildings: Buildings = None,
     changes: Changes = None,
@@ -179,7 +201,7 @@ def pair(
         arms=arms.value if arms is not None else None,
         honest=honest,
         seeds=seeds,
-        jobs=jobs,
+        workers=Workers(jobs, on),
     )
     comparisons.pair(options, as_json=as_json)
 
@@ -208,16 +230,17 @@ def compare(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder of the runs, empty or new. Default: runs/NAME-comparison, then -2 …"),
+        typer.Option(
+            metavar="DIR",
+            help="Folder of the runs: empty, new, or one to go on with. Default: runs/NAME-comparison, then -2 …",
+        ),
     ] = None,
     seeds: Annotated[
         int,
         typer.Option(metavar="K", min=1, help="Repeat with K seeds, and compute means and 95 % confidence intervals."),
     ] = 1,
-    jobs: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=1, help="Number of parallel runs, one process each. Default: one per core."),
-    ] = None,
+    jobs: Jobs = None,
+    on: On = None,
     seed: Annotated[int | None, typer.Option(metavar="N", help="The first seed; overrides the scenario's.")] = None,
     buildings: Buildings = None,
     changes: Changes = None,
@@ -231,9 +254,26 @@ def compare(
         variants=variant,
         out=out,
         seeds=seeds,
-        jobs=jobs,
+        workers=Workers(jobs, on),
     )
     comparisons.compare(options, as_json=as_json)
+
+
+@app.command(epilog="Example: skyrange resume runs/defences")
+def resume(
+    *,
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="The folder of a pair, a comparison, a matrix or a study.")
+    ],
+    jobs: Jobs = None,
+    on: On = None,
+    other_version: OtherVersion = False,
+    plugin: Plugins = None,
+    as_json: AsJson = False,
+) -> None:
+    """Go on with a pair, a comparison, a matrix or a study that was interrupted: fly the runs that are not finished."""
+    load_plugins(plugin)
+    comparisons.resume(folder, Workers(jobs, on), other_version=other_version, as_json=as_json)
 
 
 @app.command(epilog="Example: skyrange show runs/squares")
@@ -253,6 +293,49 @@ def report(
 ) -> None:
     """Write the HTML report of a run or a pair, one file that can be read offline."""
     runs.report(run, out, as_json=as_json)
+
+
+@app.command(epilog="Example: skyrange watch runs/rid-spoofing")
+def watch(
+    *,
+    folder: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FOLDER", help="The folder of a run, a pair, a comparison, a matrix or a study.", show_default=False
+        ),
+    ],
+    run: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Of a study, the runs of this point or block (p0003, p0003-s7); of a matrix, of this cell "
+            "(ROW/COLUMN); of a comparison, of this variant. Default: the first.",
+        ),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", help="The runs of this seed. Default: the first.")] = None,
+    host: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="IP address at which the page is served. One of a network needs --certificate and --key.",
+        ),
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option(metavar="PORT", min=0, max=65_535, help="TCP port of this machine; 0 takes a free one.")
+    ] = 0,
+    certificate: Certificate = None,
+    key: CertificateKey = None,
+    browser: Annotated[
+        bool,
+        typer.Option(help="Open the page in a browser, besides printing its address, if it is for this machine alone."),
+    ] = True,
+) -> None:
+    """Show runs in a browser: truth, beliefs, claims and events on one clock, of several arms together.
+
+    Runs of a study, a comparison or a matrix that were not kept are flown again. A run that flies is followed.
+    """
+    at = watching.ViewAddress(host, port, certificate, key)
+    watching.watch(watching.WatchOptions(folder, run, seed, at, browser))
 
 
 class Kind(StrEnum):
@@ -334,6 +417,14 @@ def diff(
     runs.diff(a, b, tolerance, as_json=as_json)
 
 
+class Keep(StrEnum):
+    """What `skyrange matrix` keeps of runs: the values of `matrix.flights.Keep`."""
+
+    RESULTS = "results"
+    FIRST = "first"
+    EVERYTHING = "everything"
+
+
 @app.command(epilog="Example: skyrange matrix --column firewall --seeds 2 --out runs/firewall")
 def matrix(
     *,
@@ -343,7 +434,9 @@ def matrix(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder of the matrix, empty or new. Default: runs/NAME, then -2 …"),
+        typer.Option(
+            metavar="DIR", help="Folder of the matrix: empty, new, or one to go on with. Default: runs/NAME, then -2 …"
+        ),
     ] = None,
     row: Annotated[
         list[str] | None, typer.Option(metavar="ID", help="Fly this row alone. May be repeated.", show_default=False)
@@ -354,10 +447,16 @@ def matrix(
     seeds: Annotated[
         int | None, typer.Option(metavar="K", min=1, help="Number of seeds of each cell; overrides the file's.")
     ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=1, help="Number of cells flown at once. Default: one per core."),
-    ] = None,
+    jobs: Jobs = None,
+    on: On = None,
+    keep: Annotated[
+        Keep,
+        typer.Option(
+            metavar="WHICH",
+            help="What is kept of the runs: results, none; first, those of the first seed of each cell, as a pair with "
+            "its report; everything, those of all seeds.",
+        ),
+    ] = Keep.FIRST,
     page: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write the page in Markdown here too, and its figure beside it."),
@@ -365,10 +464,17 @@ def matrix(
     plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly every attack against every defence: effects, times to alarm, false alarms, costs. Each cell is a pair."""
+    """Fly every attack against every defence: effects, times to alarm, false alarms, costs."""
     load_plugins(plugin)
     options = comparisons.MatrixOptions(
-        file=file, out=out, rows=row or (), columns=column or (), seeds=seeds, jobs=jobs, page=page
+        file=file,
+        out=out,
+        rows=row or (),
+        columns=column or (),
+        seeds=seeds,
+        keep=keep.value,
+        workers=Workers(jobs, on),
+        page=page,
     )
     comparisons.matrix(options, as_json=as_json)
 

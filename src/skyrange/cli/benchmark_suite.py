@@ -59,8 +59,8 @@ def all_benches(
             if path is not None:
                 print_text(f"{name} {path}")
     if failed := results.failures():
-        what = "; ".join(f"{benchmark.name}, {case.name}: {case.failed}" for benchmark, case in failed)
-        raise ComponentError("bench all", f"{len(failed)} cases failed: {what}")
+        failures = "; ".join(f"{benchmark.name}, {case.name}: {case.failed}" for benchmark, case in failed)
+        raise ComponentError("bench all", f"{len(failed)} cases failed: {failures}")
 
 
 @commands.command("page", epilog="Example: skyrange bench page new.json --against old.json --output comparison.html")

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from skyrange.cli.options import ScenarioChoice
+from skyrange.cli.options import ScenarioChoice, Workers
 from skyrange.cli.output.console import print_json, print_text, terminal
 from skyrange.cli.output.warnings import print_failed_missions
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from skyrange.study.matrix.flights import MatrixResult
+    from skyrange.study.matrix.flights import Keep, MatrixResult
     from skyrange.study.matrix.sections import Shown
     from skyrange.study.variants import Comparison
     from skyrange.twins.arms import Selection
@@ -29,7 +30,7 @@ class PairOptions(NamedTuple):
     arms: Selection | None
     honest: bool
     seeds: int
-    jobs: int | None
+    workers: Workers
 
 
 class VariantOptions(NamedTuple):
@@ -39,7 +40,7 @@ class VariantOptions(NamedTuple):
     variants: Sequence[str]
     out: Path | None
     seeds: int
-    jobs: int | None
+    workers: Workers
 
 
 class MatrixOptions(NamedTuple):
@@ -50,33 +51,37 @@ class MatrixOptions(NamedTuple):
     rows: Sequence[str]
     columns: Sequence[str]
     seeds: int | None
-    jobs: int | None
+    keep: Keep
+    workers: Workers
     page: Path | None
 
 
 def pair(options: PairOptions, *, as_json: bool) -> None:
     """`skyrange pair`."""
-    from skyrange.cli.output.pair_table import print_pair
-    from skyrange.cli.output.progress import compile_if_cold, parallel_progress
+    from skyrange.cli.output.progress import compile_if_cold, run_progress
     from skyrange.cli.output.warnings import print_warnings
     from skyrange.study.pairing import pair as fly_pair
-    from skyrange.twins.arms import acting_attacks, plan_arms
-    from skyrange.twins.failed_missions import require_baseline
 
     scenario = options.scenario.load()
     print_warnings(scenario)
     compile_if_cold(quiet=as_json)
-    flights = options.seeds * len(plan_arms(acting_attacks(scenario), options.arms, honest=options.honest))
-    with parallel_progress(scenario.name, flights, quiet=as_json) as on_progress:
+    with run_progress(scenario.name, quiet=as_json) as on_progress:
         result = fly_pair(
             scenario,
             options.out,
             arms=options.arms,
             honest=options.honest,
             seeds=options.seeds,
-            jobs=options.jobs,
+            executor=options.workers.executor(in_process=True),
             on_progress=on_progress,
         )
+    _print_pair(result, as_json=as_json)
+
+
+def _print_pair(result: Pair, *, as_json: bool) -> None:
+    from skyrange.cli.output.pair_table import print_pair
+    from skyrange.twins.failed_missions import require_baseline
+
     if as_json:
         print_json(describe_pair(result))
     else:
@@ -102,25 +107,31 @@ def describe_pair(result: Pair) -> dict[str, Any]:
 
 def compare(options: VariantOptions, *, as_json: bool) -> None:
     """`skyrange compare`."""
-    from skyrange.cli.output.progress import compile_if_cold, parallel_progress
-    from skyrange.study.variants import compare_variants, read_variants, write_comparison_report
-    from skyrange.twins.failed_missions import require_baseline
+    from skyrange.cli.output.progress import compile_if_cold, run_progress
+    from skyrange.study.variants import compare_variants, read_variants
 
     scenario = options.scenario
     chosen = read_variants(options.variants)
     compile_if_cold(quiet=as_json)
-    with parallel_progress(scenario.name, options.seeds * (len(chosen) + 1), quiet=as_json) as on_progress:
+    with run_progress(scenario.name, quiet=as_json) as on_progress:
         result = compare_variants(
             scenario.name,
             chosen,
             options.out,
             seeds=options.seeds,
-            jobs=options.jobs,
             seed=scenario.seed,
             buildings=scenario.buildings,
             changes=scenario.changes,
+            executor=options.workers.executor(in_process=True),
             on_progress=on_progress,
         )
+    _print_comparison(result, as_json=as_json)
+
+
+def _print_comparison(result: Comparison, *, as_json: bool) -> None:
+    from skyrange.study.variants import write_comparison_report
+    from skyrange.twins.failed_missions import require_baseline
+
     report = write_comparison_report(result)
     if as_json:
         print_json({**result.describe(), "path": str(result.path), "report": str(report)})
@@ -149,22 +160,34 @@ def print_comparison(console: Console, result: Comparison) -> None:
 
 def matrix(options: MatrixOptions, *, as_json: bool) -> None:
     """`skyrange matrix`."""
-    from skyrange.cli.output.progress import compile_if_cold, map_progress
+    from skyrange.cli.output.progress import compile_if_cold, run_progress
     from skyrange.core.errors import InputError
-    from skyrange.study.matrix.flights import describe, fly_matrix
+    from skyrange.study.matrix.flights import fly_matrix
     from skyrange.study.matrix.model import read_matrix, select
-    from skyrange.study.matrix.page import write_matrix_page, write_matrix_report
-    from skyrange.twins.failed_missions import require_baseline
 
-    chosen = select(read_matrix(options.file), tuple(options.rows), tuple(options.columns))
+    whole = read_matrix(options.file)
+    chosen = select(whole, tuple(options.rows), tuple(options.columns))
+    flown = {row.id for row in chosen.rows}
+    other_rows = [row for row in whole.rows if row.id not in flown]
     if options.seeds is not None:
         chosen = chosen.model_copy(update={"seeds": options.seeds})
     page = options.page
     if page is not None and not page.parent.is_dir():
         raise InputError.one("matrix", "--page", str(page), "a file in a folder that exists")
     compile_if_cold(quiet=as_json)
-    with map_progress(chosen.name, "cells", quiet=as_json) as on_cell:
-        result = fly_matrix(chosen, options.out, jobs=options.jobs, on_cell=on_cell)
+    executor = options.workers.executor(in_process=True)
+    with run_progress(chosen.name, quiet=as_json) as on_progress:
+        result = fly_matrix(
+            chosen, options.out, keep=options.keep, executor=executor, on_progress=on_progress, other_rows=other_rows
+        )
+    _print_matrix(result, page, as_json=as_json)
+
+
+def _print_matrix(result: MatrixResult, page: Path | None, *, as_json: bool) -> None:
+    from skyrange.study.matrix.flights import describe
+    from skyrange.study.matrix.page import write_matrix_page, write_matrix_report
+    from skyrange.twins.failed_missions import require_baseline
+
     report = write_matrix_report(result)
     if page is not None:
         write_matrix_page(result, page)
@@ -177,12 +200,44 @@ def matrix(options: MatrixOptions, *, as_json: bool) -> None:
     require_baseline(result.failed_missions, result.path)
 
 
+def resume(folder: Path, workers: Workers, *, other_version: bool, as_json: bool) -> None:
+    """`skyrange resume`."""
+    from skyrange.cli.options import load_plugins
+    from skyrange.cli.output.progress import compile_if_cold, run_progress
+    from skyrange.study.execution.store import open_store
+    from skyrange.study.matrix.flights import resume_matrix
+    from skyrange.study.pairing import resume_pair
+    from skyrange.study.variants import resume_comparison
+
+    store = open_store(folder)
+    if other_version:
+        store = store.allow_version()
+    load_plugins(store.plugins)
+    compile_if_cold(quiet=as_json)
+    if store.kind == "study":
+        from skyrange.cli.studies import resume_study
+
+        resume_study(folder, workers, as_json=as_json)
+        return
+    executor = workers.executor(in_process=True)
+    with run_progress(store.name, quiet=as_json) as on_progress:
+        if store.kind == "pair":
+            show = partial(_print_pair, resume_pair(store, executor, on_progress))
+        elif store.kind == "compare":
+            show = partial(_print_comparison, resume_comparison(store, executor, on_progress))
+        else:
+            show = partial(_print_matrix, resume_matrix(store, executor, on_progress), None)
+    show(as_json=as_json)
+
+
 def print_matrix(console: Console, result: MatrixResult) -> None:
-    """Print the missions that failed without an attack, then every section of a matrix as a table."""
+    """Print the missions that failed without an attack, whether the seeds are too few for a claim, and every section of
+    a matrix as a table.
+    """
     from rich.table import Table
     from rich.text import Text
 
-    from skyrange.study.matrix.sections import make_sections
+    from skyrange.study.matrix.sections import describe_quick_look, make_sections
 
     def text_of(cell: Shown) -> Text:
         text = Text(cell.text, style="bold" if cell.strong else "")
@@ -191,6 +246,8 @@ def print_matrix(console: Console, result: MatrixResult) -> None:
         return text
 
     print_failed_missions(console, result.failed_missions)
+    if quick_look := describe_quick_look(result):
+        console.print(Text(quick_look, style="bold"))
     for section in make_sections(result):
         table = Table(title=section.title, title_justify="left", title_style="bold", show_lines=True)
         for name in section.head:

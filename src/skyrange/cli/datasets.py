@@ -67,17 +67,19 @@ def build(
     from skyrange.study.score_tables import check_held_traits, held_out_of
 
     path, target = expand_user(source), expand_user(out)
-    held = HeldOut(frozenset(hold_out_family or ()), frozenset(hold_out_city or ()), frozenset(hold_out_fleet or ()))
+    held_out = HeldOut(
+        frozenset(hold_out_family or ()), frozenset(hold_out_city or ()), frozenset(hold_out_fleet or ())
+    )
     if path.is_dir():
         members, opened = list_dataset_members(path), open_folder(path)
         study = opened.study
         seed = study.first_seed
-        check_held_traits(opened, held)
-        held = held_out_of(study) if held == HeldOut() else held
+        check_held_traits(opened, held_out)
+        held_out = held_out_of(study) if held_out == HeldOut() else held_out
     else:
         members, seed = read_members(path), 0
     given = [member for member in members if member.split]
-    members = [*given, *assign_splits([member for member in members if not member.split], seed, held_out=held)]
+    members = [*given, *assign_splits([member for member in members if not member.split], seed, held_out=held_out)]
     clusters = len(set(cluster_members(members).values()))
     if empty := [split for split in SHARES if split not in {member.split for member in members}]:
         hint = "fly more seeds, or each block with a seed of its own (shared_seeds = false)"

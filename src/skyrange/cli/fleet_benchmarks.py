@@ -282,9 +282,9 @@ def _transports(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 def _range(row: Mapping[str, Any]) -> Table:
     """The measures of one range, one per row."""
-    held = "kept real time" if row["held"] else f"fell behind ({', '.join(row['fell_behind'])})"
+    pace = "kept real time" if row["held"] else f"fell behind ({', '.join(row['fell_behind'])})"
     table = _table(
-        f"{row['vehicles']} aircraft in {row['processes']} processes: {held}", ("measure", "value"), ("measure",)
+        f"{row['vehicles']} aircraft in {row['processes']} processes: {pace}", ("measure", "value"), ("measure",)
     )
     other_cores = row["elsewhere_cores"]
     busiest = ", ".join(f"{name} {share:.2f}" for name, share in row["cores_by_process"].items())

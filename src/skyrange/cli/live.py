@@ -11,7 +11,10 @@ import typer
 from skyrange.cli.options import (
     AsJson,
     Buildings,
+    Certificate,
+    CertificateKey,
     Changes,
+    Control,
     Grouping,
     Motion,
     Plugins,
@@ -22,8 +25,12 @@ from skyrange.cli.options import (
     ScenarioChoice,
     ScenarioName,
     Seed,
+    View,
     ViewerHost,
     ViewerPort,
+    ViewHost,
+    ViewPort,
+    check_control,
     load_plugins,
     parse_address,
     parse_ip_address,
@@ -33,6 +40,7 @@ from skyrange.cli.output.live_table import live_progress
 from skyrange.cli.output.run_summary import print_summary
 from skyrange.cli.output.viewer_notices import find_first_port, print_open_ports, print_viewer_counts, tell_when_up
 from skyrange.cli.output.warnings import print_interlock_notice
+from skyrange.cli.watching import ViewAddress, show_range
 
 commands = typer.Typer()
 
@@ -78,6 +86,12 @@ def live(
             "most three times). Default: live.on_death of the scenario, else stop.",
         ),
     ] = None,
+    view: View = False,
+    view_host: ViewHost = "127.0.0.1",
+    view_port: ViewPort = 0,
+    certificate: Certificate = None,
+    key: CertificateKey = None,
+    control: Control = False,
     qgc: Qgc = False,
     viewer_port: ViewerPort = None,
     viewer_host: ViewerHost = "127.0.0.1",
@@ -109,10 +123,16 @@ def live(
     from skyrange.runtime.live.range import prepare_range
     from skyrange.runtime.live.supervisor.supervisor import run_range
     from skyrange.twins.failed_missions import require_missions
+    from skyrange.view.flying import require_truth
 
     load_plugins(plugin)
     host = parse_ip_address("viewers", "--viewer-host", viewer_host)
     chosen = ScenarioChoice(scenario, seed=seed, buildings=buildings, changes=changes or ()).load()
+    check_control(chosen, control=control, view=view)
+    at = ViewAddress(view_host, view_port, certificate, key)
+    at.check(wanted=view)
+    if view:
+        require_truth(chosen)
     compile_if_cold(quiet=as_json)
     flown = prepare_range(
         chosen,
@@ -127,36 +147,37 @@ def live(
         viewer_host=host,
         keys=load_range(keys) if keys is not None else None,
     )
-    print_open_ports(flown)
-    failure: ShortfallError | ComponentError | None = None
-    with live_progress(flown, quiet=as_json) as on_update:
+    with show_range(flown, at, wanted=view, control=control):
+        print_open_ports(flown)
+        failure: ShortfallError | ComponentError | None = None
+        with live_progress(flown, quiet=as_json) as on_update:
+            try:
+                run_range(flown, tell_when_up(flown, on_update))
+            except (ShortfallError, ComponentError) as error:
+                failure = error
+        print_viewer_counts(flown)
         try:
-            run_range(flown, tell_when_up(flown, on_update))
-        except (ShortfallError, ComponentError) as error:
-            failure = error
-    print_viewer_counts(flown)
-    try:
-        record = load_run(flown.folder)
-        write_report(record, flown.folder / "report.html")
-    except (SkyrangeError, OSError):
-        if failure is not None:  # the cause
-            raise failure from None
-        raise
-    facts = {**summary(record), "live": record.manifest["live"]}
-    if as_json:
-        print_json(facts)
-    else:
-        print_summary(facts)
-        print_interlock_notice(record.manifest)
-        behind = facts["live"]["fell_behind"]
-        if behind:
-            late = facts["live"]["late_max_s"]
-            nodes = ", ".join(f"{node} by {late[node]:.1f} s" for node in behind)
-            print_notice(f"fell behind real time: {nodes}")
-        for address, clock in facts["live"]["clocks"].items():
-            for jump in clock["jumps"]:
-                jumped = f"the clock of {address} jumped by {jump['by_s']:+.1f} s at {jump['at_s']:.1f} s"
-                print_notice(f"{jumped}; it was set, or the machine was suspended")
+            record = load_run(flown.folder)
+            write_report(record, flown.folder / "report.html")
+        except (SkyrangeError, OSError):
+            if failure is not None:  # the cause
+                raise failure from None
+            raise
+        facts = {**summary(record), "live": record.manifest["live"]}
+        if as_json:
+            print_json(facts)
+        else:
+            print_summary(facts)
+            print_interlock_notice(record.manifest)
+            behind = facts["live"]["fell_behind"]
+            if behind:
+                late = facts["live"]["late_max_s"]
+                nodes = ", ".join(f"{node} by {late[node]:.1f} s" for node in behind)
+                print_notice(f"fell behind real time: {nodes}")
+            for address, clock in facts["live"]["clocks"].items():
+                for jump in clock["jumps"]:
+                    jumped = f"the clock of {address} jumped by {jump['by_s']:+.1f} s at {jump['at_s']:.1f} s"
+                    print_notice(f"{jumped}; it was set, or the machine was suspended")
     if failure is not None:
         raise failure
     require_missions(record)
@@ -306,7 +327,7 @@ def tap(
     if as_json:
         print_json(dict(tapping.counts))
     else:
-        counted = ", ".join(f"{count} {what}" for what, count in tapping.counts.items())
+        counted = ", ".join(f"{count} {outcome}" for outcome, count in tapping.counts.items())
         print_text(f"{link}: {counted or 'no frames'}")
 
 

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from skyrange.cli.output.console import print_notice
 from skyrange.core.errors import InputError
 from skyrange.core.whole_numbers import parse_whole
 
 if TYPE_CHECKING:
     from skyrange.scenario.model.scenario import Scenario
+    from skyrange.study.execution.executors import Executor
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.", show_default=False)]
@@ -52,6 +54,51 @@ Buildings = Annotated[
 ]
 
 
+Jobs = Annotated[
+    int | None, typer.Option(metavar="N", min=1, help="Runs at a time. Default: one for each CPU.", show_default=False)
+]
+On = Annotated[
+    str | None,
+    typer.Option(
+        "--on",
+        metavar="ADDRESS",
+        help="Fly on a Ray cluster: auto, local or ray://HOST:PORT. Its nodes must see the folder of the runs, or, "
+        "of a study, its --storage.",
+        show_default=False,
+    ),
+]
+
+OtherVersion = Annotated[
+    bool, typer.Option("--other-version", help="Go on with another version of skyrange than the one that began it.")
+]
+
+
+class Workers(NamedTuple):
+    """Who flies runs: `jobs` processes of this machine, or the Ray cluster `cluster`."""
+
+    jobs: int | None
+    cluster: str | None = None
+
+    def at_a_time(self) -> int:
+        """Runs at a time on this machine."""
+        from skyrange.runtime.cores.division import available_cpus
+
+        return self.jobs if self.jobs is not None else len(available_cpus())
+
+    def executor(self, *, in_process: bool = False) -> Executor:
+        """What flies the runs; with `in_process`, one job is this process. Raises `InputError` for `jobs` of a
+        cluster.
+        """
+        from skyrange.study.execution.executors import InThisProcess, LocalPool, RayPool
+
+        if self.cluster is None:
+            jobs = self.at_a_time()
+            return InThisProcess() if in_process and jobs == 1 else LocalPool(jobs)
+        if self.jobs is not None:
+            raise InputError.one("skyrange", "--jobs", str(self.jobs), "none with --on: the cluster says how many")
+        return RayPool(self.cluster)
+
+
 class Arms(StrEnum):
     """Which runs `skyrange pair` compares: the values of `attribution.arms.Selection`."""
 
@@ -83,6 +130,33 @@ Qgc = Annotated[
     typer.Option(
         "--qgc", help="Open a read-only TCP port per aircraft for QGroundControl, MAVProxy and other viewers."
     ),
+]
+Control = Annotated[
+    bool,
+    typer.Option(
+        "--control",
+        help="With --view, let the browser start and stop attacks, faults and defences, and in `skyrange run` pause "
+        "and change the speed. The address has a token: whoever has it controls the run.",
+    ),
+]
+View = Annotated[bool, typer.Option("--view", help="Show the run in a browser while it flies, and then until Ctrl-C.")]
+ViewHost = Annotated[
+    str,
+    typer.Option(
+        "--view-host",
+        metavar="ADDRESS",
+        help="IP address at which the browser's page is served. One of a network needs --certificate and --key.",
+    ),
+]
+ViewPort = Annotated[
+    int, typer.Option("--view-port", metavar="PORT", min=0, max=65_535, help="Its TCP port; 0 takes a free one.")
+]
+Certificate = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="PEM file of the certificate of the page's server, for other machines."),
+]
+CertificateKey = Annotated[
+    Path | None, typer.Option("--key", metavar="FILE", help="PEM file of the key of that certificate.")
 ]
 ViewerPort = Annotated[
     int | None,
@@ -188,3 +262,13 @@ def load_plugins(files: Sequence[Path] | None) -> None:
         from skyrange.contracts.plugins.registry import load_files
 
         load_files(files)
+
+
+def check_control(scenario: Scenario, *, control: bool, view: bool) -> None:
+    """Raise `InputError` for control without a viewer; tell if nothing can be started."""
+    if not control:
+        return
+    if not view:
+        raise InputError.one("--control", "option", "without --view", "--view --control")
+    if not any(table.manual for table in scenario.acting.values()):
+        print_notice("nothing starts by hand: no act has manual = true, such as by --set 'attacks.*.manual=true'")

@@ -55,9 +55,9 @@ def print_parity(scenario: str, parity: Parity, names: Mapping[str, str], folder
     first, second = names.values()
     if as_json:
         flights = [
-            {"under": name, **_flight(one)}
+            {"under": name, **_flight(measures)}
             for name, side in zip(names, (parity.first, parity.second), strict=True)
-            for one in side.values()
+            for measures in side.values()
         ]
         apart = {vehicle: _finite(parity.apart_m(vehicle)) for vehicle in parity.first}
         print_json({"path": str(folder), "flights": flights, "apart_m": apart})
@@ -72,18 +72,18 @@ def print_parity(scenario: str, parity: Parity, names: Mapping[str, str], folder
         )
     console = terminal()
     console.print(table)
-    for vehicle, one in parity.first.items():
-        other = parity.second[vehicle]
-        for what in ("outcome", "modes", "items"):
-            mine, others = (_names(getattr(each, what)) for each in (one, other))
-            if mine != others:
-                console.print(f"{vehicle}: {what} {mine} with {first}, {others} with {second}")
+    for vehicle, first_flight in parity.first.items():
+        second_flight = parity.second[vehicle]
+        for measure in ("outcome", "modes", "items"):
+            value, other_value = (_names(getattr(compared, measure)) for compared in (first_flight, second_flight))
+            if value != other_value:
+                console.print(f"{vehicle}: {measure} {value} with {first}, {other_value} with {second}")
         console.print(f"{vehicle}: at most {parity.apart_m(vehicle):.1f} m apart, from lift-off on")
     console.print(f"runs   {folder}", soft_wrap=True)
 
 
 def _names(happened: str | Sequence[tuple[float, Any]]) -> str:
-    return happened if isinstance(happened, str) else ", ".join(str(what) for _, what in happened)
+    return happened if isinstance(happened, str) else ", ".join(str(value) for _, value in happened)
 
 
 def _flight(measures: FlightMeasures) -> dict[str, Any]:

@@ -78,6 +78,67 @@ def attacks_bench(
         )
 
 
+@commands.command("batches", epilog="Example: skyrange bench batches --runs 64 --json")
+def batches_bench(
+    *,
+    scenario: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="What acts: nominal, gnss, taps or radio. May be repeated. Default: all."),
+    ] = None,
+    runs: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, help="Runs of a batch. May be repeated. Default: 1, 4, 16, 64, 128 and 256."),
+    ] = None,
+    seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Simulated seconds of a run.")] = 60.0,
+    as_json: AsJson = False,
+) -> None:
+    """Measure runs of one aircraft that fly together in one kernel, against the same runs alone."""
+    from skyrange.bench.batches import SCENARIOS, SIZES, measure
+    from skyrange.core.errors import InputError, nearest
+
+    for name in scenario or ():
+        if name not in SCENARIOS:
+            raise InputError.one("bench", "--scenario", name, ", ".join(SCENARIOS), nearest(name, SCENARIOS))
+    rows = []
+    if not as_json:
+        print_text(f"{'scenario':<10} {'runs':>5} {'CPU-s/run':>10} {'set-up':>8} {'× alone':>8}")
+    for name in scenario or SCENARIOS:
+        for row in measure(name, runs or SIZES, seconds):
+            rows.append(row)
+            if not as_json:
+                print_text(
+                    f"{name:<10} {row['runs']:>5} {row['cpu_s_per_run']:>10.4f} {row['setup_s_per_run']:>8.4f} "
+                    f"{row['factor']:>8.2f}"
+                )
+    if as_json:
+        print_json(rows)
+
+
+@commands.command("agents", epilog="Example: skyrange bench agents --worlds 64 --json")
+def agents_bench(
+    *,
+    worlds: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, help="Worlds side by side. May be repeated. Default: 1, 16, 64 and 256."),
+    ] = None,
+    aircraft: Annotated[int, typer.Option(metavar="N", min=1, help="Aircraft of each world.")] = 3,
+    as_json: AsJson = False,
+) -> None:
+    """Measure steps of the learning environment, played by random policies in worlds side by side."""
+    from skyrange.bench.agents import SIZES, measure
+
+    rows = []
+    if not as_json:
+        print_text(f"{'worlds':>6} {'steps/CPU-s':>11} {'flight':>8} {'building':>8} {'policies':>8} {'rest':>8}")
+    for row in measure(worlds or SIZES, aircraft):
+        rows.append(row)
+        if not as_json:
+            shares = "".join(f" {share:>8.1%}" for share in row.get("shares", {}).values())
+            print_text(f"{row['worlds']:>6} {row['steps_per_s']:>11.1f}{shares}")
+    if as_json:
+        print_json(rows)
+
+
 @commands.command("approval", epilog="Example: skyrange bench approval --active 10000 --json")
 def approval_bench(
     *,

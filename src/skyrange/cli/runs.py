@@ -7,13 +7,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from skyrange.cli.comparisons import describe_pair
-from skyrange.cli.options import ScenarioChoice, ViewerOptions, parse_ip_address
+from skyrange.cli.options import ScenarioChoice, ViewerOptions, check_control, parse_ip_address
 from skyrange.cli.output.console import print_json, print_notice, print_text, print_unverified
+from skyrange.cli.watching import ViewAddress
 from skyrange.core.errors import InputError, ShortfallError
 from skyrange.core.files import expand_user
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from skyrange.runtime.run import Run
     from skyrange.twins.pair_folder import Pair
+    from skyrange.view.control import RunControl
+    from skyrange.view.flying import FlightView
 
 
 class RunOptions(NamedTuple):
@@ -25,49 +31,82 @@ class RunOptions(NamedTuple):
     viewers: ViewerOptions
     allow_motion: bool
     cores: int
+    view: bool = False
+    """Whether a browser shows it while it flies."""
+    view_at: ViewAddress = ViewAddress()
+    control: bool = False
+    """Whether that browser controls it too."""
 
 
 def run(options: RunOptions, *, as_json: bool) -> None:
     """`skyrange run`."""
-    from skyrange.cli.output.progress import compile_if_cold, progress
+    from skyrange.assembly.build import Additions
+    from skyrange.cli.output.progress import compile_if_cold, flight_progress
     from skyrange.cli.output.run_summary import print_summary
     from skyrange.cli.output.viewer_notices import open_viewers
     from skyrange.cli.output.warnings import print_interlock_notice, print_warnings
+    from skyrange.cli.watching import make_control, show_flight
     from skyrange.metrics.summary import summary
     from skyrange.study.runs import fly
     from skyrange.twins.failed_missions import require_missions
 
     scenario = options.scenario.load()
+    check_control(scenario, control=options.control, view=options.view)
+    options.view_at.check(wanted=options.view)
     print_warnings(scenario)
+    control = make_control() if options.control else None
     shortfall: ShortfallError | None = None
     compile_if_cold(quiet=as_json)
     host = parse_ip_address("viewers", "--viewer-host", options.viewers.host)
     opened = open_viewers(scenario, options.viewers._replace(host=host))
-    with opened as viewers, progress(scenario.name, quiet=as_json) as on_progress:
-        try:
-            record = fly(
-                scenario,
-                options.out,
-                speed=options.speed,
-                viewers=viewers,
-                on_progress=on_progress,
-                motion=options.allow_motion,
-                cores=options.cores,
-                on_notice=print_notice,
-            )
-        except ShortfallError as error:
-            from skyrange.record import load as load_run
+    with show_flight(scenario, options.view_at, wanted=options.view, control=control) as view:
+        aircraft = sum(1 for _ in scenario.fleet)
+        shown = flight_progress(scenario.name, aircraft, quiet=as_json, observed=options.cores == 1)
+        with opened as viewers, shown as flight:
+            try:
+                record = fly(
+                    scenario,
+                    options.out,
+                    additions=Additions(observers=flight.observers),
+                    speed=options.speed,
+                    viewers=viewers,
+                    on_progress=flight.on_progress if control is None else control.between(flight.on_progress),
+                    motion=options.allow_motion,
+                    cores=options.cores,
+                    on_notice=print_notice,
+                    on_start=_starter(view, control),
+                    real_time=control is not None,
+                )
+            except ShortfallError as error:
+                from skyrange.record import load as load_run
 
-            shortfall, record = error, load_run(error.path)
-    facts = summary(record)
-    if as_json:
-        print_json(facts)
-    else:
-        print_summary(facts)
-        print_interlock_notice(record.manifest)
-    if shortfall is not None:
-        raise shortfall
+                shortfall, record = error, load_run(error.path)
+        if control:
+            control.finish()
+        if view:
+            view.finish(record)
+        facts = summary(record)
+        if as_json:
+            print_json(facts)
+        else:
+            print_summary(facts)
+            print_interlock_notice(record.manifest)
+        if shortfall is not None:
+            raise shortfall
     require_missions(record)
+
+
+def _starter(view: FlightView | None, control: RunControl | None) -> Callable[[Run], None] | None:
+    """Tells the viewer, and what controls the run, of a run that begins; `None` where there is no viewer."""
+    if view is None:
+        return None
+
+    def start(run: Run) -> None:
+        view.start(run)
+        if control is not None:
+            control.start(run)
+
+    return start
 
 
 def _open_pair(folder: Path) -> Pair | None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skyrange.cli.options import AsJson, Plugins, load_plugins
+from skyrange.cli.options import AsJson, Jobs, On, OtherVersion, Plugins, Workers, load_plugins
 from skyrange.cli.output.console import print_json, print_notice, print_text, terminal
 
 if TYPE_CHECKING:
@@ -16,8 +15,8 @@ if TYPE_CHECKING:
     from skyrange.study.design.model import Study
     from skyrange.study.execution.executors import Executor
     from skyrange.study.execution.storage import BlockStorage
-    from skyrange.study.execution.study_run import StudyResult
     from skyrange.study.folder import StudyFolder
+    from skyrange.study.study_run import StudyResult
 
 study_app = typer.Typer(
     help="Fly many runs of a scenario, by factors, arms and seeds, and measure them.\n\n"
@@ -34,10 +33,6 @@ StudyFile = Annotated[
 
 Folder = Annotated[Path, typer.Argument(metavar="STUDY", help="The folder of a study.", show_default=False)]
 
-Jobs = Annotated[
-    int | None, typer.Option(metavar="N", min=1, help="Runs at a time. Default: one for each CPU.", show_default=False)
-]
-
 Changes = Annotated[
     list[str] | None,
     typer.Option(
@@ -45,17 +40,6 @@ Changes = Annotated[
         metavar="PATH=VALUE",
         help="Change a value of the study's file, such as seeds=2 or factors.size.values=[1,2]; * in the path matches "
         "all elements. May be repeated.",
-    ),
-]
-
-On = Annotated[
-    str | None,
-    typer.Option(
-        "--on",
-        metavar="ADDRESS",
-        help="Fly on a Ray cluster: auto, local or ray://HOST:PORT. Its nodes must see the folder of the study, or "
-        "--storage.",
-        show_default=False,
     ),
 ]
 
@@ -74,47 +58,16 @@ _SHOWN = 10
 """Failed blocks that are listed on the terminal."""
 
 
-class Workers(NamedTuple):
-    """Who flies the blocks of a study: `jobs` processes of this machine, or the Ray cluster `cluster`, whose nodes may
-    return what they flew through the storage at `storage_url`.
-    """
+def find_storage(workers: Workers, url: str | None) -> BlockStorage | None:
+    """The storage at a URL between this machine and a cluster. Raises `InputError` without a cluster."""
+    from skyrange.core.errors import InputError
+    from skyrange.study.execution.storage import BlockStorage
 
-    jobs: int | None
-    cluster: str | None
-    storage_url: str | None
-
-    def at_a_time(self) -> int:
-        """Runs at a time on this machine."""
-        return (
-            self.jobs
-            if self.jobs is not None
-            else len(os.sched_getaffinity(0))
-            if hasattr(os, "sched_getaffinity")
-            else 1
-        )
-
-    def executor(self) -> Executor:
-        """What flies the blocks. Raises `InputError` for `jobs` of a cluster."""
-        from skyrange.core.errors import InputError
-        from skyrange.study.execution.executors import LocalPool, RayPool
-
-        if self.cluster is None:
-            return LocalPool(self.at_a_time())
-        if self.jobs is not None:
-            raise InputError.one("study", "--jobs", str(self.jobs), "none with --on: the cluster says how many")
-        return RayPool(self.cluster)
-
-    def storage(self) -> BlockStorage | None:
-        """The storage between this machine and a cluster. Raises `InputError` without a cluster."""
-        from skyrange.core.errors import InputError
-        from skyrange.study.execution.storage import BlockStorage
-
-        if self.storage_url is None:
-            return None
-        if self.cluster is None:
-            expected = "none without --on: this machine writes to the study's folder"
-            raise InputError.one("study", "--storage", self.storage_url, expected)
-        return BlockStorage(self.storage_url)
+    if url is None:
+        return None
+    if workers.cluster is None:
+        raise InputError.one("study", "--storage", url, "none without --on: this machine writes to the study's folder")
+    return BlockStorage(url)
 
 
 @study_app.command("run", epilog="Example: skyrange study run study.toml --dry-run")
@@ -137,19 +90,19 @@ def run(
 ) -> None:
     """Fly a study: every point of its design with every seed in every arm. A study that was begun is continued."""
     load_plugins(plugin)
-    from skyrange.cli.output.progress import compile_if_cold, map_progress
+    from skyrange.cli.output.progress import compile_if_cold, run_progress
     from skyrange.study.design.model import read_study
-    from skyrange.study.execution.study_run import run_study
+    from skyrange.study.study_run import run_study
 
     study = read_study(file, changes or [])
-    workers = Workers(jobs, on, storage)
+    workers = Workers(jobs, on)
     compile_if_cold(quiet=as_json)
     if dry_run:
         _estimate(study, workers, as_json=as_json)
         return
-    place, executor = workers.storage(), workers.executor()
-    with map_progress(study.name, "blocks", quiet=as_json) as on_block:
-        result = run_study(study, out, executor=executor, on_block=on_block, storage=place)
+    place, executor = find_storage(workers, storage), workers.executor()
+    with run_progress(study.name, quiet=as_json) as on_progress:
+        result = run_study(study, out, executor=executor, on_progress=on_progress, storage=place)
     _print_result(result, as_json=as_json)
 
 
@@ -188,33 +141,47 @@ def resume(
     jobs: Jobs = None,
     on: On = None,
     storage: Storage = None,
-    other_version: Annotated[
-        bool,
-        typer.Option("--other-version", help="Go on with another version of skyrange than the one that began it."),
-    ] = False,
+    other_version: OtherVersion = False,
     retry: Annotated[bool, typer.Option("--retry", help="Also fly the blocks with failed runs again.")] = False,
     plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly the blocks of a study that are not finished."""
+    from skyrange.study.execution.store import open_store
+
     load_plugins(plugin)
-    from skyrange.study.execution.study_run import forget_failures
+    store = open_store(folder, "study")
+    if other_version:
+        store.allow_version()
+    load_plugins(store.plugins)
+    resume_study(folder, Workers(jobs, on), storage, retry=retry, as_json=as_json)
+
+
+def resume_study(
+    folder: Path,
+    workers: Workers,
+    storage: str | None = None,
+    *,
+    retry: bool = False,
+    as_json: bool,
+) -> None:
+    """Go on with a study, whose plugins are loaded."""
+    from skyrange.study.execution.plan_run import forget_failures
     from skyrange.study.folder import open_folder, require_unchanged
 
     study = open_folder(folder)
-    require_unchanged(study, other_version=other_version)
-    workers = Workers(jobs, on, storage)
-    place = workers.storage()
+    require_unchanged(study)
+    place = find_storage(workers, storage)
     if retry:
-        forget_failures(study, place)
+        forget_failures(study.store, place)
     _fly(study, workers.executor(), place, as_json=as_json)
 
 
 @study_app.command("status", epilog="Example: skyrange study status studies/drift")
 def status(*, folder: Folder, as_json: AsJson = False) -> None:
     """Print how many blocks of a study are finished, and which runs failed."""
-    from skyrange.study.execution.study_run import list_failures
     from skyrange.study.folder import open_folder
+    from skyrange.study.study_run import list_failures
 
     opened = open_folder(folder)
     finished, failures = len(opened.finished()), list_failures(opened)
@@ -335,7 +302,7 @@ def score(
 
 def _estimate(study: Study, workers: Workers, *, as_json: bool) -> None:
     from skyrange.study.design.blocks import list_blocks
-    from skyrange.study.execution.study_run import estimate_study
+    from skyrange.study.study_run import estimate_study
 
     estimate = estimate_study(study, list_blocks(study), workers.at_a_time())
     if as_json:
@@ -350,17 +317,17 @@ def _estimate(study: Study, workers: Workers, *, as_json: bool) -> None:
 
 
 def _fly(folder: StudyFolder, executor: Executor, storage: BlockStorage | None, *, as_json: bool) -> None:
-    from skyrange.cli.output.progress import map_progress
-    from skyrange.study.execution.study_run import run_blocks
+    from skyrange.cli.output.progress import run_progress
+    from skyrange.study.study_run import run_blocks
 
-    with map_progress(folder.study.name, "blocks", quiet=as_json) as on_block:
-        result = run_blocks(folder, executor, on_block, storage)
+    with run_progress(folder.study.name, quiet=as_json) as on_progress:
+        result = run_blocks(folder, executor, on_progress, storage)
     _print_result(result, as_json=as_json)
 
 
 def _print_result(result: StudyResult, *, as_json: bool) -> None:
     from skyrange.cli.output.warnings import print_failed_missions
-    from skyrange.study.execution.study_run import list_failed_missions
+    from skyrange.study.study_run import list_failed_missions
     from skyrange.twins.failed_missions import require_baseline
 
     folder, missions = result.folder, list_failed_missions(result.folder)
@@ -383,6 +350,8 @@ def _print_result(result: StudyResult, *, as_json: bool) -> None:
         f"{folder.study.name}: {result.finished} of {len(folder.blocks)} blocks are finished, {result.flown} flown in "
         f"{result.wall_s:.1f} s; workers were busy for {100.0 * result.busy_share:.0f} % of the time"
     )
+    if result.alone_reason and result.flown:
+        print_notice(f"runs flew alone, not together in batches: {result.alone_reason}")
     _print_failures(result.failed)
     print_text(f"study   {folder.path}")
     print_text(f"results {folder.path / 'results'}")

@@ -96,10 +96,16 @@ def unpack_header(data: bytes) -> tuple[int, MessageType, int]:
 def encode_hello(aircraft: Sequence[Aircraft], shown: Sequence[str], step_s: float, steps: int, motors: int) -> bytes:
     """The body of HELLO: `steps` of `step_s` make a tick; `shown` are the models of bodies that Gazebo only shows."""
     parts = [_HELLO.pack(MAGIC, VERSION, len(aircraft), len(shown), motors, steps, step_s)]
-    for one in aircraft:
-        numbers = [one.thrust_ns2, one.torque_arm_m, one.rotor_drag_ns2, one.body_drag, one.spin_drag]
-        numbers += [number for rotor in one.rotors for number in rotor]
-        parts += [_text(one.model), np.array(numbers, dtype="<f8").tobytes()]
+    for airframe in aircraft:
+        numbers = [
+            airframe.thrust_ns2,
+            airframe.torque_arm_m,
+            airframe.rotor_drag_ns2,
+            airframe.body_drag,
+            airframe.spin_drag,
+        ]
+        numbers += [number for rotor in airframe.rotors for number in rotor]
+        parts += [_text(airframe.model), np.array(numbers, dtype="<f8").tobytes()]
     return b"".join([*parts, *map(_text, shown)])
 
 

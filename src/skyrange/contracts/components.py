@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Literal, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,6 +149,21 @@ class SensorAct(NamedTuple):
     """Such as "gnss", "baro", "compass", "imu"."""
 
 
+class ReadingsTracker(Protocol):
+    """What a sensor check keeps of readings other than fixes: of each vehicle for itself, in the order of its rows."""
+
+    def update(self, now: Time, sensors: Sensors) -> None:
+        """Take in the readings at a multiple of `READINGS_NS`; again at the same time does nothing. Alters none."""
+        ...
+
+    def join(self, others: Sequence[Self]) -> Self:
+        """One whose rows are its own and then those of `others`, none of which has been updated yet.
+
+        All of them keep their rows in it from now on, so that its update is theirs.
+        """
+        ...
+
+
 class SensorHook(Protocol):
     """Alters sensor readings before the autopilot gets them. It belongs to an attack, which owns its state.
 
@@ -159,6 +174,12 @@ class SensorHook(Protocol):
     excludes `gyro_radps`, `accel_mps2`, `attitude` and `rotor_radps`, may have an attribute `slow = True`. Where all of
     a run are slow, they may be called once in `READINGS_NS`, and what they write lasts until then. One that alters such
     a reading is an error.
+
+    A slow one that alters readings of GNSS receivers alone, and what it writes depends on these and on whether its
+    attack acts, but not on the time, may have an attribute `per_fix = True`. Then it may be called only when one of its
+    vehicles has a new fix, and when its attack begins or ends; what it has written lasts until then. A check that also
+    depends on other readings may have them in a `tracker`, a `ReadingsTracker` that it updates whenever it is called;
+    those of several runs may be joined, and updated in between.
 
     One may have an attribute `first = True`: it is called before those without, whatever its name. Noise at an antenna
     comes before what a receiver makes of the signals there.

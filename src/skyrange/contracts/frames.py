@@ -278,12 +278,22 @@ class LinkTable:
     def __init__(self, names: Sequence[DirectedLinkName], places: Ints) -> None:
         """`places` (n,): the place of each link's receiving port among its owner's `ports`, -1 without an owner."""
         self.names = names
+        """Those of a batch of runs may come again, once in each run."""
         self.numbers = {(name.link, name.direction, name.src): number for number, name in enumerate(names)}
         self.ports = [Port(name.dst, name.link) for name in names]
         self.places = places
 
+    def find(self, port: Port, name: tuple[str, str, str]) -> int:
+        """The number of the directed link at whose receiving `port` a frame with these first three fields of its id
+        arrived; -1 if its sender is not that link's source.
+        """
+        return self.numbers.get(name, -1)
+
     def __deepcopy__(self, memo: object) -> LinkTable:
         return self
+
+
+_ALL = slice(None)
 
 
 class FrameBlock:
@@ -356,6 +366,47 @@ class FrameBlock:
             else None,
             parent_serial=self.parent_serial[rows] if parents and self.parent_serial is not None else None,
             causes=None if self.causes is None else take_causes(self.causes, rows),
+        )
+
+    def of_run(self, rows: slice, link_table: LinkTable, first: int) -> FrameBlock:
+        """Some of the rows, all of one run of a batch, with the links of that run, which begin at number `first`."""
+        if first == 0 and rows == _ALL and link_table is self.link_table:
+            return self
+        if self.rows is None:
+            carried = None if rows == _ALL else np.arange(len(self.payloads))[rows]
+        else:
+            carried = self.rows[rows]
+        parents = self.parent_link_numbers
+        if parents is not None:
+            parents = parents[rows]
+            parents = np.where(parents < 0, parents, parents - first)
+        return FrameBlock(
+            link_table,
+            self.link_numbers[rows] - first,
+            self.serial[rows],
+            self.sent_ns,
+            self.arrived_ns,
+            self.fate,
+            payloads=self.payloads,
+            rows=carried,
+            parent_link_numbers=parents,
+            parent_serial=None if self.parent_serial is None else self.parent_serial[rows],
+            causes=None if self.causes is None else self.causes[rows],
+        )
+
+    def own_payloads(self) -> FrameBlock:
+        """The same frames with a column of payloads that holds no others."""
+        return FrameBlock(
+            self.link_table,
+            self.link_numbers,
+            self.serial,
+            self.sent_ns,
+            self.arrived_ns,
+            self.fate,
+            payloads=self.carried(),
+            parent_link_numbers=self.parent_link_numbers,
+            parent_serial=self.parent_serial,
+            causes=self.causes,
         )
 
     def carried(self) -> Payloads:

@@ -241,6 +241,18 @@ class Schedule:
     stop_ns: Time = NEVER
 
 
+@dataclass(frozen=True, slots=True)
+class ManualAct:
+    """A start or a stop of an act by hand. It happens at the first world tick at or after `at_ns`."""
+
+    at_ns: Time
+    act: str
+    """Id of the attack, fault or defence."""
+    action: Literal["start", "stop"]
+    by: str
+    """Who did it, as the record tells it."""
+
+
 Role = Literal["attack", "defence", "fault"]
 """What an act is. A fault has no adversary: its labels are marked so, and its events are named `event.fault_start` and
 `event.fault_stop`. The acts of a defence are events named `event.defence_act` and no labels; its taps and sensor checks
@@ -252,7 +264,8 @@ class Act:
     """An attack, a defence or a benign fault in a kernel: when it takes effect, and the parts that it owns.
 
     It acts from `start_ns` until `stop_ns`, and no longer than `lasts_ns`. With a `trigger` it starts at the first
-    world tick from `start_ns` on at which the trigger holds, and once only. Muted, its agents, taps and sensor faults
+    world tick from `start_ns` on at which the trigger holds, and once only; a `manual` one starts by hand, from
+    `start_ns` on and once only. Any may be stopped by hand. Muted, its agents, taps and sensor faults
     all run, but every verdict becomes Pass, everything they send is discarded, and sensor faults alter copies: that is
     the nominal twin.
     """
@@ -279,6 +292,8 @@ class Act:
     """What a fault does to bodies; an attack has none."""
     intrudes: bool = False
     """Whether what its sham sends is of somebody unauthorised: such acts are labelled as harmless intrusions."""
+    manual: bool = False
+    """Whether it starts by hand (`ManualAct`); it has no trigger then."""
     noted: bool = True
     """Whether the kernel notes when it begins and ends; not where another kernel has the rest of it, and does."""
 

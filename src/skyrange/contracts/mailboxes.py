@@ -150,6 +150,9 @@ class Inbox(Sequence[Arrival]):
     def columns(self, places: Mapping[Port, int]) -> Columns:
         """The frames as columns; `places` has the place of each of the agent's ports among them."""
         singles, blocks = self._singles, self._blocks
+        if not singles and len(blocks) == 1 and len(blocks[0]) == 1:  # what a station of one aircraft gets most of all
+            (block,) = blocks
+            return Columns(block.link_table.places[block.link_numbers], self._at_ns, block.carried(), self._order)
         order = self._order
         parts = [block.carried() for block in blocks]
         ports = [block.link_table.places[block.link_numbers] for block in blocks]
@@ -176,18 +179,22 @@ class Inbox(Sequence[Arrival]):
 
     def arrivals(self, numbers: Ints) -> Sequence[Arrival]:
         """Arrivals by their numbers in `Columns.order`, in the order of `numbers`."""
+        if not len(numbers):
+            return []
         singles = self._singles
         if not self._blocks:
             return [singles[number] for number in numbers.tolist()]
-        found: dict[int, Arrival] = {number: singles[number] for number in numbers[numbers < len(singles)].tolist()}
+        arrivals_by_number: dict[int, Arrival] = {
+            number: singles[number] for number in numbers[numbers < len(singles)].tolist()
+        }
         begin = len(singles)
         for block in self._blocks:
             end = begin + len(block)
             chosen = numbers[(numbers >= begin) & (numbers < end)]
             if chosen.size:
-                found.update(zip(chosen.tolist(), _arrivals_of(block, chosen - begin), strict=True))
+                arrivals_by_number.update(zip(chosen.tolist(), _arrivals_of(block, chosen - begin), strict=True))
             begin = end
-        return [found[number] for number in numbers.tolist()]
+        return [arrivals_by_number[number] for number in numbers.tolist()]
 
     @cached_property
     def _arrivals(self) -> Sequence[Arrival]:
@@ -207,7 +214,9 @@ class Inbox(Sequence[Arrival]):
         if not self._blocks:
             return np.arange(len(self._singles), dtype=np.int64)
         block = self._blocks[0]
-        numbers = [block.link_table.numbers.get(arrival.ref[:3], -1) for arrival in self._singles]
+        if self._count == 1:
+            return np.zeros(1, dtype=np.int64)
+        numbers = [block.link_table.find(arrival.port, arrival.ref[:3]) for arrival in self._singles]
         if min(numbers, default=0) >= 0:  # directed links are numbered in order of their names
             keys = [block.link_numbers << _SERIAL_BITS | block.serial for block in self._blocks]
             if not self._singles and len(keys) == 1:  # of one time

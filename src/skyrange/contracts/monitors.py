@@ -170,7 +170,7 @@ def find_ends(placement: MonitorPlacement, links: Iterable[tuple[str, str, str]]
     known = {name: (a, b) for name, a, b in links}
     where = f"monitors.{placement.id}"
     problems: list[Problem] = []
-    found: set[Port] = set()
+    ports: set[Port] = set()
     for pattern in placement.links:
         names = [name for name in known if fnmatchcase(name, pattern)]
         if not names:
@@ -181,10 +181,10 @@ def find_ends(placement: MonitorPlacement, links: Iterable[tuple[str, str, str]]
             if not ends:
                 expected = f"an end of {name}: {known[name][0]} or {known[name][1]}"
                 problems.append(Problem(f"{where}.side", placement.side, expected))
-            found.update(Port(end, name) for end in ends)
+            ports.update(Port(end, name) for end in ends)
     if problems:
         raise InputError("wiring", problems)
-    return sorted(found, key=_link_first)
+    return sorted(ports, key=_link_first)
 
 
 def _link_first(port: Port) -> tuple[str, str]:

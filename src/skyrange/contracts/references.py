@@ -57,17 +57,17 @@ class FrameRefTable:
         return None if number == NO_REF else FrameId(*self._names[number], serial)
 
     def _number(self, name: tuple[str, str, str]) -> int:
-        found = self._numbers.get(name)
-        if found is None:
-            found = self._numbers[name] = len(self._names)
+        number = self._numbers.get(name)
+        if number is None:
+            number = self._numbers[name] = len(self._names)
             self._names.append(name)
-        return found
+        return number
 
     def _number_links(self, table: LinkTable, links: Ints) -> Ints:
         if self._table is not table:
             self._table = table
             self._of_link = np.full(len(table.names), NO_REF, dtype=np.int64)
-        found = self._of_link[links]
-        for new in np.unique(links[found == NO_REF]).tolist():
+        numbers = self._of_link[links]
+        for new in np.unique(links[numbers == NO_REF]).tolist():
             self._of_link[new] = self._number(table.names[new][:3])
         return self._of_link[links]

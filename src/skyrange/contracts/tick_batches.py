@@ -50,6 +50,22 @@ class TickBatch(Protocol):
         """After `TickProgress.MOVED`: do what `World.advance` does after the bodies have moved."""
         ...
 
+    def complete_world_tick_runs(self) -> Sequence[tuple[int, Note]]:
+        """The same, with the run of each note, where the world has those of a batch."""
+        ...
+
+
+class BatchWorld(World, Protocol):
+    """A world that has the bodies of several runs, numbered from 0. Bodies of different runs never meet."""
+
+    def advance_runs(self, now: Time) -> Sequence[tuple[int, Note]]:
+        """As `World.advance`, with the run of each note."""
+        ...
+
+    def rows_of(self, run: int) -> slice:
+        """The rows of a run's bodies."""
+        ...
+
 
 @runtime_checkable
 class BatchingEngine(Engine, Protocol):

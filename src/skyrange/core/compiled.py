@@ -63,8 +63,8 @@ def compute_key(function: Dispatcher, *, anew: bool = False) -> str:
     numbers = {function: 0}
     reached = [function]
     digest = blake2b(_VERSIONS.encode(), digest_size=12)
-    for one in reached:  # grows: a cycle of calls ends because each function is reached once
-        description = describe(one)
+    for dispatcher in reached:  # grows: a cycle of calls ends because each function is reached once
+        description = describe(dispatcher)
         digest.update(description.digest)
         for callee in description.callees:
             if callee not in numbers:
@@ -90,7 +90,7 @@ def _describe(dispatcher: Dispatcher) -> _Description:
             _describe_code(function.__code__, known, callees),
             _describe_value(function.__defaults__, known, callees),
             _describe_value(tuple((function.__kwdefaults__ or {}).items()), known, callees),
-            _describe_value(tuple(one.cell_contents for one in function.__closure__ or ()), known, callees),
+            _describe_value(tuple(cell.cell_contents for cell in function.__closure__ or ()), known, callees),
         )
     except TypeError as error:
         raise TypeError(
@@ -134,7 +134,9 @@ def _describe_global(name: str, code: CodeType, known: dict[str, Any], callees: 
         return _describe_value(getattr(builtins, name, None), known, callees)
     value = known[name]
     if isinstance(value, ModuleType) and _is_own(value.__name__):
-        attributes = tuple((one, vars(value)[one]) for one in code.co_names if one in vars(value))
+        attributes = tuple(
+            (attribute, vars(value)[attribute]) for attribute in code.co_names if attribute in vars(value)
+        )
         return value.__name__, _describe_value(attributes, known, callees)
     return _describe_value(value, known, callees)
 
@@ -150,7 +152,7 @@ def _describe_value(value: Any, known: dict[str, Any], callees: list[Dispatcher]
     if kind is CodeType:
         return _describe_code(value, known, callees)
     if isinstance(value, tuple):
-        return "tuple", _name(kind), [_describe_value(one, known, callees) for one in value]
+        return "tuple", _name(kind), [_describe_value(item, known, callees) for item in value]
     if isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:
         layout = value.flags.c_contiguous, value.flags.f_contiguous, value.flags.aligned
         return "array", _name(kind), repr(value.dtype), value.shape, layout, blake2b(value.tobytes()).digest()
@@ -266,12 +268,12 @@ class _Cache(FunctionCache):
         """The cached code of `sig`; None if there is none or it is another signature's, so that it is compiled anew."""
         if not self.cache_path:
             return None
-        found: Any = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-        if found is None:
+        overload: Any = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        if overload is None:
             return None
         self._touch()
-        asked, _ = normalize_signature(sig)  # type: ignore[no-untyped-call]
-        return found if tuple(found.signature.args) == tuple(asked) else None
+        requested, _ = normalize_signature(sig)  # type: ignore[no-untyped-call]
+        return overload if tuple(overload.signature.args) == tuple(requested) else None
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, Any, Any]:
         """Numba's key of a signature, and the fields of its named tuples: a class of another order is another type."""
@@ -300,20 +302,20 @@ class _Cache(FunctionCache):
 
 def _list_fields(arguments: Sequence[Any]) -> tuple[tuple[str, ...], ...]:
     """The fields of all named tuples among types of arguments, which numba knows by their class alone."""
-    found: list[tuple[str, ...]] = []
+    field_names: list[tuple[str, ...]] = []
     for kind in arguments:
         if isinstance(kind, numba.types.NamedTuple | numba.types.NamedUniTuple):
-            found.append(tuple(kind.fields))
+            field_names.append(tuple(kind.fields))
         if isinstance(kind, numba.types.BaseTuple):
-            found += _list_fields(kind.types)  # type: ignore[attr-defined]
-    return tuple(found)
+            field_names += _list_fields(kind.types)  # type: ignore[attr-defined]
+    return tuple(field_names)
 
 
 def _remove_unused(index: Path, stem: str) -> None:
     """Remove files of other versions of a function, and folders of earlier caches, that nobody has used for days."""
     with suppress(OSError):
         last = index.stat().st_mtime - _UNUSED_S
-        for other in [one for one in index.parent.iterdir() if one.name.startswith(stem) and one.suffix == ".nbi"]:
+        for other in [path for path in index.parent.iterdir() if path.name.startswith(stem) and path.suffix == ".nbi"]:
             if other.stat().st_mtime < last:
                 for file in index.parent.glob(f"{other.stem}.*"):
                     file.unlink(missing_ok=True)
@@ -345,8 +347,8 @@ def find_cached(function: Any) -> frozenset[tuple[Any, ...]]:
     """The types of arguments for which the cache has this version of a compiled function, for this processor."""
     if not cache_folder():
         return frozenset()
-    found: frozenset[tuple[Any, ...]] = function._cache.find_signatures(function.targetctx.codegen().magic_tuple())
-    return found
+    signatures: frozenset[tuple[Any, ...]] = function._cache.find_signatures(function.targetctx.codegen().magic_tuple())
+    return signatures
 
 
 def list_compiled() -> frozenset[str]:

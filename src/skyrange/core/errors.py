@@ -127,7 +127,7 @@ def nearest(word: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(word, options, n=1, cutoff=0.6)
     if not close:
         folded = {option.casefold(): option for option in options}
-        close = [folded[one] for one in difflib.get_close_matches(word.casefold(), folded, n=1, cutoff=0.6)]
+        close = [folded[match] for match in difflib.get_close_matches(word.casefold(), folded, n=1, cutoff=0.6)]
     if close:
         return f"Did you mean {close[0]!r}?"
     return f"Known: {', '.join(options)}." if 0 < len(options) <= 12 else ""

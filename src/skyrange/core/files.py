@@ -80,9 +80,14 @@ def read_input(path: Path, who: str, where: str = "file", *, max_bytes: int, exp
     return data
 
 
+def read_package_text(module: str, name: str) -> str:
+    """The text of a file of the package; `module` is the `__file__` of a module in its folder."""
+    return Path(module).with_name(name).read_text(encoding="utf-8")
+
+
 def read_package_table(module: str, name: str) -> list[dict[str, str]]:
     """The rows of a CSV file of the package, by its head; `module` is the `__file__` of a module in its folder."""
-    return list(csv.DictReader(Path(module).with_name(name).read_text(encoding="utf-8").splitlines()))
+    return list(csv.DictReader(read_package_text(module, name).splitlines()))
 
 
 def parse_json(data: bytes | str, who: str, where: str) -> Any:

@@ -22,6 +22,8 @@ class Port(NamedTuple):
 
     endpoint: str
     link: str
+    run: int = 0
+    """The run of a batch whose link it is, 0 for a run alone."""
 
 
 class FrameId(NamedTuple):
@@ -73,6 +75,23 @@ def owner_of(endpoint_name: str) -> str:
 def link_name(kind: str, owner: str) -> str:
     """`kind:owner`, the name of a link instance: `gcs:blue/b1`, `approval:blue`."""
     return f"{kind}:{owner}"
+
+
+_RUN_MARK = "|"
+
+
+def qualify(run: int, name: str) -> str:
+    """A name that is unique over the runs of a batch: `name` in run 0, `3|name` in run 3.
+
+    No id has the mark in it. What is recorded, sent or drawn goes by the run's own name.
+    """
+    return name if run == 0 else f"{run}{_RUN_MARK}{name}"
+
+
+def split_run(name: str) -> tuple[int, str]:
+    """The run and the own name of which `qualify` made a name."""
+    run, mark, own = name.partition(_RUN_MARK)
+    return (int(run), own) if mark else (0, name)
 
 
 @lru_cache(maxsize=65_536)

@@ -39,8 +39,10 @@ class Volume4D:
 def contains(volumes: Sequence[Volume4D], time: Time, lat: float, lon: float, up_m: float) -> bool:
     """Whether a position (degrees, metres above the ellipsoid) lies in one of `volumes` at a time."""
     return any(
-        one.start_ns <= time <= one.end_ns and one.lower_m <= up_m <= one.upper_m and _is_inside(one.outline, lat, lon)
-        for one in volumes
+        volume.start_ns <= time <= volume.end_ns
+        and volume.lower_m <= up_m <= volume.upper_m
+        and _is_inside(volume.outline, lat, lon)
+        for volume in volumes
     )
 
 

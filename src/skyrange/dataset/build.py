@@ -44,7 +44,7 @@ def identify_setting(scenario: str) -> str:
     for name in _ACTS:
         tables = data.get(name)
         if isinstance(tables, list):
-            data[name] = [{key: value for key, value in one.items() if key not in _STATES} for one in tables]
+            data[name] = [{key: value for key, value in table.items() if key not in _STATES} for table in tables]
     return blake2b(json.dumps(data, sort_keys=True, default=str).encode(), digest_size=8).hexdigest()
 
 
@@ -87,7 +87,7 @@ class BlockWriter:
         path = partition_path(self._folder, view, self._split, self._block)
         if path not in self._files:
             path.parent.mkdir(parents=True, exist_ok=True)
-            names = [one.name for one in VIEWS[view] if one.type == pa.string()]
+            names = [column.name for column in VIEWS[view] if column.type == pa.string()]
             self._files[path] = pq.ParquetWriter(
                 _draft(path), view_schema(view), compression="zstd", use_dictionary=names
             )
@@ -140,14 +140,14 @@ def build_dataset(
     windows = SplitHashes()
     with begin_build(out, _plan(ordered, records, settings, described)) as progress:
         for block, group in groupby(zip(ordered, records, strict=True), key=lambda pair: pair[0].block):
-            found = progress.read_block(block)
+            block_rows = progress.read_block(block)
             runs = list(group)
-            if found is None:
-                found = _write_block(out, block, runs, settings, windows)
-                progress.finish_block(block, found)
+            if block_rows is None:
+                block_rows = _write_block(out, block, runs, settings, windows)
+                progress.finish_block(block, block_rows)
             else:
                 _add_written(out, block, runs[0][0].split, windows)
-            rows |= found
+            rows |= block_rows
         pq.write_table(_runs_table(ordered, records, traits, rows), out / RUNS)
         contents = Contents(*described, ordered, records, rows, settings)
         write_regenerate(out, contents)

@@ -58,12 +58,12 @@ class Contents:
         """The attack and fault kinds that are declared, each with its number of runs in which it is neither muted nor
         sham.
         """
-        found: dict[str, int] = {}
+        counts: dict[str, int] = {}
         for record in self.records:
             for row in (*(record.manifest.get("attacks") or ()), *(record.manifest.get("faults") or ())):
                 if not (row.get("muted") or row.get("sham") or row.get("honest")):
-                    found[str(row["kind"])] = found.get(str(row["kind"]), 0) + 1
-        return dict(sorted(found.items()))
+                    counts[str(row["kind"])] = counts.get(str(row["kind"]), 0) + 1
+        return dict(sorted(counts.items()))
 
 
 REGENERATE: Final = "regenerate.json"

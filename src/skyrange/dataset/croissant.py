@@ -106,7 +106,7 @@ def _record_set(view: str, columns: tuple[ViewColumn, ...]) -> dict[str, Any]:
     return {
         "@type": "cr:RecordSet", "@id": view, "name": view, "description": MEANINGS[view],
         "field": [
-            *(_field(view, one) for one in columns),
+            *(_field(view, column) for column in columns),
             {
                 "@type": "cr:Field", "@id": f"{view}/split", "name": "split", "dataType": "sc:Text",
                 "description": "bookkeeping: the split of the block",
@@ -119,12 +119,12 @@ def _record_set(view: str, columns: tuple[ViewColumn, ...]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _field(view: str, one: ViewColumn) -> dict[str, Any]:
-    unit = f" [{one.unit}]" if one.unit else ""
+def _field(view: str, column: ViewColumn) -> dict[str, Any]:
+    unit = f" [{column.unit}]" if column.unit else ""
     return {
-        "@type": "cr:Field", "@id": f"{view}/{one.name}", "name": one.name,
-        "description": f"{one.role}: {one.meaning}{unit}", "dataType": _data_type(one.type),
-        "source": {"fileSet": {"@id": f"{view}-files"}, "extract": {"column": one.name}},
+        "@type": "cr:Field", "@id": f"{view}/{column.name}", "name": column.name,
+        "description": f"{column.role}: {column.meaning}{unit}", "dataType": _data_type(column.type),
+        "source": {"fileSet": {"@id": f"{view}-files"}, "extract": {"column": column.name}},
     }  # fmt: skip
 
 

@@ -182,8 +182,8 @@ def _column_tables() -> Iterator[str]:
         yield ""
         yield "| column | type | unit | role | meaning |"
         yield "|---|---|---|---|---|"
-        for one in columns:
-            null = ", nullable" if one.nullable else ""
-            meaning = one.meaning.replace("|", "\\|")
-            yield f"| `{one.name}` | {one.type}{null} | {one.unit} | {one.role} | {meaning} |"
+        for column in columns:
+            null = ", nullable" if column.nullable else ""
+            meaning = column.meaning.replace("|", "\\|")
+            yield f"| `{column.name}` | {column.type}{null} | {column.unit} | {column.role} | {meaning} |"
         yield ""

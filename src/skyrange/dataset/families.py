@@ -66,9 +66,9 @@ def family_of(kind: str, more: dict[str, str] | None = None) -> str:
 
     Raises `InputError` for a kind without a family, because a guess could put one mechanism on both sides of a split.
     """
-    found = (more or {}).get(kind) or _FAMILY_OF.get(kind)
-    if found is None:
+    family = (more or {}).get(kind) or _FAMILY_OF.get(kind)
+    if family is None:
         expected = "an attack kind with a mechanism family"
         hint = nearest(kind, _FAMILY_OF) or "Pass the family of a kind of your own as `families`."
         raise InputError.one("dataset", "attack kind", kind, expected, hint)
-    return found
+    return family

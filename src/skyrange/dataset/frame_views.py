@@ -50,21 +50,22 @@ class SeenActs:
 
 def ports_of(record: RunRecord, places: Sequence[Place]) -> list[Port]:
     """The ends of links at these places, in order of link and endpoint; a place may match none."""
-    found: set[Port] = set()
+    ports: set[Port] = set()
     for row in record.manifest.get("links") or ():
         for place in places:
             if fnmatchcase(row["name"], place.links):
-                found.update(Port(end, row["name"]) for end in (row["a"], row["b"]) if is_side(end, place.side))
-    return sorted(found, key=lambda port: (port.link, port.endpoint))
+                ports.update(Port(end, row["name"]) for end in (row["a"], row["b"]) if is_side(end, place.side))
+    return sorted(ports, key=lambda port: (port.link, port.endpoint))
 
 
 def seen_frames(
-    record: RunRecord, ports: Sequence[Port], labels: FrameLabels, seen: SeenActs
+    record: RunRecord, ports: Sequence[Port], labels: FrameLabels, seen_acts: SeenActs
 ) -> Iterator[tuple[Ints, pa.Table]]:
     """What is seen at `ports`, in tables of whole windows: times, claims, payload, labels and `window`; and the number
     of the port of each row.
 
-    Fills `seen`. Memory is bounded as in `record.read.time_order`. Raises `InputError` for a record without frames.
+    Fills `seen_acts`. Memory is bounded as in `record.read.time_order`. Raises `InputError` for a record without
+    frames.
     """
     rows = {row["name"]: (row["a"], row["b"]) for row in record.manifest.get("links") or ()}
     ends = LinkEnds(ports, rows)
@@ -84,8 +85,8 @@ def seen_frames(
             direction = pa.array(np.where(first[place] ^ received, "fwd", "rev"))
             serial = table.column("serial").cast(pa.string())
             ids = pc.binary_join_element_wise(link, direction, table.column("sender"), serial, "|")
-        found = labels.columns(ids, table.num_rows)
-        _collect(seen, ports, place, table.column("at_ns").to_numpy(), found)
+        label_columns = labels.columns(ids, table.num_rows)
+        _collect(seen_acts, ports, place, table.column("at_ns").to_numpy(), label_columns)
         at_ns = table.column("at_ns")
         yield (
             place,
@@ -100,7 +101,7 @@ def seen_frames(
                     "size": pc.binary_length(table.column("payload")).cast(pa.int32()),
                     "raw": table.column("payload"),
                     "window": pa.array(at_ns.to_numpy() // WINDOW_NS),
-                    **found,
+                    **label_columns,
                 }
             ),
         )
@@ -131,23 +132,25 @@ class _Passes:
             self._kept = kept
 
 
-def _collect(seen: SeenActs, ports: Sequence[Port], place: Ints, at_ns: Ints, found: dict[str, pa.Array]) -> None:
-    shown = np.asarray(pc.or_(found["hostile"], found["derived"]))
+def _collect(
+    seen_acts: SeenActs, ports: Sequence[Port], place: Ints, at_ns: Ints, label_columns: dict[str, pa.Array]
+) -> None:
+    shown = np.asarray(pc.or_(label_columns["hostile"], label_columns["derived"]))
     for port in np.unique(place[shown]).tolist():
         rows = shown & (place == port)
-        seen.times.setdefault(ports[port], []).append(at_ns[rows])
-        authors = found["author"].filter(pa.array(rows)).to_pylist()
+        seen_acts.times.setdefault(ports[port], []).append(at_ns[rows])
+        authors = label_columns["author"].filter(pa.array(rows)).to_pylist()
         for author, time_ns in zip(authors, at_ns[rows].tolist(), strict=True):
-            seen.authors.setdefault((ports[port].link, str(author)), time_ns)
+            seen_acts.authors.setdefault((ports[port].link, str(author)), time_ns)
 
 
 _IDS: Final = sorted(LAYOUTS)
 _NAMES: Final = pa.array([str(LAYOUTS[number].cls.msgname) for number in _IDS], pa.string())
 
 
-def describe_mavlink(seen: pa.Table) -> pa.Table:
+def describe_mavlink(frames: pa.Table) -> pa.Table:
     """Rows of `seen_frames` as rows of the view, without its first and last columns."""
-    payloads = payload_column(seen.column("raw"))
+    payloads = payload_column(frames.column("raw"))
     first = _byte(payloads, np.zeros(len(payloads), dtype=np.int64))
     version = np.select([first == MAGIC_V2, first == MAGIC_V1], [2, 1], 0)
     version[payloads.sizes < np.where(version == 2, HEADER_V2 + 2, MIN_FRAME)] = 0
@@ -165,8 +168,8 @@ def describe_mavlink(seen: pa.Table) -> pa.Table:
         "message": _message(ids, no_header),
     }
     for name, column in columns.items():
-        seen = seen.append_column(name, column)
-    return seen
+        frames = frames.append_column(name, column)
+    return frames
 
 
 def _byte(payloads: Payloads, offset: Ints) -> Ints:
@@ -203,20 +206,20 @@ def _valid(payloads: Payloads, version: Ints) -> np.ndarray[tuple[int], np.dtype
 _TEXTS: Final = ("method", "path", "state", "reason")
 
 
-def describe_approval(seen: pa.Table) -> pa.Table:
+def describe_approval(frames: pa.Table) -> pa.Table:
     """Rows of `seen_frames` at approval links as rows of the view, without its first and last columns."""
-    rows = [_read(raw) for raw in seen.column("raw").to_pylist()]
+    rows = [_read(raw) for raw in frames.column("raw").to_pylist()]
     columns = {
         "valid": pa.array([row is not None for row in rows]),
         "status": pa.array([_whole((row or {}).get("status")) for row in rows], pa.int32()),
         "volumes": pa.array([_count(_body(row).get("volumes")) for row in rows], pa.int32()),
     }
     for name in _TEXTS:
-        found = [_text((row or {}).get(name, _body(row).get(name))) for row in rows]
-        columns[name] = pa.array(found, pa.string())
+        texts = [_text((row or {}).get(name, _body(row).get(name))) for row in rows]
+        columns[name] = pa.array(texts, pa.string())
     for name, column in columns.items():
-        seen = seen.append_column(name, column)
-    return seen
+        frames = frames.append_column(name, column)
+    return frames
 
 
 def _read(raw: bytes) -> dict[str, Any] | None:
@@ -259,7 +262,7 @@ def describe_receptions(record: RunRecord, labels: FrameLabels) -> Iterator[pa.T
     for table in by_whole_windows(observed(), "time_ns", WINDOW_NS):
         ordered = table.sort_by([("time_ns", "ascending"), ("receiver", "ascending"), ("frame", "ascending")])
         window = np.asarray(ordered.column("time_ns")) // WINDOW_NS
-        found = labels.columns(ordered.column("frame").combine_chunks(), ordered.num_rows)
-        for name, column in {"window": pa.array(window), **found}.items():
+        label_columns = labels.columns(ordered.column("frame").combine_chunks(), ordered.num_rows)
+        for name, column in {"window": pa.array(window), **label_columns}.items():
             ordered = ordered.append_column(name, column)
         yield ordered

@@ -83,10 +83,10 @@ def read_acts(record: RunRecord, families: Mapping[str, str] | None = None) -> R
             Act(author, role, row["action"], row["frame"], row["child"], at_ns, max(at_ns, until_ns),
                 owner if owner in owners else "")
         )  # fmt: skip
-    found: dict[str, str | None] = {
+    families_by_id: dict[str, str | None] = {
         id_: family_of(kind, dict(families or {})) if id_ in attacks else None for id_, kind in kinds.items()
     }
-    return RunActs(acts, kinds, found)
+    return RunActs(acts, kinds, families_by_id)
 
 
 def _role_of(row: Mapping[str, Any]) -> str:
@@ -132,12 +132,12 @@ class FrameLabels:
             "derived": pc.and_(attack, pc.invert(first)),
             **{name: pc.equal(role, name) for name in (INTRUSION, SHAM, FAULT)},
         }
-        found = {name: pc.fill_null(column.take(places), fill_value=False) for name, column in columns.items()}
+        label_flags = {name: pc.fill_null(column.take(places), fill_value=False) for name, column in columns.items()}
         way = pc.if_else(columns["derived"], pa.array(self.way), pa.scalar(None, pa.string()))
         kind = pa.array([self.acts.kinds.get(name) for name in self.author], pa.string())
         family = pa.array([self.acts.families.get(name) for name in self.author], pa.string())
         texts = {"way": way, "author": author, "kind": kind, "family": family, "steps": steps}
-        return found | {name: column.take(places) for name, column in texts.items()}
+        return label_flags | {name: column.take(places) for name, column in texts.items()}
 
 
 def trace_frames(record: RunRecord, acts: RunActs) -> FrameLabels:
@@ -151,14 +151,14 @@ def trace_frames(record: RunRecord, acts: RunActs) -> FrameLabels:
         return labels
     known: set[str] = set()
     start: dict[str, tuple[str, str, int, str]] = {}
-    for act in sorted(acts.acts, key=lambda one: _ORDER.index(one.role)):
+    for act in sorted(acts.acts, key=lambda acting: _ORDER.index(acting.role)):
         # of a replacement the child is hostile, and a dropped frame is honest, and missing
         ids = [act.child] if act.action == "replace" else [act.frame] if act.action != "drop" else []
         for frame in ids:
             if frame is not None:
                 start.setdefault(frame, (act.author, act.role, 0, "ids"))
-    for frame, found in _estimates(record, acts):
-        start.setdefault(frame, found)
+    for frame, origin in _estimates(record, acts):
+        start.setdefault(frame, origin)
     frontier, onset_ns = start, acts.acts[0].at_ns
     parts: list[dict[str, tuple[str, str, int, str]]] = []
     while frontier:
@@ -170,7 +170,7 @@ def trace_frames(record: RunRecord, acts: RunActs) -> FrameLabels:
             if frame not in known
         }
     labels.ids = pa.array([frame for part in parts for frame in part], pa.string())
-    rows = [found for part in parts for found in part.values()]
+    rows = [row for part in parts for row in part.values()]
     labels.author, labels.role = [row[0] for row in rows], [row[1] for row in rows]
     labels.steps, labels.way = [row[2] for row in rows], [row[3] for row in rows]
     return labels
@@ -180,7 +180,7 @@ def _children(
     record: RunRecord, frontier: Mapping[str, tuple[str, str, int, str]], onset_ns: int
 ) -> Iterator[tuple[str, tuple[str, str, int, str]]]:
     """Frames with a parent or cause in `frontier`, with what is known of that."""
-    wanted, found = pa.array(list(frontier), pa.string()), list(frontier.values())
+    wanted, known_origins = pa.array(list(frontier), pa.string()), list(frontier.values())
     for batch in record.batches("frames", [*_ID, "sent_ns", "parent", "causes"]):
         batch = batch.filter(pc.greater_equal(batch.column("sent_ns"), onset_ns))
         origin = pc.index_in(batch.column("parent"), value_set=wanted).fill_null(-1).to_numpy().copy()
@@ -195,7 +195,7 @@ def _children(
         hits = np.flatnonzero(origin >= 0)
         if len(hits):
             ids = frame_ids(pa.Table.from_batches([batch]).take(pa.array(hits))).to_pylist()
-            yield from zip(ids, (found[place] for place in origin[hits].tolist()), strict=True)
+            yield from zip(ids, (known_origins[place] for place in origin[hits].tolist()), strict=True)
 
 
 def _estimates(record: RunRecord, acts: RunActs) -> Iterator[tuple[str, tuple[str, str, int, str]]]:
@@ -209,7 +209,7 @@ def _estimates(record: RunRecord, acts: RunActs) -> Iterator[tuple[str, tuple[st
     senders = {(link_name("autopilot", owner), endpoint(owner, "autopilot")): owner for owner in falsified}
     senders |= {(link_name("rid_up", owner), endpoint(owner, "companion")): owner for owner in falsified}
     links = pa.array([link for link, _ in senders], pa.string())
-    telling = np.array([number for number, one in LAYOUTS.items() if str(one.cls.msgname) in ESTIMATES])
+    telling = np.array([number for number, layout in LAYOUTS.items() if str(layout.cls.msgname) in ESTIMATES])
     for batch in record.tables.frames_with_payloads([*_ID, "sent_ns"]):
         batch = batch.filter(pc.is_in(batch.column("link"), value_set=links))
         if not batch.num_rows:
@@ -251,8 +251,8 @@ class WindowLabeller:
         faulty = _overlaps(faults, begin_ns, end_ns)
         fault = _last_author(faults, end_ns)
         author = [
-            one if is_ours else other if is_faulty else None
-            for one, other, is_ours, is_faulty in zip(last, fault, active | shown, faulty, strict=True)
+            attack_author if is_ours else fault_author if is_faulty else None
+            for attack_author, fault_author, is_ours, is_faulty in zip(last, fault, active | shown, faulty, strict=True)
         ]
         return {
             "active": pa.array(active),
@@ -263,8 +263,8 @@ class WindowLabeller:
             "sham_active": pa.array(_overlaps(self.acts.of(SHAM, owner), begin_ns, end_ns)),
             "fault_active": pa.array(faulty),
             "author": pa.array(author, pa.string()),
-            "kind": pa.array([self.acts.kinds.get(one or "") for one in author], pa.string()),
-            "family": pa.array([self.acts.families.get(one or "") for one in author], pa.string()),
+            "kind": pa.array([self.acts.kinds.get(author_id or "") for author_id in author], pa.string()),
+            "family": pa.array([self.acts.families.get(author_id or "") for author_id in author], pa.string()),
         }
 
     def _effect(self, owner: str, end_ns: Ints) -> pa.Array:
@@ -284,21 +284,21 @@ def dropped_at(acts: RunActs, link: str, direction: str) -> Ints:
 
 
 def _is_of(frame: str, link: str, direction: str) -> bool:
-    found = FrameId.parse(frame)
-    return (found.link, found.direction) == (link, direction)
+    frame_id = FrameId.parse(frame)
+    return (frame_id.link, frame_id.direction) == (link, direction)
 
 
 def _overlaps(acts: list[Act], begin_ns: Ints, end_ns: Ints) -> Flags:
     """(n,) whether an act lasts into the window."""
-    found = np.zeros(len(begin_ns), dtype=np.bool_)
+    overlaps = np.zeros(len(begin_ns), dtype=np.bool_)
     if not acts:
-        return found
+        return overlaps
     starts = np.array([act.at_ns for act in acts], dtype=np.int64)
     latest = np.maximum.accumulate(np.array([act.until_ns for act in acts], dtype=np.int64))
     before = np.searchsorted(starts, end_ns)  # acts that have begun before the window ends
     chosen = before > 0
-    found[chosen] = latest[before[chosen] - 1] >= begin_ns[chosen]
-    return found
+    overlaps[chosen] = latest[before[chosen] - 1] >= begin_ns[chosen]
+    return overlaps
 
 
 def _last_author(acts: list[Act], end_ns: Ints) -> list[str | None]:

@@ -161,8 +161,8 @@ def traits_of(member: Member, families: Mapping[str, str] | None = None) -> Trai
     manifest = read_manifest(member.record)
     kinds = [str(row["kind"]) for row in manifest.get("attacks") or ()]
     named = member.factors.get("city", name_city(manifest))
-    found = frozenset(family_of(kind, dict(families or {})) for kind in kinds)
-    return Traits(found, str(named), len(manifest["vehicles"]))
+    kind_families = frozenset(family_of(kind, dict(families or {})) for kind in kinds)
+    return Traits(kind_families, str(named), len(manifest["vehicles"]))
 
 
 def name_city(manifest: Mapping[str, Any]) -> str:
@@ -190,12 +190,14 @@ def assign_splits(
     shares that are negative or do not sum to 1.
     """
     _check_shares(shares)
-    held = held_out or HeldOut()
+    held_out = held_out or HeldOut()
     clusters = cluster_members(members)
     traits: dict[str, list[Traits]] = {}
     for member in members:
         traits.setdefault(clusters[member.block], []).append(traits_of(member, families))
-    splits = {cluster: split_of(cluster, own, seed, held, shares) for cluster, own in traits.items()}
+    splits = {
+        cluster: split_of(cluster, cluster_traits, seed, held_out, shares) for cluster, cluster_traits in traits.items()
+    }
     return [replace(member, split=splits[clusters[member.block]]) for member in members]
 
 
@@ -222,10 +224,10 @@ def _check_shares(shares: Mapping[str, float]) -> None:
 
 
 def split_of(
-    block: str, traits: Sequence[Traits], seed: int, held: HeldOut, shares: Mapping[str, float] = SHARES
+    block: str, traits: Sequence[Traits], seed: int, held_out: HeldOut, shares: Mapping[str, float] = SHARES
 ) -> str:
     """The split of a cluster, named by its first block, whose runs have `traits`: a held-out one, or `draw_split`'s."""
-    return _held_split(traits, held) or draw_split(block, seed, shares)
+    return _held_split(traits, held_out) or draw_split(block, seed, shares)
 
 
 def draw_split(block: str, seed: int, shares: Mapping[str, float] = SHARES) -> str:
@@ -239,12 +241,12 @@ def draw_split(block: str, seed: int, shares: Mapping[str, float] = SHARES) -> s
     return list(shares)[-1]
 
 
-def _held_split(traits: Sequence[Traits], held: HeldOut) -> str:
-    if any(one.families & held.families for one in traits):
+def _held_split(traits: Sequence[Traits], held_out: HeldOut) -> str:
+    if any(run_traits.families & held_out.families for run_traits in traits):
         return f"{HELD_OUT}_family"
-    if any(one.city in held.cities for one in traits):
+    if any(run_traits.city in held_out.cities for run_traits in traits):
         return f"{HELD_OUT}_city"
-    if any(one.fleet_size in held.fleet_sizes for one in traits):
+    if any(run_traits.fleet_size in held_out.fleet_sizes for run_traits in traits):
         return f"{HELD_OUT}_fleet"
     return ""
 
@@ -263,14 +265,16 @@ def check_splits(members: Sequence[Member]) -> None:
             problems.append(
                 Problem(f"block {member.block}", first, "another scenario, seed or arm than another block's")
             )
-    for block, found in splits.items():
-        if "" in found:
+    for block, block_splits in splits.items():
+        if "" in block_splits:
             problems.append(Problem(f"block {block}", "no split", "a split for each run, as `assign_splits` gives"))
-        elif wrong := [split for split in sorted(found) if not _NAME.fullmatch(split)]:
+        elif wrong := [split for split in sorted(block_splits) if not _NAME.fullmatch(split)]:
             expected = "a name of at most 64 letters, digits and _, other than all"
             problems.append(Problem(f"block {block}: split", repr(wrong[0]), expected))
-        elif len(found) > 1:
-            problems.append(Problem(f"block {block}", ", ".join(sorted(found)), "one split for all arms of a block"))
+        elif len(block_splits) > 1:
+            problems.append(
+                Problem(f"block {block}", ", ".join(sorted(block_splits)), "one split for all arms of a block")
+            )
     if not problems:
         problems = list(_find_crossings(members))
     if problems:
@@ -280,15 +284,17 @@ def check_splits(members: Sequence[Member]) -> None:
 def _find_crossings(members: Sequence[Member]) -> Iterator[Problem]:
     """What is shared by blocks of two splits."""
     homes: dict[tuple[str, str], Member] = {}
-    told: set[tuple[str, str, str]] = set()
+    reported: set[tuple[str, str, str]] = set()
     for member in members:
-        for what, value in _shared_by(member):
-            first = homes.setdefault((what, value), member)
-            if first.split != member.split and (what, value, member.split) not in told:
-                told.add((what, value, member.split))
-                where = f"{what} {value} of run {member.run}"
-                expected = f"{first.split}, as run {first.run}, which has the same {what}"
-                hint = "" if len(told) > 1 else "`assign_splits` keeps blocks that share a seed or a flight together."
+        for kind, value in _shared_by(member):
+            first = homes.setdefault((kind, value), member)
+            if first.split != member.split and (kind, value, member.split) not in reported:
+                reported.add((kind, value, member.split))
+                where = f"{kind} {value} of run {member.run}"
+                expected = f"{first.split}, as run {first.run}, which has the same {kind}"
+                hint = (
+                    "" if len(reported) > 1 else "`assign_splits` keeps blocks that share a seed or a flight together."
+                )
                 yield Problem(where, member.split, expected, hint)
 
 
@@ -297,19 +303,19 @@ def check_held_out(members: Sequence[Member], families: Mapping[str, str] | None
     inside: dict[str, set[str]] = {"family": set(), "city": set(), "fleet": set()}
     outside: dict[str, set[str]] = {"family": set(), "city": set(), "fleet": set()}
     for member in members:
-        one = traits_of(member, families)
-        values = {"family": set(one.families), "city": {one.city}, "fleet": {str(one.fleet_size)}}
+        traits = traits_of(member, families)
+        values = {"family": set(traits.families), "city": {traits.city}, "fleet": {str(traits.fleet_size)}}
         axis = member.split.removeprefix(f"{HELD_OUT}_")
         if axis == member.split:
-            for name, found in values.items():
-                inside[name] |= found
+            for name, run_values in values.items():
+                inside[name] |= run_values
         elif axis in outside:
             outside[axis] |= values[axis]
     # a held-out block may have several families, of which only one has to be unseen
     crossing = [
-        Problem(f"{HELD_OUT}_{axis}", ", ".join(sorted(found)), f"a {axis} that is in no other split")
-        for axis, found in outside.items()
-        if found and not found - inside[axis]
+        Problem(f"{HELD_OUT}_{axis}", ", ".join(sorted(outside_values)), f"a {axis} that is in no other split")
+        for axis, outside_values in outside.items()
+        if outside_values and not outside_values - inside[axis]
     ]
     if crossing:
         raise InputError("dataset", crossing)

@@ -39,8 +39,8 @@ class BuildProgress:
         if not path.is_file():
             return None
         data = read_input(path, str(self.folder), path.name, max_bytes=MAX_RECORD_BYTES)
-        found: RowCounts = parse_json(data, str(self.folder), path.name)
-        return found
+        rows: RowCounts = parse_json(data, str(self.folder), path.name)
+        return rows
 
     def finish_block(self, block: str, rows: RowCounts) -> None:
         """Note that all files of a block are whole."""

@@ -79,8 +79,10 @@ class FlowCounter:
         key = ("place", "link", "received")
         codes = number_keys(frames, key)
         _, first, rows = np.unique(codes, return_index=True, return_inverse=True)
-        found = frames.select(key).take(pa.array(first)).to_pylist()
-        numbers = np.array([self._place[one["place"], one["link"], one["received"]] for one in found], dtype=np.int64)
+        keys = frames.select(key).take(pa.array(first)).to_pylist()
+        numbers = np.array(
+            [self._place[flow["place"], flow["link"], flow["received"]] for flow in keys], dtype=np.int64
+        )
         return numbers[rows]
 
     def _spread(self, name: str, values: Floats, begin: Ints, cell: Ints) -> None:
@@ -119,7 +121,7 @@ class FlowCounter:
             self._senders[key] = int(numbers[-1])
         self._sums["sequence_gaps"][cell] = np.add.reduceat(gap, begin)
 
-    def tables(self, labeller: WindowLabeller, seen: dict[Port, Ints]) -> Iterator[pa.Table]:
+    def tables(self, labeller: WindowLabeller, seen_ns: dict[Port, Ints]) -> Iterator[pa.Table]:
         """The rows of the view for each flow, without its first and last columns; also windows without a frame."""
         window = np.arange(self._windows, dtype=np.int64)
         begin_ns = window * WINDOW_NS
@@ -128,7 +130,7 @@ class FlowCounter:
             sums = {name: column[cells] for name, column in self._sums.items()}
             stats = {name: column[cells] for name, column in self._stats.items()}
             frames = sums["frames"]
-            times = seen.get(port, np.zeros(0, dtype=np.int64))
+            times = seen_ns.get(port, np.zeros(0, dtype=np.int64))
             if received:
                 direction = "rev" if self._firsts[port.link] == port.endpoint else "fwd"
                 times = np.sort(np.concatenate([times, dropped_at(labeller.acts, port.link, direction)]))
@@ -155,12 +157,14 @@ class FlowCounter:
 
 _SHARES = (*GROUPS, "invalid", "signed")
 _SUMS = (*_SHARES, "frames", "bytes", "hostile", "derived", "senders", "message_kinds", "sequence_gaps")
-_STATS = tuple(f"{what}_{how}" for what in ("size", "iat") for how in ("mean", "std", "min", "max"))
+_STATS = tuple(f"{measure}_{statistic}" for measure in ("size", "iat") for statistic in ("mean", "std", "min", "max"))
 
 
-def _joined(frames: pa.Table, one: str, other: str) -> Ints:
+def _joined(frames: pa.Table, first_column: str, second_column: str) -> Ints:
     """(n,) a number for each pair of two columns; -1 where they are null."""
-    first, second = (frames.column(name).fill_null(-1).to_numpy().astype(np.int64) for name in (one, other))
+    first, second = (
+        frames.column(name).fill_null(-1).to_numpy().astype(np.int64) for name in (first_column, second_column)
+    )
     joined: Ints = np.where(first < 0, -1, first * 256 + second)
     return joined
 
@@ -169,11 +173,11 @@ def _distinct(key: Ints, values: Ints, begin: Ints) -> Ints:
     """The number of different values in each run of equal keys."""
     order = np.lexsort((values, key))
     fresh = (np.diff(key[order], prepend=-1) != 0) | (np.diff(values[order], prepend=-(2**62)) != 0)
-    found: Ints = np.add.reduceat(fresh.astype(np.int64), begin)
-    return found
+    counts: Ints = np.add.reduceat(fresh.astype(np.int64), begin)
+    return counts
 
 
-def describe_episodes(record: RunRecord, labeller: WindowLabeller, seen: SeenActs) -> pa.Table:
+def describe_episodes(record: RunRecord, labeller: WindowLabeller, seen_acts: SeenActs) -> pa.Table:
     """One row for each author that acted and each aircraft that it acted on or touches, without the run's columns."""
     fleet = [str(row["id"]) for row in record.manifest["vehicles"]]
     declared = {
@@ -183,21 +187,21 @@ def describe_episodes(record: RunRecord, labeller: WindowLabeller, seen: SeenAct
     authors = dict.fromkeys((act.author, act.role) for act in acts.acts)
     rows = []
     for author, role in authors:
-        own = [act for act in acts.acts if act.author == author and act.role == role]
+        author_acts = [act for act in acts.acts if act.author == author and act.role == role]
         touched = {str(name).partition(":")[2] or str(name) for name in declared.get(author, {}).get("touches", ())}
-        touched |= {act.owner for act in own}
+        touched |= {act.owner for act in author_acts}
         vehicles: list[str | None] = [name for name in fleet if name in touched]
         for vehicle in vehicles or [None]:
             link = link_name("gcs", vehicle or "")
-            times = [seen.authors.get((link, author)), _first(dropped_at(acts, link, "rev"))]
-            found = [time_ns for time_ns in times if time_ns is not None]
+            times = [seen_acts.authors.get((link, author)), _first(dropped_at(acts, link, "rev"))]
+            observed_ns = [time_ns for time_ns in times if time_ns is not None]
             effect_s = (labeller.effects_s or {}).get(vehicle or "")
             rows.append(
                 {
                     "vehicle": vehicle, "author": author, "role": role, "kind": acts.kinds.get(author, "unknown"),
-                    "family": acts.families.get(author), "onset_ns": own[0].at_ns,
-                    "end_ns": max(act.until_ns for act in own), "acts": len(own),
-                    "observable_ns": min(found) if found and role == ATTACK else None,
+                    "family": acts.families.get(author), "onset_ns": author_acts[0].at_ns,
+                    "end_ns": max(act.until_ns for act in author_acts), "acts": len(author_acts),
+                    "observable_ns": min(observed_ns) if observed_ns and role == ATTACK else None,
                     "effect_ns": None if effect_s is None or role != ATTACK else from_seconds(effect_s),
                 }
             )  # fmt: skip
@@ -210,7 +214,7 @@ def _first(times: Ints) -> int | None:
 
 
 def describe_aircraft(
-    record: RunRecord, rate_hz: float, labeller: WindowLabeller, seen: dict[Port, Ints]
+    record: RunRecord, rate_hz: float, labeller: WindowLabeller, seen_ns: dict[Port, Ints]
 ) -> Iterator[pa.Table]:
     """The rows of the view for each aircraft, without its first and last columns.
 
@@ -220,24 +224,32 @@ def describe_aircraft(
     period_ns = round(NS_PER_S / rate_hz)
     count = from_seconds(record.duration) // period_ns
     end_ns = np.arange(1, count + 1, dtype=np.int64) * period_ns
-    messages = {name: record.telemetry(name) for name in {*AGED, *(one.message for one in FIELDS)} & {*record.messages}}
+    messages = {
+        name: record.telemetry(name)
+        for name in {*AGED, *(telemetry_field.message for telemetry_field in FIELDS)} & {*record.messages}
+    }
     for row in record.manifest["vehicles"]:
         vehicle = str(row["id"])
-        own = {name: table.filter(pc.equal(table.column("vehicle"), vehicle)) for name, table in messages.items()}
+        vehicle_messages = {
+            name: table.filter(pc.equal(table.column("vehicle"), vehicle)) for name, table in messages.items()
+        }
         port = Port(endpoint(operator_of(vehicle), "gcs"), link_name("gcs", vehicle))
         missing = dropped_at(labeller.acts, port.link, "rev")
-        times = np.sort(np.concatenate([seen.get(port, np.zeros(0, dtype=np.int64)), missing]))
-        last = {name: _last(table, end_ns) for name, table in own.items()}
+        times = np.sort(np.concatenate([seen_ns.get(port, np.zeros(0, dtype=np.int64)), missing]))
+        last = {name: _last(table, end_ns) for name, table in vehicle_messages.items()}
         columns: dict[str, pa.Array] = {"vehicle": pa.array([vehicle] * count, pa.string()), "time_ns": end_ns}
-        for one in FIELDS:
-            columns[one.column] = pa.nulls(count, pa.float64())
-            if one.message in own:
-                values = pc.multiply(own[one.message].column(one.field).cast(pa.float64()), one.factor)
-                columns[one.column] = _taken(values, last[one.message])
+        for telemetry_field in FIELDS:
+            columns[telemetry_field.column] = pa.nulls(count, pa.float64())
+            if telemetry_field.message in vehicle_messages:
+                values = pc.multiply(
+                    vehicle_messages[telemetry_field.message].column(telemetry_field.field).cast(pa.float64()),
+                    telemetry_field.factor,
+                )
+                columns[telemetry_field.column] = _taken(values, last[telemetry_field.message])
         for name in AGED:
             age = pa.nulls(count, pa.float64())
-            if name in own:
-                received = _taken(own[name].column("time_ns"), last[name])
+            if name in vehicle_messages:
+                received = _taken(vehicle_messages[name].column("time_ns"), last[name])
                 age = pc.divide(pc.subtract(pa.array(end_ns), received).cast(pa.float64()), float(NS_PER_S))
             columns[f"{name.lower()}_age_s"] = age
         # an interval includes its end and not its begin: a frame at the row's time is known in the row
@@ -252,8 +264,8 @@ def _last(table: pa.Table, end_ns: Ints) -> Ints:
 
 
 def _taken(column: pa.ChunkedArray, rows: Ints) -> pa.Array:
-    taken = column.take(pa.array(rows, mask=rows < 0))
-    return taken.combine_chunks() if isinstance(taken, pa.ChunkedArray) else taken
+    values = column.take(pa.array(rows, mask=rows < 0))
+    return values.combine_chunks() if isinstance(values, pa.ChunkedArray) else values
 
 
 _APPROVAL: Final = Place("approval:*", "gcs")
@@ -280,24 +292,24 @@ def run_views(
     The tables of a view of frames have whole windows. Raises `InputError` for a record that does not keep frames.
     """
     labels = trace_frames(record, acts := read_acts(record, settings.families))
-    labeller, seen = WindowLabeller(acts, effects_s), SeenActs()
+    labeller, seen_acts = WindowLabeller(acts, effects_s), SeenActs()
     ports, stations = ports_of(record, settings.places), ports_of(record, (_APPROVAL,))
     both = ports_of(record, (*settings.places, _APPROVAL))
-    is_place, is_station = (np.array([port in own for port in both]) for own in (ports, stations))
+    is_place, is_station = (np.array([port in side_ports for port in both]) for side_ports in (ports, stations))
     flows = FlowCounter(record, ports)
-    for port, frames in seen_frames(record, both, labels, seen):
+    for port, frames in seen_frames(record, both, labels, seen_acts):
         described = describe_mavlink(_where(frames, is_place[port]))
         flows.add(described)
         yield "mavlink", described
         yield "approval", describe_approval(_where(frames, is_station[port]))
-    times = {port: seen.at(port) for port in ports}
+    times = {port: seen_acts.at(port) for port in ports}
     for table in flows.tables(labeller, times):
         yield "flows", table
     for table in describe_aircraft(record, settings.rate_hz, labeller, times):
         yield "aircraft", table
     for table in describe_receptions(record, labels):
         yield "remote_id", table
-    yield "episodes", describe_episodes(record, labeller, seen)
+    yield "episodes", describe_episodes(record, labeller, seen_acts)
 
 
 def _where(table: pa.Table, chosen: NDArray[np.bool_]) -> pa.Table:

@@ -44,8 +44,12 @@ class SplitHashes:
     def add_file(self, view: str, split: str, path: Path) -> None:
         """Take the windows of a file that was written before."""
         table = pq.ParquetFile(path).read(columns=["run", "content_hash", "duplicate_of"])
-        own = table.filter(pc.is_null(table.column("duplicate_of"))).group_by(["content_hash", "run"]).aggregate([])
-        for digest, run in zip(own.column("content_hash").to_pylist(), own.column("run").to_pylist(), strict=True):
+        originals = (
+            table.filter(pc.is_null(table.column("duplicate_of"))).group_by(["content_hash", "run"]).aggregate([])
+        )
+        for digest, run in zip(
+            originals.column("content_hash").to_pylist(), originals.column("run").to_pylist(), strict=True
+        ):
             self.find_elsewhere(view, digest, split, run)
 
 
@@ -76,8 +80,8 @@ class WindowHashes:
             digest = hashed.hexdigest()
             origin = self._seen.setdefault((view, *map(str, first.values()), digest), run)
             hashes.append(digest)
-            own = self._elsewhere.find_elsewhere(view, digest, self._split, run) if origin == run else origin
-            origins.append(own)
+            duplicate_of = self._elsewhere.find_elsewhere(view, digest, self._split, run) if origin == run else origin
+            origins.append(duplicate_of)
         place = np.empty(count, dtype=np.int64)
         place[order] = np.repeat(np.arange(len(bounds)), ends - bounds)
         table = table.append_column("content_hash", pa.array(hashes, pa.string()).take(pa.array(place)))
@@ -88,38 +92,38 @@ def by_whole_windows(
     tables: Iterator[pa.Table], column: str, period_ns: Time, rows: int = 131_072
 ) -> Iterator[pa.Table]:
     """The rows of tables in order of time, in tables of about `rows` rows that end where a window ends."""
-    held: list[pa.Table] = []
+    pending: list[pa.Table] = []
     count = 0
     for table in tables:
         if not table.num_rows:
             continue
-        held.append(table)
+        pending.append(table)
         count += table.num_rows
         if count < rows:
             continue
-        whole = pa.concat_tables(held)
-        windows = whole.column(column).to_numpy() // period_ns
+        joined = pa.concat_tables(pending)
+        windows = joined.column(column).to_numpy() // period_ns
         ready = int(np.searchsorted(windows, windows[-1]))
         if ready:
-            yield whole.slice(0, ready)
-        held, count = [whole.slice(ready)], count - ready
+            yield joined.slice(0, ready)
+        pending, count = [joined.slice(ready)], count - ready
     if count:
-        yield pa.concat_tables(held)
+        yield pa.concat_tables(pending)
 
 
 def number_keys(table: pa.Table, keys: Sequence[str]) -> Ints:
     """(n,) the same number, at least 0, for rows with equal values in the columns `keys`."""
     codes = np.zeros(table.num_rows, dtype=np.int64)
-    most = 1
+    code_bound = 1
     for key in keys:
         column = table.column(key).combine_chunks()
         names = column.dictionary_encode()
         names = names.combine_chunks() if isinstance(names, pa.ChunkedArray) else names
-        if most * (len(names.dictionary) + 1) >= 2**62:
+        if code_bound * (len(names.dictionary) + 1) >= 2**62:
             codes = np.unique(codes, return_inverse=True)[1].astype(np.int64)
-            most = int(codes.max()) + 1
+            code_bound = int(codes.max()) + 1
         codes = codes * (len(names.dictionary) + 1) + names.indices.to_numpy(zero_copy_only=False)
-        most *= len(names.dictionary) + 1
+        code_bound *= len(names.dictionary) + 1
     return codes
 
 
@@ -149,10 +153,10 @@ def _words(table: pa.Table, columns: Sequence[str]) -> NDArray[np.uint64]:
 
 def _bytes(column: pa.ChunkedArray) -> tuple[list[int], memoryview]:
     """(n + 1,) where the values begin and end in the bytes of all, and these."""
-    whole = column.combine_chunks()
-    whole = whole.chunk(0) if isinstance(whole, pa.ChunkedArray) else whole
-    _, offsets, data = whole.buffers()
-    places = np.frombuffer(offsets, dtype=np.int32)[whole.offset : whole.offset + len(whole) + 1]
+    joined = column.combine_chunks()
+    joined = joined.chunk(0) if isinstance(joined, pa.ChunkedArray) else joined
+    _, offsets, data = joined.buffers()
+    places = np.frombuffer(offsets, dtype=np.int32)[joined.offset : joined.offset + len(joined) + 1]
     return places.tolist(), memoryview(data or b"")
 
 

@@ -50,11 +50,11 @@ def place_taps(
 def find_links(role: str, vehicles: Sequence[str], context: DefenceContext) -> dict[str, str]:
     """The links of this role of aircraft, and whose each is. Raises `InputError` where none has such a link."""
     every = {link_name(role, vehicle): vehicle for vehicle in vehicles}
-    found = {name: vehicle for name, vehicle in every.items() if name in context.links}
-    if not found:
+    links = {name: vehicle for name, vehicle in every.items() if name in context.links}
+    if not links:
         hint = "Add a table [radio]." if role.startswith("rid") else ""
         raise InputError.one(context.id, "vehicles", f"no link {role}:…", f"aircraft with a link of role {role}", hint)
-    return found
+    return links
 
 
 def inspects_forward(frame: Frame) -> bool:

@@ -149,21 +149,21 @@ class Reader:
         """The same of a decoded message or pack."""
         parts = message.messages if isinstance(message, MessagePack) else (message,)
         name = self._names.pop(address, "")
-        said: Location | None = None
+        location: Location | None = None
         for part in parts:
             if isinstance(part, BasicId) and part.uas_id:
                 name = part.uas_id
-            elif isinstance(part, Location) and said is None:
-                said = part
+            elif isinstance(part, Location) and location is None:
+                location = part
         self._names[address] = name
         if len(self._names) > MAX_SENDERS:
             del self._names[next(iter(self._names))]
         sender = Sender(address, name)
-        return sender, None if said is None else self._claim(sender, at_ns, rssi_dbm, said)
+        return sender, None if location is None else self._claim(sender, at_ns, rssi_dbm, location)
 
-    def _claim(self, sender: Sender, at_ns: Time, rssi_dbm: float | None, said: Location) -> Claim:
+    def _claim(self, sender: Sender, at_ns: Time, rssi_dbm: float | None, location: Location) -> Claim:
         place: Place | None = None
-        lat_deg, lon_deg, up_m = said.lat_deg, said.lon_deg, said.alt_geo_m
+        lat_deg, lon_deg, up_m = location.lat_deg, location.lon_deg, location.alt_geo_m
         if lat_deg is None or lon_deg is None or up_m is None:
             pass
         elif abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0:
@@ -174,21 +174,21 @@ class Reader:
             at_ns,
             rssi_dbm,
             place,
-            _velocity(said),
-            _limit(HORIZONTAL_ACCURACY_M, said.horizontal_accuracy),
-            _limit(VERTICAL_ACCURACY_M, said.vertical_accuracy),
-            _limit(SPEED_ACCURACY_MPS, said.speed_accuracy),
-            said.timestamp_s,
-            0.1 * (said.timestamp_accuracy or 15),
-            said.height_m,
-            said.status == Status.GROUND,
-            said.status == Status.REMOTE_ID_SYSTEM_FAILURE,
+            _velocity(location),
+            _limit(HORIZONTAL_ACCURACY_M, location.horizontal_accuracy),
+            _limit(VERTICAL_ACCURACY_M, location.vertical_accuracy),
+            _limit(SPEED_ACCURACY_MPS, location.speed_accuracy),
+            location.timestamp_s,
+            0.1 * (location.timestamp_accuracy or 15),
+            location.height_m,
+            location.status == Status.GROUND,
+            location.status == Status.REMOTE_ID_SYSTEM_FAILURE,
         )
 
 
-def _velocity(said: Location) -> Place | None:
+def _velocity(location: Location) -> Place | None:
     """East, north and up in m/s; `None` where a part is unknown or not in range, as a saturated speed is."""
-    speed, climb, track = said.speed_mps, said.vertical_mps, said.track_deg
+    speed, climb, track = location.speed_mps, location.vertical_mps, location.track_deg
     if speed is None or climb is None or speed >= SPEED_MAX_MPS or abs(climb) >= VERTICAL_MAX_MPS:
         return None
     if speed == 0.0:  # an aircraft at rest has no course

@@ -85,9 +85,9 @@ class MessageDetector(ScoreDetector):
 
         `details` is called with the row of each header that raises an alert.
         """
-        rows, found = self.episodes.update(heads.at_ns, streams, scores)
+        rows, raised_scores = self.episodes.update(heads.at_ns, streams, scores)
         alerts = []
-        for row, score in zip(rows.tolist(), found.tolist(), strict=True):
+        for row, score in zip(rows.tolist(), raised_scores.tolist(), strict=True):
             finding, more = details(row)
             data = {
                 "system": int(heads.systems[row]),
@@ -130,9 +130,9 @@ class ReceptionDetector(ScoreDetector):
         senders, count = self.senders.assign(claims.senders), len(self.rules)
         scores = self.judge(claims, senders, radios)
         streams = (senders[:, None] * count + np.arange(count)).ravel()
-        raised, found = self.episodes.update(np.repeat(claims.time_ns, count), streams, scores.ravel())
+        raised, raised_scores = self.episodes.update(np.repeat(claims.time_ns, count), streams, scores.ravel())
         alerts = []
-        for place, score in zip(raised.tolist(), found.tolist(), strict=True):
+        for place, score in zip(raised.tolist(), raised_scores.tolist(), strict=True):
             row, rule = divmod(place, count)
             link = frames.ports[int(claims.places[row])].link
             data = _describe(claims, radios, row)
@@ -208,11 +208,11 @@ class TelemetryDetector(ScoreDetector):
     ) -> list[Alert]:
         """The alerts of (n,) scores of a residual at link ends, by `Episodes`; `data` are details, (n,) each."""
         streams = places * len(self.residuals) + self.residuals.index(name)
-        rows, found = self.episodes.update(at_ns, streams, scores)
+        rows, raised_scores = self.episodes.update(at_ns, streams, scores)
         times = np.broadcast_to(np.asarray(at_ns, dtype=np.int64), scores.shape)
         alerts = []
-        for row, score in zip(rows.tolist(), found.tolist(), strict=True):
-            said: dict[str, Scalar] = {"residual": name}
-            said |= {key: float(values[row]) for key, values in data.items() if np.isfinite(values[row])}
-            alerts.append(self.alert(int(times[row]), frames.ports[places[row]].link, score, said))
+        for row, score in zip(rows.tolist(), raised_scores.tolist(), strict=True):
+            details: dict[str, Scalar] = {"residual": name}
+            details |= {key: float(values[row]) for key, values in data.items() if np.isfinite(values[row])}
+            alerts.append(self.alert(int(times[row]), frames.ports[places[row]].link, score, details))
         return alerts

@@ -51,13 +51,13 @@ class Episodes:
         begin = np.minimum.reduceat(times[rows], first)
         end = np.maximum.reduceat(times[rows], first)
         peaks = rows[first]
-        found = np.minimum(scores[peaks], MAX_SCORE)
+        peak_scores = np.minimum(scores[peaks], MAX_SCORE)
         is_new = begin - self._last_ns[chosen] > self._quiet_ns
-        raised = is_new | (found >= RAISED_AGAIN * self._raised[chosen])
+        raised = is_new | (peak_scores >= RAISED_AGAIN * self._raised[chosen])
         self._last_ns[chosen] = np.maximum(end, self._last_ns[chosen])
-        self._raised[chosen[raised]] = found[raised]
+        self._raised[chosen[raised]] = peak_scores[raised]
         order = np.argsort(peaks[raised], kind="stable")
-        return peaks[raised][order], found[raised][order]
+        return peaks[raised][order], peak_scores[raised][order]
 
     def _grow(self, count: int) -> None:
         missing = count - len(self._raised)

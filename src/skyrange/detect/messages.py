@@ -83,7 +83,7 @@ def read_heads(frames: ObservedFrames) -> MessageHeads:
     messages = _ids_of_kinds()[kinds[rows]]
     strange = np.flatnonzero(kinds < 0)
     strange = strange[message_ids(payloads.take(strange)) >= 0]
-    singles = [found for row in strange.tolist() if (found := _read_single(frames, row)) is not None]
+    singles = [head for row in strange.tolist() if (head := _read_single(frames, row)) is not None]
     if singles:
         more = np.array(singles, dtype=np.int64).T
         rows = np.concatenate([rows, more[0]])
@@ -163,8 +163,8 @@ def read_messages(frames: ObservedFrames, name: str) -> ObservedMessages:
         raise InputError.one("detector", "message", name, "a MAVLink message", nearest(name, _ids()))
     kinds = classify_frames(frames.payloads)
     rows = np.flatnonzero(kinds == kind_of_message(number))
-    found = unpack_group(frames.payloads, kind_of_message(number), rows)
-    columns = (rows, found.systems, found.components, found.values)
+    messages = unpack_group(frames.payloads, kind_of_message(number), rows)
+    columns = (rows, messages.systems, messages.components, messages.values)
     strange = np.flatnonzero((kinds < 0) & (message_ids(frames.payloads) == number))
     singles = [single for row in strange.tolist() if (single := _read_message(frames, row, number)) is not None]
     if not singles:

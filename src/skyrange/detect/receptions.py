@@ -63,7 +63,7 @@ def read_receptions(frames: ObservedFrames) -> ObservedReceptions:
     valid = np.flatnonzero(table.valid)
     rows = downs[valid].tolist()
     receivers = [names.setdefault(owners[place], len(names)) for place in frames.places[rows].tolist()]
-    found: list[RidFrame] = []
+    rid_frames: list[RidFrame] = []
     for row in np.flatnonzero(kinds == 2).tolist():
         try:
             report = decode(frames.payloads[row])
@@ -71,12 +71,12 @@ def read_receptions(frames: ObservedFrames) -> ObservedReceptions:
             continue
         rows += [row] * len(report.body)
         receivers += [names.setdefault(reception.receiver, len(names)) for reception in report.body]
-        found += [reception.frame() for reception in report.body]
-    heads = [frame.header for frame in found]
+        rid_frames += [reception.frame() for reception in report.body]
+    heads = [frame.header for frame in rid_frames]
     order = np.argsort(_ints(rows), kind="stable")
     rssi = np.concatenate([table.rssi_cdbm[valid].astype(np.int64), _ints(head.rssi_cdbm for head in heads)])
     addresses = np.frombuffer(b"".join(head.address for head in heads), dtype=np.uint8).reshape(-1, 6)
-    bodies = Payloads.join([table.bodies.take(valid), Payloads.of([frame.body for frame in found])])
+    bodies = Payloads.join([table.bodies.take(valid), Payloads.of([frame.body for frame in rid_frames])])
     return ObservedReceptions(
         _ints(rows)[order],
         list(names),
@@ -105,9 +105,11 @@ UNKNOWN_M: Final = 30.0
 """Accuracy of a position that states none (assumed: F3411 code 9)."""
 UNKNOWN_MPS: Final = 1.0
 """Accuracy of a speed that states none (assumed: F3411 code 3)."""
-_ACCURACY_M: Final = np.array([UNKNOWN_M if one is None else one for one in HORIZONTAL_ACCURACY_M] + [UNKNOWN_M] * 3)
+_ACCURACY_M: Final = np.array(
+    [UNKNOWN_M if accuracy is None else accuracy for accuracy in HORIZONTAL_ACCURACY_M] + [UNKNOWN_M] * 3
+)
 _ACCURACY_MPS: Final = np.array(
-    [UNKNOWN_MPS if one is None else one for one in SPEED_ACCURACY_MPS] + [UNKNOWN_MPS] * 11
+    [UNKNOWN_MPS if accuracy is None else accuracy for accuracy in SPEED_ACCURACY_MPS] + [UNKNOWN_MPS] * 11
 )
 UAS_ID_BYTES: Final = 20
 _POSITION: Final = "GLOBAL_POSITION_INT"
@@ -201,11 +203,11 @@ def find_receivers(frames: ObservedFrames, origin: Origin, known: dict[str, tupl
     """Put the positions of aircraft into `known` by vehicle id, from telemetry at other ends, such as of `rid_data`."""
     if not any(not port.link.startswith(("rid_down:", "oracle:")) for port in frames.ports):
         return
-    found = read_messages(frames, _POSITION)
-    if not len(found.rows):
+    positions = read_messages(frames, _POSITION)
+    if not len(positions.rows):
         return
-    places, last = np.unique(frames.places[found.rows][::-1], return_index=True)
-    values = found.values[len(found.rows) - 1 - last]
+    places, last = np.unique(frames.places[positions.rows][::-1], return_index=True)
+    values = positions.values[len(positions.rows) - 1 - last]
     east_m, north_m = origin.to_enu(values["lat"] / 1e7, values["lon"] / 1e7)
     up_m = values["alt"] / 1000.0 - origin.alt_msl_m
     for place, *at in zip(places.tolist(), east_m.tolist(), north_m.tolist(), up_m.tolist(), strict=True):

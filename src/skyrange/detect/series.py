@@ -70,16 +70,16 @@ class Series:
     def read(self, frames: ObservedFrames) -> Steps:
         """Take in the messages among `frames`, which arrived at their link ends."""
         self._grow(len(frames.ports))
-        found = read_messages(frames, self._message)
-        table = found.values
-        values = np.empty((len(found.rows), len(self._fields)))
+        messages = read_messages(frames, self._message)
+        table = messages.values
+        values = np.empty((len(messages.rows), len(self._fields)))
         for column, name in enumerate(self._fields):
             values[:, column] = table[name]
-        at_ns = frames.at_ns[found.rows]
+        at_ns = frames.at_ns[messages.rows]
         time_s = table[_BOOT] / 1e3 if self._timed else at_ns / NS_PER_S
-        good = np.flatnonzero((found.components == AUTOPILOT) & np.isfinite(values).all(axis=1))
-        places = frames.places[found.rows]
-        rows = good[np.argsort(places[good], kind="stable")]
+        usable = np.flatnonzero((messages.components == AUTOPILOT) & np.isfinite(values).all(axis=1))
+        places = frames.places[messages.rows]
+        rows = usable[np.argsort(places[usable], kind="stable")]
         places, at_ns, time_s, after = places[rows], at_ns[rows], time_s[rows], np.clip(values[rows], -MOST, MOST)
         before, since = np.empty_like(after), np.empty(len(rows))
         if len(rows):
@@ -162,11 +162,11 @@ class MovingMean:
         """
         self._means = grown(self._means, int(places.max(initial=-1)) + 1, self._first)
         weights = -np.expm1(-np.maximum(np.nan_to_num(seconds), 0.0) / self._seconds)
-        found = np.empty(len(places))
+        means = np.empty(len(places))
         for rows in rounds(places):
             at = places[rows]
             mean, value = self._means[at], values[rows]
             mean = np.where(np.isfinite(mean), mean, value)
             mean = np.where(np.isfinite(value), mean + weights[rows] * (value - mean), mean)
-            self._means[at] = found[rows] = mean
-        return found
+            self._means[at] = means[rows] = mean
+        return means

@@ -35,10 +35,10 @@ class StreamNumbers:
 
     def assign(self, keys: Ints) -> Ints:
         """(n,) the number of each key; new keys get the next numbers, in order of key within one call."""
-        found = self.find(keys)
-        if (found >= 0).all():
-            return found
-        fresh = np.unique(keys[found < 0])
+        known_numbers = self.find(keys)
+        if (known_numbers >= 0).all():
+            return known_numbers
+        fresh = np.unique(keys[known_numbers < 0])
         every = np.concatenate([self._sorted, fresh])
         numbers = np.concatenate([self._numbers, len(self._numbers) + np.arange(len(fresh))])
         order = np.argsort(every, kind="stable")

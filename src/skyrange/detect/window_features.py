@@ -74,7 +74,7 @@ FEATURES: Final = (
     Feature("height_error_m", "change of the pressure altitude less that of the height, over the window"),
 )
 """The features in the order of the columns."""
-NAMES: Final = tuple(one.name for one in FEATURES)
+NAMES: Final = tuple(feature.name for feature in FEATURES)
 
 
 class WindowFeatures:
@@ -99,20 +99,20 @@ class WindowFeatures:
         """The (ends, features) of a window, from all frames that were observed in it."""
         count = len(frames.ports)
         arrived = frames.take(frames.received)
-        found: dict[str, Floats] = {}
-        self._read_frames(frames, arrived, found)
-        self._read_heads(read_heads(arrived), count, found)
-        self._read_motion(arrived, count, found)
-        self._read_fixes(arrived, count, found)
-        self._read_systems(arrived, count, found)
-        return np.column_stack([found[name] for name in NAMES])
+        features: dict[str, Floats] = {}
+        self._read_frames(frames, arrived, features)
+        self._read_heads(read_heads(arrived), count, features)
+        self._read_motion(arrived, count, features)
+        self._read_fixes(arrived, count, features)
+        self._read_systems(arrived, count, features)
+        return np.column_stack([features[name] for name in NAMES])
 
-    def _read_frames(self, frames: ObservedFrames, arrived: ObservedFrames, found: dict[str, Floats]) -> None:
+    def _read_frames(self, frames: ObservedFrames, arrived: ObservedFrames, features: dict[str, Floats]) -> None:
         count = len(frames.ports)
-        found["sent_hz"] = np.bincount(frames.places[~frames.received], minlength=count) / self._seconds
-        found["received_hz"] = np.bincount(arrived.places, minlength=count) / self._seconds
+        features["sent_hz"] = np.bincount(frames.places[~frames.received], minlength=count) / self._seconds
+        features["received_hz"] = np.bincount(arrived.places, minlength=count) / self._seconds
         sizes = arrived.payloads.sizes.astype(np.float64)
-        found["received_bytes_hz"] = np.bincount(arrived.places, sizes, minlength=count) / self._seconds
+        features["received_bytes_hz"] = np.bincount(arrived.places, sizes, minlength=count) / self._seconds
         missing = count - len(self._last_ns)
         self._last_ns = np.concatenate([self._last_ns, np.full(missing, -1, dtype=np.int64)])
         order = np.argsort(arrived.places, kind="stable")
@@ -122,46 +122,46 @@ class WindowFeatures:
         first = np.flatnonzero(np.diff(places, prepend=-1))
         before[first] = self._last_ns[places[first]]
         gaps = np.where(before < 0, np.nan, (at_ns - before) / NS_PER_S)
-        found["longest_silence_s"] = largest(places, gaps, count)
+        features["longest_silence_s"] = largest(places, gaps, count)
         np.maximum.at(self._last_ns, places, at_ns)
 
-    def _read_heads(self, heads: MessageHeads, count: int, found: dict[str, Floats]) -> None:
+    def _read_heads(self, heads: MessageHeads, count: int, features: dict[str, Floats]) -> None:
         valid = np.bincount(heads.places, minlength=count) / self._seconds
-        found["invalid_hz"] = found["received_hz"] - valid
+        features["invalid_hz"] = features["received_hz"] - valid
         senders = heads.senders
         known = np.unique(np.column_stack([heads.places, senders]), axis=0)
-        found["senders"] = np.bincount(known[:, 0], minlength=count).astype(np.float64)
+        features["senders"] = np.bincount(known[:, 0], minlength=count).astype(np.float64)
         order = np.argsort(senders, kind="stable")
         same = senders[order][1:] == senders[order][:-1]
         skipped = (np.diff(heads.sequences[order]) - 1) % 256
         ahead = same & (skipped < 128)  # a number from before is late or repeated, not missing
-        found["missing_hz"] = (
+        features["missing_hz"] = (
             np.bincount(heads.places[order][1:][ahead], skipped[ahead], minlength=count) / self._seconds
         )
         keys = (senders << 8 | heads.sequences) << 16 | heads.checksums
         chosen = np.ones(len(keys), dtype=np.bool_)
         chosen[np.unique(keys, return_index=True)[1]] = False
-        found["repeated_hz"] = np.bincount(heads.places[chosen], minlength=count) / self._seconds
+        features["repeated_hz"] = np.bincount(heads.places[chosen], minlength=count) / self._seconds
         for name in _RATED:
             rows = np.isin(heads.messages, _numbers(heads.messages, name))
-            found[f"{name.lower()}_hz"] = np.bincount(heads.places[rows], minlength=count) / self._seconds
+            features[f"{name.lower()}_hz"] = np.bincount(heads.places[rows], minlength=count) / self._seconds
 
-    def _read_motion(self, frames: ObservedFrames, count: int, found: dict[str, Floats]) -> None:
+    def _read_motion(self, frames: ObservedFrames, count: int, features: dict[str, Floats]) -> None:
         steps = self._position.read(frames)
         errors, _ = step_errors(steps.before, steps.after, steps.seconds)
         change = np.linalg.norm(steps.after[:, 4:] - steps.before[:, 4:], axis=1) * 1e-2
         with np.errstate(divide="ignore", invalid="ignore"):
             acceleration = np.where(steps.seconds > 0.0, change / steps.seconds, np.nan)
-        found["position_error_m"] = largest(steps.places, np.hypot(errors[:, 0], errors[:, 1]), count)
-        found["climb_error_m"] = largest(steps.places, np.abs(errors[:, 2]), count)
-        found["acceleration_mps2"] = largest(steps.places, acceleration, count)
-        found["speed_mps"] = mean(steps.places, np.hypot(steps.after[:, 4], steps.after[:, 5]) * 1e-2, count)
-        found["climb_mps"] = mean(steps.places, steps.after[:, 6] * -1e-2, count)
-        found["clock_error_s"] = self._clock_error(steps, count)
+        features["position_error_m"] = largest(steps.places, np.hypot(errors[:, 0], errors[:, 1]), count)
+        features["climb_error_m"] = largest(steps.places, np.abs(errors[:, 2]), count)
+        features["acceleration_mps2"] = largest(steps.places, acceleration, count)
+        features["speed_mps"] = mean(steps.places, np.hypot(steps.after[:, 4], steps.after[:, 5]) * 1e-2, count)
+        features["climb_mps"] = mean(steps.places, steps.after[:, 6] * -1e-2, count)
+        features["clock_error_s"] = self._clock_error(steps, count)
         turns = self._attitude.read(frames)
-        found["lean_rad"] = largest(turns.places, np.abs(turns.after[:, :2]).max(axis=1, initial=0.0), count)
+        features["lean_rad"] = largest(turns.places, np.abs(turns.after[:, :2]).max(axis=1, initial=0.0), count)
         difference = (turns.after - turns.before + np.pi) % (2.0 * np.pi) - np.pi
-        found["turn_rad"] = largest(turns.places, np.abs(difference).max(axis=1, initial=0.0), count)
+        features["turn_rad"] = largest(turns.places, np.abs(difference).max(axis=1, initial=0.0), count)
 
     def _clock_error(self, steps: Steps, count: int) -> Floats:
         """Between messages of this window: by the sender's clock against the time of arrival."""
@@ -169,49 +169,49 @@ class WindowFeatures:
         error = np.abs(np.diff(steps.time_s) - np.diff(steps.at_ns) / NS_PER_S)
         return largest(steps.places[same], error[same], count)
 
-    def _read_fixes(self, frames: ObservedFrames, count: int, found: dict[str, Floats]) -> None:
+    def _read_fixes(self, frames: ObservedFrames, count: int, features: dict[str, Floats]) -> None:
         steps = self._fix.read(frames)
         east, north = offset_m(steps.before[:, 0], steps.before[:, 1], steps.after[:, 0], steps.after[:, 1])
         flown = 0.5 * (steps.before[:, 2] + steps.after[:, 2]) * 1e-2 * steps.seconds
-        found["fix_error_m"] = largest(steps.places, np.abs(np.hypot(east, north) - flown), count)
-        found["fix_type"] = -largest(steps.places, -steps.after[:, 3], count)
-        found["satellites"] = -largest(steps.places, -steps.after[:, 4], count)
-        found["eph"] = largest(steps.places, steps.after[:, 5], count)
+        features["fix_error_m"] = largest(steps.places, np.abs(np.hypot(east, north) - flown), count)
+        features["fix_type"] = -largest(steps.places, -steps.after[:, 3], count)
+        features["satellites"] = -largest(steps.places, -steps.after[:, 4], count)
+        features["eph"] = largest(steps.places, steps.after[:, 5], count)
         fix, fused = self._fix.values, self._position.values
         east, north = offset_m(fix[:, 0], fix[:, 1], fused[:, 0], fused[:, 1])
-        fresh = np.isfinite(found["fix_type"]) & np.isfinite(found["speed_mps"])
-        found["fix_offset_m"] = np.where(fresh, np.hypot(east, north), np.nan)
+        fresh = np.isfinite(features["fix_type"]) & np.isfinite(features["speed_mps"])
+        features["fix_offset_m"] = np.where(fresh, np.hypot(east, north), np.nan)
 
-    def _read_systems(self, frames: ObservedFrames, count: int, found: dict[str, Floats]) -> None:
+    def _read_systems(self, frames: ObservedFrames, count: int, features: dict[str, Floats]) -> None:
         modes = self._mode.read(frames)
         changed = np.isfinite(modes.before[:, 0]) & (modes.before != modes.after).any(axis=1)
-        found["mode_changes"] = np.bincount(modes.places[changed], minlength=count).astype(np.float64)
+        features["mode_changes"] = np.bincount(modes.places[changed], minlength=count).astype(np.float64)
         ratios = self._ratios.read(frames)
         for column, name in enumerate(_RATIOS):
-            found[f"ekf_{name}"] = largest(ratios.places, ratios.after[:, column], count)
+            features[f"ekf_{name}"] = largest(ratios.places, ratios.after[:, column], count)
         status = self._status.read(frames)
         change = np.abs(status.after - status.before)
-        found["battery_change"] = largest(status.places, change[:, 0], count)
-        found["voltage_change_v"] = largest(status.places, change[:, 1] * 1e-3, count)
-        found["current_a"] = mean(status.places, status.after[:, 2] * 1e-2, count)
+        features["battery_change"] = largest(status.places, change[:, 0], count)
+        features["voltage_change_v"] = largest(status.places, change[:, 1] * 1e-3, count)
+        features["current_a"] = mean(status.places, status.after[:, 2] * 1e-2, count)
         throttle = self._throttle.read(frames)
-        found["throttle"] = mean(throttle.places, throttle.after[:, 0], count)
+        features["throttle"] = mean(throttle.places, throttle.after[:, 0], count)
         track = self._track.read(frames)
-        found["cross_track_m"] = largest(track.places, np.abs(track.after[:, 0]), count)
+        features["cross_track_m"] = largest(track.places, np.abs(track.after[:, 0]), count)
         pressures = self._pressure.read(frames)
         altitude = pressure_altitude_m(self._pressure.values[:, 0])
         heights = np.column_stack([altitude, self._position.values[:, 3] * 1e-3])
         moved = heights - grown(self._heights, count, np.nan)
         fresh = np.bincount(pressures.places, minlength=count) > 0
-        found["height_error_m"] = np.where(fresh, np.abs(moved[:, 0] - moved[:, 1]), np.nan)
+        features["height_error_m"] = np.where(fresh, np.abs(moved[:, 0] - moved[:, 1]), np.nan)
         self._heights = heights
 
 
 def largest(places: Ints, values: Floats, count: int) -> Floats:
     """(count,) the largest of the (n,) values at each place; NaN without any."""
-    found = np.full(count, np.nan)
-    np.fmax.at(found, places, values)
-    return found
+    maxima = np.full(count, np.nan)
+    np.fmax.at(maxima, places, values)
+    return maxima
 
 
 def mean(places: Ints, values: Floats, count: int) -> Floats:
@@ -223,5 +223,5 @@ def mean(places: Ints, values: Floats, count: int) -> Floats:
 
 def _numbers(messages: Ints, name: str) -> Ints:
     """Those of the message ids whose names begin with `name`."""
-    found = [number for number in np.unique(messages).tolist() if name_message(number).startswith(name)]
-    return np.array(found, dtype=np.int64)
+    ids = [number for number in np.unique(messages).tolist() if name_message(number).startswith(name)]
+    return np.array(ids, dtype=np.int64)

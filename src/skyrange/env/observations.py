@@ -22,6 +22,7 @@ from skyrange.detect.messages import ObservedMessages, read_messages
 from skyrange.env.parts import STATION_SYSTEM
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 class Feature(NamedTuple):
@@ -59,7 +60,7 @@ _AUTOPILOT: Final = int(mav.MAV_COMP_ID_AUTOPILOT1)
 
 @dataclass(slots=True)
 class TelemetryFeatures:
-    """The monitor: it is served once a step, and then holds the observation of that step."""
+    """The monitor: it is served once a step, and then holds the observation of that step, of one or several runs."""
 
     vehicles: Sequence[str]
     """Aircraft in the order of the rows."""
@@ -67,56 +68,63 @@ class TelemetryFeatures:
     service_ns: Time
     received: bool
     """Whether telemetry arrives at its place, as at a ground station; else it is sent from there."""
+    runs: int = 1
+    """How many runs of a batch it listens in."""
     values: Floats = field(init=False)
-    """(aircraft, features)."""
+    """(runs · aircraft, features)."""
     _heard_ns: dict[str, list[Time]] = field(init=False)
+    _row_of_port: Ints | None = field(default=None, init=False)
+    """By number of the port."""
 
     def __post_init__(self) -> None:
-        self.values = np.zeros((len(self.vehicles), len(FEATURES)))
+        self.values = np.zeros((self.runs * len(self.vehicles), len(FEATURES)))
         for name in ("mode", "mission_item"):
             self.values[:, _COLUMN[name]] = -1.0
-        self._heard_ns = {"heartbeat_age_s": [-NEVER] * len(self.vehicles)}
+        self._heard_ns = {"heartbeat_age_s": [-NEVER] * len(self.values)}
         self._heard_ns["position_age_s"] = list(self._heard_ns["heartbeat_age_s"])
         self._set_ages(0)
 
     def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
         """Compute the observation of the step that ends at `now`; raises no alerts."""
-        seen = frames.take(frames.received == self.received)
-        rows = {link_name("gcs", vehicle): row for row, vehicle in enumerate(self.vehicles)}
-        rows_of_ports = np.array([rows[port.link] for port in frames.ports], dtype=np.int64)
-        aircraft = rows_of_ports[seen.places]
-        self._set("frames", np.bincount(aircraft, minlength=len(self.vehicles)))
-        self._read_heartbeats(seen, aircraft)
-        self._read_positions(seen, aircraft)
-        current = read_messages(seen, "MISSION_CURRENT")
-        for row, found in _last(current, aircraft).items():
-            self.values[row, _COLUMN["mission_item"]] = current.values["seq"][found]
-        acks = read_messages(seen, "COMMAND_ACK")
+        observed = frames.take(frames.received == self.received)
+        if self._row_of_port is None:
+            rows = {link_name("gcs", vehicle): row for row, vehicle in enumerate(self.vehicles)}
+            numbers = [port.run * len(rows) + rows[port.link] for port in frames.ports]
+            self._row_of_port = np.array(numbers, dtype=np.int64)
+        aircraft = self._row_of_port[observed.places]
+        self._set("frames", np.bincount(aircraft, minlength=len(self.values)))
+        self._read_heartbeats(observed, aircraft)
+        self._read_positions(observed, aircraft)
+        current = read_messages(observed, "MISSION_CURRENT")
+        for row, place in _last(current, aircraft).items():
+            self.values[row, _COLUMN["mission_item"]] = current.values["seq"][place]
+        acks = read_messages(observed, "COMMAND_ACK")
         targets = acks.values["target_system"]
         self._count("foreign_acks", acks, aircraft, (targets != STATION_SYSTEM) & (targets != 0))
-        texts = read_messages(seen, "STATUSTEXT")
+        texts = read_messages(observed, "STATUSTEXT")
         self._count("warnings", texts, aircraft, texts.values["severity"] <= mav.MAV_SEVERITY_WARNING)
         self._set_ages(now)
         return ()
 
-    def read(self) -> NDArray[np.float32]:
-        """The observation, (aircraft, features): a copy."""
-        return np.clip(self.values, _LOW, _HIGH).astype(np.float32)
+    def read(self, run: int = 0) -> NDArray[np.float32]:
+        """The observation of a run, (aircraft, features): a copy."""
+        count = len(self.vehicles)
+        return np.clip(self.values[run * count : (run + 1) * count], _LOW, _HIGH).astype(np.float32)
 
-    def _read_heartbeats(self, seen: ObservedFrames, aircraft: NDArray[np.int64]) -> None:
-        found = read_messages(seen, "HEARTBEAT")
-        for row, place in _last(found, aircraft).items():
-            self._heard_ns["heartbeat_age_s"][row] = int(seen.at_ns[found.rows[place]])
-            armed = int(found.values["base_mode"][place]) & mav.MAV_MODE_FLAG_SAFETY_ARMED
+    def _read_heartbeats(self, frames: ObservedFrames, aircraft: NDArray[np.int64]) -> None:
+        heartbeats = read_messages(frames, "HEARTBEAT")
+        for row, place in _last(heartbeats, aircraft).items():
+            self._heard_ns["heartbeat_age_s"][row] = int(frames.at_ns[heartbeats.rows[place]])
+            armed = int(heartbeats.values["base_mode"][place]) & mav.MAV_MODE_FLAG_SAFETY_ARMED
             self.values[row, _COLUMN["armed"]] = bool(armed)
-            self.values[row, _COLUMN["mode"]] = found.values["custom_mode"][place]
+            self.values[row, _COLUMN["mode"]] = heartbeats.values["custom_mode"][place]
 
-    def _read_positions(self, seen: ObservedFrames, aircraft: NDArray[np.int64]) -> None:
-        found = read_messages(seen, "GLOBAL_POSITION_INT")
-        for row, place in _last(found, aircraft).items():
-            self._heard_ns["position_age_s"][row] = int(seen.at_ns[found.rows[place]])
+    def _read_positions(self, frames: ObservedFrames, aircraft: NDArray[np.int64]) -> None:
+        positions = read_messages(frames, "GLOBAL_POSITION_INT")
+        for row, place in _last(positions, aircraft).items():
+            self._heard_ns["position_age_s"][row] = int(frames.at_ns[positions.rows[place]])
             message = {
-                name: int(found.values[name][place]) for name in ("lat", "lon", "relative_alt", "vx", "vy", "vz")
+                name: int(positions.values[name][place]) for name in ("lat", "lon", "relative_alt", "vx", "vy", "vz")
             }
             east_m, north_m = self.origin.enu_of(message["lat"] * 1e-7, message["lon"] * 1e-7)
             start = _COLUMN["east_m"]
@@ -125,8 +133,10 @@ class TelemetryFeatures:
                 message["vy"] / 100, message["vx"] / 100, -message["vz"] / 100,
             )  # fmt: skip
 
-    def _count(self, name: str, found: ObservedMessages, aircraft: NDArray[np.int64], which: NDArray[np.bool_]) -> None:
-        self._set(name, np.bincount(aircraft[found.rows[which]], minlength=len(self.vehicles)))
+    def _count(
+        self, name: str, messages: ObservedMessages, aircraft: NDArray[np.int64], which: NDArray[np.bool_]
+    ) -> None:
+        self._set(name, np.bincount(aircraft[messages.rows[which]], minlength=len(self.values)))
 
     def _set(self, name: str, values: NDArray[np.int64]) -> None:
         self.values[:, _COLUMN[name]] = values
@@ -137,10 +147,10 @@ class TelemetryFeatures:
             self.values[:, _COLUMN[name]] = ages
 
 
-def _last(found: ObservedMessages, aircraft: NDArray[np.int64]) -> dict[int, int]:
+def _last(messages: ObservedMessages, aircraft: NDArray[np.int64]) -> dict[int, int]:
     """By row of an observation, the place of its autopilot's last message."""
-    own = np.flatnonzero(found.components == _AUTOPILOT)
-    return dict(zip(aircraft[found.rows[own]].tolist(), own.tolist(), strict=True))
+    from_autopilot = np.flatnonzero(messages.components == _AUTOPILOT)
+    return dict(zip(aircraft[messages.rows[from_autopilot]].tolist(), from_autopilot.tolist(), strict=True))
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,15 +53,15 @@ class Rewards:
     """How long after the beginning of a hostile step a reaction to it is not false, in seconds."""
 
     def __post_init__(self) -> None:
-        found = [
-            Problem(f"rewards.{one.name}", repr(value), "a finite number, at least 0")
-            for one in fields(self)
-            if isinstance(value := getattr(self, one.name), bool)
+        problems = [
+            Problem(f"rewards.{setting.name}", repr(value), "a finite number, at least 0")
+            for setting in fields(self)
+            if isinstance(value := getattr(self, setting.name), bool)
             or not isinstance(value, (int, float))
             or not (math.isfinite(value) and value >= 0)
         ]
-        if found:
-            raise InputError("rewards", found)
+        if problems:
+            raise InputError("rewards", problems)
 
 
 @dataclass(slots=True)

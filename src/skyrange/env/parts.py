@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyrange.attack.bases.mavlink.orders import STATION, mode_order
 from skyrange.attack.gnss.drift import Drift
@@ -134,6 +135,7 @@ def make_blue_team(
 
 SYSTEM: Final = (254, 190)
 """MAVLink system and component id in whose name the adversary commands."""
+Floats = NDArray[np.float64]
 _FIX_2D: Final = 2  # MAVLink GPS_FIX_TYPE: the lowest one with a position
 _NS: Final = 1e-9
 
@@ -182,32 +184,42 @@ class _AdversaryTaps:
 
 @dataclass(slots=True)
 class ChosenDrift:
-    """A fault of all GNSS receivers: the fixes of the chosen aircraft leave the truth at a constant rate."""
+    """A fault of all GNSS receivers: the fixes of the chosen aircraft leave the truth at a constant rate.
+
+    A fix that has been shifted stays so until the next one.
+    """
 
     name: str
     vehicles: Sequence[str]
     drift: Drift
     choice: RedChoice
     slow: bool = True
+    per_fix: bool = True
     labelled_ns: Time = NEVER
     """Start of the drift that was labelled last."""
+    _shifted: dict[int, tuple[Time, Floats, Floats]] = field(default_factory=dict, init=False)
+    """By row: when the last shifted fix was measured, and by how much its position and velocity are off."""
 
     def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct]:
         """Shift the fixes that were measured since the choice; an act when that begins."""
         choice = self.choice
-        if choice.act is not RedAct.GNSS:
-            return ()
-        row = self.vehicles.index(choice.vehicle)
-        age_ns = int(sensors.gnss_time_ns[row]) - choice.since_ns
-        if age_ns < 0 or sensors.gnss_fix[row] < _FIX_2D:
-            return ()
-        offsets, velocities, _ = self.drift.shift(np.array([age_ns * _NS]))
-        sensors.gnss_enu_m[row] += offsets[0]
-        sensors.gnss_vel_enu_mps[row] += velocities[0]
-        if self.labelled_ns == choice.since_ns:
-            return ()
-        self.labelled_ns = choice.since_ns
-        return [SensorAct(choice.vehicle, "gnss")]
+        acts: Sequence[SensorAct] = ()
+        if choice.act is RedAct.GNSS:
+            row = self.vehicles.index(choice.vehicle)
+            measured = int(sensors.gnss_time_ns[row])
+            age_ns = measured - choice.since_ns
+            if age_ns >= 0 and sensors.gnss_fix[row] >= _FIX_2D:
+                if row not in self._shifted or self._shifted[row][0] != measured:
+                    offsets, velocities, _ = self.drift.shift(np.array([age_ns * _NS]))
+                    self._shifted[row] = measured, offsets[0], velocities[0]
+                if self.labelled_ns != choice.since_ns:
+                    self.labelled_ns = choice.since_ns
+                    acts = [SensorAct(choice.vehicle, "gnss")]
+        for row, (measured, offset, velocity) in self._shifted.items():
+            if sensors.gnss_time_ns[row] == measured:
+                sensors.gnss_enu_m[row] += offset
+                sensors.gnss_vel_enu_mps[row] += velocity
+        return acts
 
 
 def make_red_team(
@@ -225,8 +237,8 @@ def make_red_team(
     """
     vehicles = sorted(systems)
     make = _AdversaryTaps(systems, mode, choice, clock).make
-    links = [link_name("gcs", one) for one in vehicles]
-    taps = [TapPlacement(one, STATION_SIDE if one in over_air else side_of(one), make, RED) for one in links]
+    links = [link_name("gcs", vehicle) for vehicle in vehicles]
+    taps = [TapPlacement(link, STATION_SIDE if link in over_air else side_of(link), make, RED) for link in links]
     fault = ChosenDrift(f"{RED}.gnss", vehicles, drift, choice)
     plan = Act(RED, agents=[Announcer(RED, choice, clock)], sensor_hooks=[fault], one_process=True, noted=False)
     return plan, taps

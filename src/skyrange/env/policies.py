@@ -78,14 +78,14 @@ class ScriptedRed:
     def __call__(self, observation: NDArray[np.float32]) -> int:
         """The action."""
         if self._victim < 0:
-            found = [
+            candidates = [
                 row
-                for row, seen in enumerate(describe(observation))
-                if seen["armed"] and seen["up_m"] > 5.0 and seen["mode"] == COPTER_MODE_NUMBERS["AUTO"]
+                for row, aircraft in enumerate(describe(observation))
+                if aircraft["armed"] and aircraft["up_m"] > 5.0 and aircraft["mode"] == COPTER_MODE_NUMBERS["AUTO"]
             ]
-            if not found:
+            if not candidates:
                 return 0
-            self._victim, self._step = min(found, key=lambda row: (self._times.get(row, 0), row)), 0
+            self._victim, self._step = min(candidates, key=lambda row: (self._times.get(row, 0), row)), 0
             self._times[self._victim] = self._times.get(self._victim, 0) + 1
         self._step += 1
         act = RedAct.MODE if self._step == 1 else RedAct.LINK
@@ -111,13 +111,15 @@ class ScriptedBlue:
     def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.int64]:
         """The action."""
         acts = np.zeros(len(observation), dtype=np.int64)
-        for row, seen in enumerate(describe(observation)):
+        for row, aircraft in enumerate(describe(observation)):
             self._blocked[row] = max(self._blocked.get(row, 0) - 1, 0)
             self._waits[row] = max(self._waits.get(row, 0) - 1, 0)
-            if seen["heartbeat_age_s"] > _SILENT_S:
+            if aircraft["heartbeat_age_s"] > _SILENT_S:
                 continue
-            strayed = seen["armed"] and seen["up_m"] > 1.0 and seen["mode"] not in _HELD and seen["mode"] >= 0
-            if seen["foreign_acks"] and not self._blocked[row]:
+            strayed = (
+                aircraft["armed"] and aircraft["up_m"] > 1.0 and aircraft["mode"] not in _HELD and aircraft["mode"] >= 0
+            )
+            if aircraft["foreign_acks"] and not self._blocked[row]:
                 acts[row], self._blocked[row] = BlueAct.BLOCK, 9
             elif strayed and not self._waits[row]:
                 acts[row], self._waits[row] = BlueAct.RESUME, 2

@@ -84,8 +84,8 @@ def print_cells(column: pa.Array) -> pa.Array:
     kind = column.type
     if pa.types.is_floating(kind):
         text = column.cast(pa.string())
-        whole = pc.match_substring_regex(text, "^-?[0-9]+$")
-        text = pc.if_else(whole, pc.binary_join_element_wise(text, ".0", ""), text)
+        integral = pc.match_substring_regex(text, "^-?[0-9]+$")
+        text = pc.if_else(integral, pc.binary_join_element_wise(text, ".0", ""), text)
         return pc.replace_substring(text, "nan", "NaN")
     if pa.types.is_integer(kind) or pa.types.is_boolean(kind):
         return column.cast(pa.string())
@@ -110,6 +110,6 @@ def _describe_columns(columns: Iterable[tuple[str, pa.Field]]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("table", "column", "type", "unit", "meaning"))
     for table, field in columns:
-        told = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
-        writer.writerow((table, field.name, str(field.type), told.get("unit", ""), told.get("meaning", "")))
+        metadata = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
+        writer.writerow((table, field.name, str(field.type), metadata.get("unit", ""), metadata.get("meaning", "")))
     return text.getvalue()

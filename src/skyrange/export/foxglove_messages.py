@@ -82,7 +82,7 @@ def building_messages(city: Sequence[Mapping[str, Any]], start_ns: int, who: str
             f'"triangles":[{{"pose":{_FORWARD},"points":[{drawn}],"indices":{indices},'
             f'"color":{color_json(_BUILDING_COLOUR)}}}]'
         )
-        entity = _entity(f"buildings {place + 1}", ROOT_FRAME, start_ns, triangles, locked=False)
+        entity = entity_json(f"buildings {place + 1}", ROOT_FRAME, start_ns, triangles, locked=False)
         yield TimedMessage(0, topic, SCENE_UPDATE, f'{{"entities":[{entity}]}}')
 
 
@@ -110,14 +110,15 @@ def aircraft_message(
             f'"texts":[{{"pose":{_ABOVE},"billboard":true,"font_size":14,"scale_invariant":true,"color":{color},'
             f'"text":{text}}}]'
         )
-        entities.append(_entity(name, name, start_ns + time_ns, shapes, locked=True))
+        entities.append(entity_json(name, name, start_ns + time_ns, shapes, locked=True))
     return TimedMessage(time_ns, AIRCRAFT_TOPIC, SCENE_UPDATE, f'{{"entities":[{",".join(entities)}]}}')
 
 
-def _entity(identity: str, frame: str, unix_ns: int, shapes: str, *, locked: bool) -> str:
+def entity_json(identity: str, frame: str, unix_ns: int, shapes: str, *, locked: bool, lifetime: str = _FOREVER) -> str:
+    """An entity of a scene: `shapes` are fields of it as JSON, and `lifetime` is a duration."""
     return (
         f'{{"timestamp":{time_json(unix_ns)},"frame_id":{json.dumps(frame, ensure_ascii=False)},'
-        f'"id":{json.dumps(identity, ensure_ascii=False)},"lifetime":{_FOREVER},'
+        f'"id":{json.dumps(identity, ensure_ascii=False)},"lifetime":{lifetime},'
         f'"frame_locked":{"true" if locked else "false"},"metadata":[],{shapes}}}'
     )
 
@@ -146,19 +147,19 @@ def pose_messages(
 
 def whole_ticks(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.Table]:
     """Batches with a column `time_ns` in ascending order as tables of which none ends amid rows of one time."""
-    held: pa.Table | None = None
+    pending: pa.Table | None = None
     for batch in batches:
         if not batch.num_rows:
             continue
         rows = pa.Table.from_batches([batch])
-        rows = rows if held is None else pa.concat_tables([held, rows])
+        rows = rows if pending is None else pa.concat_tables([pending, rows])
         times = rows.column("time_ns").to_numpy()
         cut = int(np.searchsorted(times, times[-1]))
         if cut:
             yield rows.slice(0, cut)
-        held = rows.slice(cut)
-    if held is not None:
-        yield held
+        pending = rows.slice(cut)
+    if pending is not None:
+        yield pending
 
 
 class _TickWriter:
@@ -226,8 +227,8 @@ def _rotations(table: pa.Table) -> NDArray[np.float64]:
     quaternions = _floats(table, _ATTITUDE)
     length = np.linalg.norm(quaternions, axis=1)
     usable = np.isfinite(length) & (length > 0.5)
-    found: NDArray[np.float64] = np.where(usable[:, np.newaxis], quaternions, identity)
-    return found
+    rotations: NDArray[np.float64] = np.where(usable[:, np.newaxis], quaternions, identity)
+    return rotations
 
 
 INFO: Final = 2
@@ -277,11 +278,11 @@ def log_messages(record: RunRecord, table: str, start_ns: int) -> Iterator[Timed
     for sorted_rows in sort_by_time(rows, key, ()):
         for row in sorted_rows.to_pylist():
             level, name, text = describe(row)
-            said = (
+            message = (
                 f'{{"timestamp":{time_json(start_ns + row[key])},"level":{level},'
                 f'"message":{json.dumps(text, ensure_ascii=False)},"name":{json.dumps(name, ensure_ascii=False)}}}'
             )
-            yield TimedMessage(row[key], TOPICS[table], LOG, said)
+            yield TimedMessage(row[key], TOPICS[table], LOG, message)
 
 
 def _describe_note(row: Mapping[str, Any]) -> _Said:
@@ -295,7 +296,7 @@ def _describe_label(row: Mapping[str, Any]) -> _Said:
     if row["until_ns"] is not None:
         words.append(f"until {row['until_ns'] / 1e9:.6f} s")
     marks = ("harmless_intrusion", "benign", "fault")
-    mark = next((mark for mark in marks if row.get(mark)), "")  # older records have no such columns
+    mark = next((mark for mark in marks if row[mark]), "")
     words += [f"({mark.replace('_', ' ')})"] if mark else []
     return INFO if mark else WARNING, row["actor"], " ".join(words)
 

@@ -88,8 +88,8 @@ def _count_rows(record: RunRecord) -> dict[str, int]:
     """Rows of truth by aircraft, grouped by operator: those of the manifest in its order, then others."""
     counts: Counter[str] = Counter()
     for batch in record.batches("truth", ["vehicle"]):
-        told = batch.column("vehicle").value_counts().to_pylist()
-        counts.update({str(pair["values"]): int(pair["counts"]) for pair in told})
+        pairs = batch.column("vehicle").value_counts().to_pylist()
+        counts.update({str(pair["values"]): int(pair["counts"]) for pair in pairs})
     known = [vehicle.id for vehicle in vehicles(record)]
     listed = dict.fromkeys([*(vehicle for vehicle in known if vehicle in counts), *counts])
     order = {name: place for place, name in enumerate(dict.fromkeys([*operators(record), *map(operator_of, listed)]))}
@@ -136,7 +136,7 @@ def _style(vehicle: str, colour: str) -> str:
 
 def _style_id(vehicle: str) -> str:
     """A name without characters that XML's type ID refuses: `blue/b1` is `track-blue.2Fb1`."""
-    return "track-" + re.sub(r"[^A-Za-z0-9_-]", lambda found: f".{ord(found[0]):X}", vehicle)
+    return "track-" + re.sub(r"[^A-Za-z0-9_-]", lambda match: f".{ord(match[0]):X}", vehicle)
 
 
 def _placemark(vehicle: str, outcome: str, track: _Track, origin: Origin, start_ns: int) -> Iterator[str]:
@@ -165,5 +165,5 @@ def _utc(unix_ns: NDArray[np.int64]) -> Sequence[str]:
 
 def _outcome(outcome: Mapping[str, Any]) -> str:
     """State and reason of a mission as plain text."""
-    told: Iterable[object] = (outcome.get("state"), outcome.get("reason"))
-    return ": ".join(str(part) for part in told if part)
+    parts: Iterable[object] = (outcome.get("state"), outcome.get("reason"))
+    return ": ".join(str(part) for part in parts if part)

@@ -1,7 +1,7 @@
 """Export of a run as an MCAP file, which Foxglove and Lichtblick open.
 
-Messages are JSON with Foxglove's schemas, in zstd chunks, in order of time. Times are the scenario's `start_utc` plus
-simulated time. Memory is bounded but for the buildings. Format: https://mcap.dev/spec.
+Messages are JSON with Foxglove's schemas and our own, in zstd chunks, in order of time. Times are the scenario's
+`start_utc` plus simulated time. Memory is bounded but for the buildings and the beliefs. Format: https://mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, read_input
 from skyrange.export import Export, require_origin
 from skyrange.export.foxglove_messages import TOPICS, TimedMessage, building_messages, log_messages, pose_messages
 from skyrange.export.foxglove_schemas import SCHEMAS
+from skyrange.export.knowledge_messages import act_messages, belief_messages, claim_messages, reception_messages
 from skyrange.figures.subject import fleet_colours
 from skyrange.metrics.time_series import start_utc_ns
 from skyrange.record.manifest import MANIFEST
@@ -34,7 +35,8 @@ _ATTACHED: Final = {MANIFEST: "application/json", "scenario.toml": "application/
 
 def write_mcap(record: RunRecord, path: Path | None = None) -> Export:
     """Write the poses of all aircraft, buildings and aircraft as a scene, events, decisions, labels and alerts as logs,
-    and a position for each aircraft, to `path` (default: `run.mcap` in the run's folder).
+    a position for each aircraft, where its autopilot believed and its ground station heard it to be, and the claims and
+    receptions of Remote ID and the acts of attacks and faults, to `path` (default: `run.mcap` in the run's folder).
 
     `items` and `by` of the result count messages, in all and by topic. The manifest and the scenario are attached.
     Raises `InputError` if the package mcap is not installed, if the run has no truth because of its level, and if its
@@ -65,9 +67,14 @@ def write_mcap(record: RunRecord, path: Path | None = None) -> Export:
 
 
 def _messages(record: RunRecord, start_ns: int) -> Iterator[TimedMessage]:
+    origin, colours = require_origin(record), fleet_colours(record)
     streams = [
         building_messages(record.city, start_ns, str(record.path)),
-        pose_messages(record, require_origin(record), start_ns, fleet_colours(record)),
+        pose_messages(record, origin, start_ns, colours),
+        belief_messages(record, origin, start_ns, colours),
+        claim_messages(record, start_ns, colours),
+        reception_messages(record, start_ns),
+        act_messages(record, start_ns),
         *(log_messages(record, table, start_ns) for table in TOPICS),
     ]
     return heapq.merge(*streams, key=lambda message: message.time_ns)
@@ -83,22 +90,22 @@ class _Channels:
 
     def number(self, message: TimedMessage) -> int:
         """The number of the channel of a message."""
-        found = self._numbers.get(message.topic)
-        if found is None:
+        number = self._numbers.get(message.topic)
+        if number is None:
             if message.schema not in self._schemas:
                 text = json.dumps(SCHEMAS[message.schema]).encode()
                 self._schemas[message.schema] = self._writer.register_schema(message.schema, "jsonschema", text)
-            found = self._writer.register_channel(message.topic, "json", self._schemas[message.schema])
-            self._numbers[message.topic] = found
-        return found
+            number = self._writer.register_channel(message.topic, "json", self._schemas[message.schema])
+            self._numbers[message.topic] = number
+        return number
 
 
 def _describe_run(record: RunRecord) -> dict[str, str]:
     digests = record.manifest.get("digests") or {}
-    told = {name: record.manifest.get(name) for name in ("name", "seed", "start_utc", "skyrange")}
-    told |= {"status": record.status, "fingerprint": digests.get("fingerprint")}
+    facts = {name: record.manifest.get(name) for name in ("name", "seed", "start_utc", "skyrange")}
+    facts |= {"status": record.status, "fingerprint": digests.get("fingerprint")}
     # JSON may hold half of a surrogate pair, which UTF-8 does not
-    return {name: str(value).encode(errors="replace").decode() for name, value in told.items() if value is not None}
+    return {name: str(value).encode(errors="replace").decode() for name, value in facts.items() if value is not None}
 
 
 def _load_mcap_writer() -> Any:

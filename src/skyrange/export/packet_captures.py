@@ -91,7 +91,7 @@ def received_broadcasts(record: RunRecord, receivers: Sequence[str] = ()) -> Ite
     unknown receiver and for a run without a radio medium.
     """
     wanted = select_receivers(record, receivers)
-    return sort_in_window(_recorded(record, wanted), lambda one: one.frame.header.time_ns)
+    return sort_in_window(_recorded(record, wanted), lambda broadcast: broadcast.frame.header.time_ns)
 
 
 def _recorded(record: RunRecord, wanted: Sequence[str]) -> Iterator[ReceivedBroadcast]:
@@ -158,9 +158,12 @@ def remote_id(record: RunRecord, path: Path | None = None, receivers: Sequence[s
     interfaces = [(f"{name} {kind}", link_type) for name in names for kind, link_type in capture.INTERFACES]
 
     def packets() -> Iterator[tuple[str, bytes]]:
-        for one in received_broadcasts(record, names):
-            comment = f"received by {one.receiver}"
-            yield one.receiver, capture.reception_block(one.frame, start, comment, first[one.receiver])
+        for broadcast in received_broadcasts(record, names):
+            comment = f"received by {broadcast.receiver}"
+            yield (
+                broadcast.receiver,
+                capture.reception_block(broadcast.frame, start, comment, first[broadcast.receiver]),
+            )
 
     return _write(path or record.path / REMOTE_ID, capture.file_header(interfaces), packets(), names)
 
@@ -185,7 +188,7 @@ def mavlink(record: RunRecord, path: Path | None = None) -> Capture:
     called |= {socket.address: link.removeprefix("gcs:") for link, socket in aircraft.items()}
 
     def packets() -> Iterator[tuple[str, bytes]]:
-        for frame in sort_in_window(_delivered(record), lambda one: one.at_ns):
+        for frame in sort_in_window(_delivered(record), lambda delivered: delivered.at_ns):
             station, vehicle = ends[frame.link], aircraft[frame.link]
             path = (station, vehicle) if frame.direction == "fwd" else (vehicle, station)
             comment = frame.link if frame.sender == frame.src else f"{frame.link}, sent by {frame.sender}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 from xml.etree.ElementTree import Element
 
@@ -20,8 +21,11 @@ _LINE: Final = 22
 """Characters of a line in a box."""
 
 
-def draw_causal_path(path: CausalPath) -> Figure:
-    """Draw it. A lane has the steps of one layer; a step stands right of those that led to it."""
+def draw_causal_path(path: CausalPath, link: Callable[[Step], str] | None = None) -> Figure:
+    """Draw it. A lane has the steps of one layer; a step stands right of those that led to it.
+
+    With `link`, the box of a step leads to an address.
+    """
     order = sorted(range(len(path.steps)), key=lambda number: (path.steps[number].at_s, number))
     left = _positions(path, order)
     lanes = [layer for layer in LAYERS if any(step.layer == layer for step in path.steps)]
@@ -34,9 +38,13 @@ def draw_causal_path(path: CausalPath) -> Figure:
         body.append(label(4, y + LANE_H / 2, layer, "start", 12, BOLD))
     where = {number: (left[number], TOP + lanes.index(path.steps[number].layer) * LANE_H + 11) for number in order}
     body += [_arrow(where[start], where[end], how) for start, end, how in path.edges]
-    body += [_box(*where[number], path.steps[number]) for number in order]
-    said = "; ".join(f"{step.at_s:.2f} s {step.owner}: {step.what}" for step in (path.steps[k] for k in order))
-    return document(width, height, "Causal path from the first act to the effects", body, said)
+    for number in order:
+        step = path.steps[number]
+        box = _box(*where[number], step)
+        body.append(box if link is None else element("a", {"href": link(step)}, box))
+    description = "; ".join(f"{step.at_s:.2f} s {step.owner}: {step.what}" for step in (path.steps[k] for k in order))
+    title = "Causal path from the first act to the effects"
+    return document(width, height, title, body, description, role="img" if link is None else "group")
 
 
 def _positions(path: CausalPath, order: list[int]) -> dict[int, float]:

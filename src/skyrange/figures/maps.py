@@ -143,19 +143,21 @@ def draw_places(base: BaseMap, places: Mapping[str, Place]) -> list[Element]:
 
 def _ring(base: BaseMap, places: Mapping[str, Place]) -> list[Element]:
     x, y = base.pixels(np.array(list(places.values())[:1]))[0].tolist()
-    said = "; ".join(f"{name}: {e:.0f} m east, {n:.0f} m north, {up:.0f} m up" for name, (e, n, up) in places.items())
+    description = "; ".join(
+        f"{name}: {e:.0f} m east, {n:.0f} m north, {up:.0f} m up" for name, (e, n, up) in places.items()
+    )
     names = " · ".join(name for name in places if not name.rpartition(" ")[2].isdigit())
     ring = {"cx": x, "cy": y, "r": 7, "fill": HOSTILE, "fill-opacity": ".16", "stroke": HOSTILE, "stroke-width": 2}
     dot = {"cx": x, "cy": y, "r": 2, "fill": HOSTILE}
-    parts = svg.element("circle", ring), svg.element("circle", dot), svg.title(said)
+    parts = svg.element("circle", ring), svg.element("circle", dot), svg.title(description)
     return [svg.element("g", {"class": "hostile"}, *parts), svg.label(x + 11, y + 4, names, "start", 11, svg.BOLD)]
 
 
-def draw_claim(base: BaseMap, enu_m: NDArray[np.float64], said: str) -> Element:
+def draw_claim(base: BaseMap, enu_m: NDArray[np.float64], title: str) -> Element:
     """Draw a dotted line through (n, 3) positions that are claimed or believed, and not true."""
     line = {"d": svg.path_data(base.pixels(enu_m)), "fill": "none", "stroke": HOSTILE, "stroke-width": "1.4"}
     dotted = svg.element("path", {**line, "stroke-dasharray": "1.5 4", "stroke-linecap": "round"})
-    return svg.element("g", {"class": "hostile"}, dotted, svg.title(said))
+    return svg.element("g", {"class": "hostile"}, dotted, svg.title(title))
 
 
 STEPS_DB: Final = (70.0, 80.0, 90.0, 100.0, 110.0, 120.0)
@@ -196,15 +198,15 @@ def _draw_squares(
     shown, step = losses[::every, ::every], side * every
     classes = np.where(np.isfinite(shown), np.searchsorted(STEPS_DB, shown), -1)
     paths: list[list[str]] = [[] for _ in _COLOURS]
-    for row, own in enumerate(classes):
-        edges = np.flatnonzero(np.diff(own, prepend=-2, append=-2))
+    for row, row_classes in enumerate(classes):
+        edges = np.flatnonzero(np.diff(row_classes, prepend=-2, append=-2))
         for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-            if own[first] < 0:
+            if row_classes[first] < 0:
                 continue
             low, high = south + row * step, south + (row + 1) * step
             left, right = west + first * step, west + last * step
             box = np.array([(left, low), (right, low), (right, high), (left, high)])
-            paths[own[first]].append(svg.path_data(base.pixels(box), close=True))
+            paths[row_classes[first]].append(svg.path_data(base.pixels(box), close=True))
     return [
         svg.element("path", {"d": "".join(parts), "fill": colour, "fill-opacity": ".85"})
         for parts, colour in zip(paths, _COLOURS, strict=True)
@@ -250,8 +252,8 @@ def draw_reception_map(subject: Subject, heard: ReceptionColumns, places: Mappin
         colour = _STRENGTH_COLOURS[int(np.searchsorted(_STEPS_DBM, heard.rssi_dbm[row]))]
         fill = {"fill": colour} if heard.decoded[row] else {"fill": "none", "stroke": colour}
         who = f"{heard.receiver[row]} hears {heard.sender[row]}"
-        said = f"{who} at {heard.rssi_dbm[row]:.0f} dBm, {heard.time_ns[row] * 1e-9:.1f} s"
-        body.append(svg.element("circle", {"cx": x, "cy": y, "r": 3.4, **fill}, svg.title(said)))
+        hover_title = f"{who} at {heard.rssi_dbm[row]:.0f} dBm, {heard.time_ns[row] * 1e-9:.1f} s"
+        body.append(svg.element("circle", {"cx": x, "cy": y, "r": 3.4, **fill}, svg.title(hover_title)))
     body += [*draw_places(base, places), *base.draw_legend(), *_draw_strength_key()]
     title = f"Where the attackers were heard in {subject.name}"
     return svg.document(base.width, base.height, title, body)

@@ -66,11 +66,11 @@ class ThemeColour(NamedTuple):
 
 def base_colours(wanted: dict[str, str]) -> dict[str, str]:
     """`#rrggbb` per operator: the colour it asks for (hex or a common name), else the next unused of the palette."""
-    asked = {operator: _parsed(text) for operator, text in wanted.items()}
-    taken = {colour for colour in asked.values() if colour}
-    free = [colour for colour in OKABE_ITO if colour not in taken] or list(OKABE_ITO)
+    chosen_colours = {operator: _parsed(text) for operator, text in wanted.items()}
+    used_colours = {colour for colour in chosen_colours.values() if colour}
+    free = [colour for colour in OKABE_ITO if colour not in used_colours] or list(OKABE_ITO)
     result = {}
-    for operator, colour in asked.items():
+    for operator, colour in chosen_colours.items():
         if colour is None:
             colour = free[0]
             free = [*free[1:], free[0]]
@@ -112,7 +112,7 @@ def _spread(colour: str, offsets: list[float], paper: str) -> list[str]:
     away = -0.02 if paper == PAPER["light"] else 0.02
     for step in range(30):
         made = [_lighter(colour, offset + step * away) for offset in offsets]
-        if min(contrast(each, paper) for each in made) >= 3.0:
+        if min(contrast(made_colour, paper) for made_colour in made) >= 3.0:
             break
     return made
 

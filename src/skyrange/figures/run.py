@@ -22,6 +22,8 @@ from skyrange.metrics.time_series import Record, Track, Vehicle, belief_tracks, 
 
 MAX_BUILDINGS = 300
 """Buildings drawn in one box: those nearest to its centre."""
+MAX_SHADOWS = 100
+"""Aircraft of one box whose paths throw shadows on its floor."""
 
 _AZIMUTH = math.radians(-60.0)
 _ELEVATION = math.radians(26.0)
@@ -29,17 +31,17 @@ _ELEVATION = math.radians(26.0)
 
 def draw_box(
     subject: Subject,
-    own: Sequence[Vehicle],
+    vehicles: Sequence[Vehicle],
     tracks: Mapping[str, Track],
     width: float,
     height: float,
     marks: Sequence[Mishap] = (),
 ) -> list[Element]:
-    """Draw the paths of the vehicles `own`, and axes in metres, in a panel of `width` × `height` pixels.
+    """Draw the paths of `vehicles`, and axes in metres, in a panel of `width` × `height` pixels.
 
     If the paths are flat, the vertical axis is stretched and the panel states the factor.
     """
-    paths = [tracks[vehicle.id].enu_m for vehicle in own]
+    paths = [tracks[vehicle.id].enu_m for vehicle in vehicles]
     if not any(len(path) for path in paths):
         return [svg.label(width / 2, height / 2, "nothing was received", extra={"opacity": ".6"})]
     everything = np.concatenate([path for path in paths if len(path)])
@@ -54,12 +56,13 @@ def draw_box(
     parts = _frame(low, high, project)
     parts.extend(_buildings(subject.city, low, high, project))
     budget = max(60, svg.MAX_POINTS // max(len(subject.fleet), 1))
-    for vehicle in own:
+    for vehicle in vehicles:
         track = tracks[vehicle.id]
         rows = select_samples(track.time_ns, track.enu_m, budget, 0.002 * half)
-        shadow = track.enu_m[rows].copy()
-        shadow[:, 2] = low[2]
-        parts += subject.draw_line(vehicle, project(shadow), "0.22", "1.2")
+        if len(vehicles) <= MAX_SHADOWS:
+            shadow = track.enu_m[rows].copy()
+            shadow[:, 2] = low[2]
+            parts += subject.draw_line(vehicle, project(shadow), "0.22", "1.2")
         parts += subject.draw_line(vehicle, project(track.enu_m[rows]))
     parts += [draw_mark(mark, *project(np.array([mark.enu_m]))[0].tolist()) for mark in drawing_order(marks)]
     if rise > 1.05:
@@ -211,8 +214,8 @@ def draw_boxes(
     width, height = 460.0, 390.0
     body = []
     for place, operator in enumerate(chosen):
-        own = [vehicle for vehicle in subject.fleet if vehicle.operator == operator]
-        parts = draw_box(subject, own, tracks, width, height)
+        vehicles = [vehicle for vehicle in subject.fleet if vehicle.operator == operator]
+        parts = draw_box(subject, vehicles, tracks, width, height)
         if titled:
             heading = f"{operator} — as its ground station saw it" if source == "belief" else f"{operator} — truth"
             parts.insert(0, svg.label(width / 2, 20, heading, size=14, extra=svg.BOLD))

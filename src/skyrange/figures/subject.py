@@ -71,6 +71,6 @@ def fleet_colours(record: Record) -> dict[str, ThemeColour]:
         fleet.setdefault(vehicle.operator, []).append(vehicle.id)
     colours: dict[str, ThemeColour] = {}
     for operator, colour in base_colours(operators(record)).items():
-        own = fleet.get(operator, [])
-        colours.update(zip(own, shades(colour, len(own)), strict=True))
+        operator_vehicles = fleet.get(operator, [])
+        colours.update(zip(operator_vehicles, shades(colour, len(operator_vehicles)), strict=True))
     return colours

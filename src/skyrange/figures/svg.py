@@ -128,8 +128,13 @@ def label(
     return element("text", {**place, **(extra or {})}, text=text)
 
 
-def document(width: float, height: float, heading: str, body: Iterable[Element], description: str = "") -> Figure:
-    """A figure of `width` × `height` pixels with a title for screen readers; text and axes take the page's colour."""
+def document(
+    width: float, height: float, heading: str, body: Iterable[Element], description: str = "", *, role: str = "img"
+) -> Figure:
+    """A figure of `width` × `height` pixels with a title for screen readers; text and axes take the page's colour.
+
+    The role is `group` where something in it leads elsewhere.
+    """
     root = element(
         "svg",
         {
@@ -138,7 +143,7 @@ def document(width: float, height: float, heading: str, body: Iterable[Element],
             "viewBox": f"0 0 {format_number(width)} {format_number(height)}",
             "width": width,
             "height": height,
-            "role": "img",
+            "role": role,
             "aria-label": heading,
             "font-family": FONT,
             "preserveAspectRatio": "xMidYMid meet",
@@ -166,6 +171,6 @@ def load_converter() -> Any:
     try:
         return import_module("cairosvg")
     except (ImportError, OSError) as error:  # OSError: the system has no library cairo
-        found = str(error).splitlines()[0]
+        reason = str(error).splitlines()[0]
         hint = "Install it with: pip install 'skyrange[study]', and cairo by the system's packages (libcairo2)."
-        raise InputError.one("study", "pdf", found, "the packages CairoSVG and cairo", hint) from error
+        raise InputError.one("study", "pdf", reason, "the packages CairoSVG and cairo", hint) from error

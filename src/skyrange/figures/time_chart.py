@@ -22,7 +22,7 @@ _NOTHING: tuple[Ints, Floats] = (np.zeros(0, dtype=np.int64), np.zeros(0))
 def draw_chart(
     subject: Subject,
     lines: Mapping[str, tuple[Ints, Floats]],
-    said: str,
+    caption: str,
     title: str,
     *,
     size_px: tuple[float, float],
@@ -31,7 +31,7 @@ def draw_chart(
 ) -> Figure:
     """Draw a line per aircraft of `subject`.
 
-    `lines` are (n,) times in ns and (n,) values by vehicle id; `said` is the text above the axis. `twins` are drawn
+    `lines` are (n,) times in ns and (n,) values by vehicle id; `caption` is the text above the axis. `twins` are drawn
     dashed behind the lines. `spans` are shaded: from and until, in seconds, and a name. `size_px` is width and height.
     """
     twins = twins or {}
@@ -44,7 +44,7 @@ def draw_chart(
     low = 0.0 if low > -0.05 * top else low
     left, right, above, below = 44.0, 12.0, 22.0, 38.0
     x_scale, y_scale = (width - left - right) / (last - first), (height - above - below) / (top - low)
-    body = [svg.label(left, above - 9, said, "start", extra={"opacity": ".7"})]
+    body = [svg.label(left, above - 9, caption, "start", extra={"opacity": ".7"})]
     for begin, end, name in spans:
         x = left + (min(max(begin, first), last) - first) * x_scale
         wide = max((min(end, last) - max(begin, first)) * x_scale, 1.0)

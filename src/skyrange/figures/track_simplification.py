@@ -65,7 +65,7 @@ def _kept(times: Floats, points: Floats, budget: int, tolerance: float) -> Ints:
 def _worst(times: Floats, points: Floats, first: int, last: int) -> tuple[float, int, int, int]:
     """The sample between two kept ones that is farthest from the line in time: (-distance, first, row, last)."""
     span = times[last] - times[first]
-    found, most = first + 1, -1.0
+    worst, most = first + 1, -1.0
     for row in range(first + 1, last):
         part = (times[row] - times[first]) / span if span > 0.0 else 0.0
         squared = 0.0
@@ -73,5 +73,5 @@ def _worst(times: Floats, points: Floats, first: int, last: int) -> tuple[float,
             off = points[row, column] - (points[first, column] + part * (points[last, column] - points[first, column]))
             squared += off * off
         if squared > most:
-            found, most = row, squared
-    return -math.sqrt(most), first, found, last
+            worst, most = row, squared
+    return -math.sqrt(most), first, worst, last

@@ -126,8 +126,8 @@ class TrafficPicture:
             self.verifier.review(now)
             for change in self.verifier.changes():
                 causes = () if change.cause is None else (change.cause,)
-                told = {"receiver": self.receivers[change.row], **change.data}
-                out.note("event.remote_id_trust", self.operator, told, causes)
+                note_data = {"receiver": self.receivers[change.row], **change.data}
+                out.note("event.remote_id_trust", self.operator, note_data, causes)
         strongest = self._strongest(now)
         rows = self.tracks.rows
         for claim, (receiver, slot) in strongest.items():
@@ -148,8 +148,12 @@ class TrafficPicture:
             heard = max(int(row["heard_ns"]), self._known[claim].heard_ns if claim in self._known else 0)
             self._known[claim] = _Known(uas_id, heard)
         for claim in [claim for claim in self._known if claim not in strongest]:
-            gone = self._known.pop(claim)
-            data = {"uas_id": gone.uas_id, "address": f"{claim[0]:012x}", "last_s": to_seconds(gone.heard_ns)}
+            lost_track = self._known.pop(claim)
+            data = {
+                "uas_id": lost_track.uas_id,
+                "address": f"{claim[0]:012x}",
+                "last_s": to_seconds(lost_track.heard_ns),
+            }
             self._note("event.track_lost", data, (), out)
         counts = np.append(self.tracks.counts.sum(axis=0), self.bad_bodies)
         for column, kind in enumerate(_COUNTS):
@@ -162,13 +166,13 @@ class TrafficPicture:
         """Every sender that is not stale, with its strongest reception: receiver and slot in that receiver's row."""
         rows = self.tracks.rows
         live = (rows["heard_ns"] >= 0) & (now - rows["heard_ns"] <= self.tracks.stale_ns)
-        found: dict[_Claim, tuple[int, int]] = {}
+        strongest: dict[_Claim, tuple[int, int]] = {}
         for receiver, slot in np.argwhere(live).tolist():
             row = rows[receiver, slot]
             claim = (int(row["address"]), int(row["id_a"]), int(row["id_b"]), int(row["id_c"]))
-            if claim not in found or row["rssi_dbm"] > rows[found[claim]]["rssi_dbm"]:
-                found[claim] = (receiver, slot)
-        return found
+            if claim not in strongest or row["rssi_dbm"] > rows[strongest[claim]]["rssi_dbm"]:
+                strongest[claim] = (receiver, slot)
+        return strongest
 
     def _note(self, kind: str, data: dict[str, Scalar], causes: tuple[FrameId, ...], out: Outbox) -> None:
         self._noted += 1
@@ -182,7 +186,7 @@ class TrafficPicture:
 
 
 def _verifier(verifications: Sequence[Verification | None], epoch: Epoch | None) -> Verifier | None:
-    if epoch is None or all(one is None for one in verifications):
+    if epoch is None or all(verification is None for verification in verifications):
         return None
     from skyrange.remoteid.drip.verification.verifier import Verifier
 

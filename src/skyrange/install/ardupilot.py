@@ -119,7 +119,7 @@ def _temporary_file() -> Iterator[tuple[IO[bytes], Path]]:
     Folders that were made for it and stay empty are removed.
     """
     folder = data_folder()
-    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    made = [ancestor for ancestor in (folder, *folder.parents) if not ancestor.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         number, name = tempfile.mkstemp(prefix=f".{PROGRAM}-", dir=folder)
@@ -181,12 +181,12 @@ def _store(file: IO[bytes], path: Path, wanted: str | None, origin: str) -> Bina
     os.fsync(file.fileno())
     file.close()  # a file open for writing is not run
     path.chmod(0o755)
-    found = examine_binary(path)
-    if wanted is not None and found.version != wanted:
-        raise InputError.one("arducopter", str(path), f"ArduCopter {found.version}", f"version {wanted}")
+    binary = examine_binary(path)
+    if wanted is not None and binary.version != wanted:
+        raise InputError.one("arducopter", str(path), f"ArduCopter {binary.version}", f"version {wanted}")
     answer = run_once(path, "--help", deadline_s=ANSWER_S, who=origin)
     check_help(origin, answer.ended, answer.text)
-    target = data_folder() / found.version / PROGRAM
+    target = data_folder() / binary.version / PROGRAM
     new = not target.parent.exists()
     try:
         target.parent.mkdir(exist_ok=True)
@@ -194,4 +194,4 @@ def _store(file: IO[bytes], path: Path, wanted: str | None, origin: str) -> Bina
     except OSError:
         _remove_empty([target.parent] if new else [])
         raise
-    return replace(found, path=target)
+    return replace(binary, path=target)

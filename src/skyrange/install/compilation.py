@@ -35,9 +35,9 @@ class Compiled(NamedTuple, Generic[Tried]):
 def find_compiler(who: str) -> Path:
     """The C++ compiler: that of the variable CXX, else `g++`, else `c++`. Raises `InputError` if there is none."""
     for name in filter(None, (os.environ.get("CXX"), "g++", "c++")):
-        found = shutil.which(name)
-        if found is not None:
-            return Path(found)
+        path = shutil.which(name)
+        if path is not None:
+            return Path(path)
     raise InputError.one(who, "compiler", "no g++", "a C++ compiler", "On Debian: sudo apt-get install g++")
 
 

@@ -97,9 +97,9 @@ def find_headers(gazebo: Gazebo, prefix: Path | None = None) -> GazeboHeaders:
 
 def _pkg_config() -> Path:
     for name in filter(None, (os.environ.get("PKG_CONFIG"), "pkg-config", "pkgconf")):
-        found = shutil.which(name)
-        if found is not None:
-            return Path(found)
+        path = shutil.which(name)
+        if path is not None:
+            return Path(path)
     raise InputError.one(WHO, "pkg-config", "not found", "pkg-config", "On Debian: sudo apt-get install pkg-config")
 
 

@@ -42,8 +42,8 @@ _FAILURE: Final = re.compile(
 
 def find_load_failure(text: str) -> str:
     """The first line of Gazebo's output which says that it cannot load a plugin or its world; "" if there is none."""
-    found = _FAILURE.search(_COLOURS.sub("", text))
-    return found[0].strip() if found else ""
+    match = _FAILURE.search(_COLOURS.sub("", text))
+    return match[0].strip() if match else ""
 
 
 def wait_for_plugin(
@@ -70,15 +70,15 @@ def _wait(who: str, title: str, program: Program, loaded: str, deadline_s: float
     until = time.monotonic() + deadline_s
     while True:
         ended = program.ended
-        said = _COLOURS.sub("", program.last_words(_LINES))
-        if loaded in said:
+        output = _COLOURS.sub("", program.last_words(_LINES))
+        if loaded in output:
             return
-        failure = find_load_failure(said)
+        failure = find_load_failure(output)
         if failure:
             raise ComponentError(who, f"{title} does not load it: {failure}")
-        last = " | ".join(said.splitlines()[-3:]) or "it printed nothing"
+        last = " | ".join(output.splitlines()[-3:]) or "it printed nothing"
         if ended:
-            hint = "Set LD_LIBRARY_PATH to the folder of its libraries" if _NO_LIBRARY in said else ""
+            hint = "Set LD_LIBRARY_PATH to the folder of its libraries" if _NO_LIBRARY in output else ""
             raise ComponentError(who, f"{title} ended ({ended}) before it had loaded it: {last}", hint)
         if time.monotonic() > until:
             raise ComponentError(who, f"{title} has not loaded it within {deadline_s:g} s of wall time: {last}")

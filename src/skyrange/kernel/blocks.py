@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames import Causes, DirectedLinkName, Fate, Frame, FrameBlock, Ints, LinkTable, Payloads
+from skyrange.contracts.frames import Causes, Fate, Frame, FrameBlock, Ints, LinkTable, Payloads
 from skyrange.contracts.links import RowFilter
 from skyrange.contracts.mailboxes import Parents
 from skyrange.core.compiled import compiled
-from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, Time, ceil_to
+from skyrange.kernel.batch_blocks import BatchObserver, RunSplitter
 from skyrange.kernel.directed_link import DirectedLink, Mailbox, RouteQueue
 from skyrange.kernel.event_heap import (
     DELIVER_BLOCKS,
@@ -35,6 +35,7 @@ from skyrange.kernel.event_heap import (
     schedule_route,
 )
 from skyrange.kernel.monitors import Monitors
+from skyrange.kernel.observers import ObserverList
 
 Select = Callable[[bytes], bool]
 
@@ -108,11 +109,9 @@ _NONE = np.zeros(0, dtype=np.int64)
 class FastPath:
     """The directed links of a kernel by number, and the paths that blocks take over them."""
 
-    def __init__(self, links: Sequence[DirectedLink], ports: dict[Port, int]) -> None:
-        """`links` by number, wired; `ports` has the place of every owned port among its owner's."""
-        names = [DirectedLinkName(link.link_name, link.direction, link.src, link.dst) for link in links]
-        places = np.array([ports.get(link.port, -1) for link in links], dtype=np.int64)
-        self.link_table = LinkTable(names, places)
+    def __init__(self, links: Sequence[DirectedLink], link_table: LinkTable) -> None:
+        """`links` by number, wired."""
+        self.link_table = link_table
         self.path_of = np.full(len(links), -1, dtype=np.int64)
         """Directed link → its path, -1 for none."""
         self.mailboxes: list[Mailbox] = []
@@ -125,9 +124,9 @@ class FastPath:
         numbers: dict[str, int] = {}
         for link in links:
             if link.mailbox is not None:
-                number = numbers.get(link.mailbox.name)
+                number = numbers.get(link.mailbox.order)
                 if number is None:
-                    number = numbers[link.mailbox.name] = len(self.mailboxes)
+                    number = numbers[link.mailbox.order] = len(self.mailboxes)
                     self.mailboxes.append(link.mailbox)
                 self.mailbox_of[link.number] = number
             shape = _path_shape(link)
@@ -139,14 +138,17 @@ class FastPath:
             self.path_of[link.number] = known[shape]
             _add_start(self._paths[known[shape]], link.number, link)
 
-    def find_parent_links(self, parents: Parents) -> Ints:
-        """(n,) the number of each parent's directed link, -1 where the parent's sender is not that link's source."""
+    def find_parent_links(self, parents: Parents, table: LinkTable, first: int) -> Ints:
+        """(n,) the number of each parent's directed link, -1 where the parent's sender is not that link's source.
+
+        `table` has the links of the parents' run, and `first` is the number of the first of them.
+        """
         names, known = parents.names, self._named
         if names is not self._names:  # another agent's table
             self._names, known = names, _NONE
         if len(known) < len(names):  # a table only grows
-            numbers = [self.link_table.numbers.get(name, -1) for name in names[len(known) :]]
-            known = np.concatenate([known, np.array(numbers, dtype=np.int64)])
+            numbers = np.array([table.numbers.get(name, -1) for name in names[len(known) :]], dtype=np.int64)
+            known = np.concatenate([known, np.where(numbers < 0, numbers, numbers + first)])
         self._named = known
         return known[parents.numbers]
 
@@ -163,22 +165,22 @@ class FastPath:
         sent_counts: Ints,
     ) -> list[BlockDelivery]:
         """Send `payloads` on `links` (numbers, all of one path); returns where and when each of them comes out."""
-        way = _Way(self.link_table, sent_counts, [])
+        traversal = _Traversal(self.link_table, sent_counts, [])
         cargo = _Cargo(links, payloads, None, parent_links, parent_serials, causes)
-        _follow(way, self._paths[path], now, cargo, [])
-        return way.deliveries
+        _follow(traversal, self._paths[path], now, cargo, [])
+        return traversal.deliveries
 
     def resume(self, pending: PendingHop, sent_counts: Ints) -> list[BlockDelivery]:
         """Send on what has waited until its time."""
-        way = _Way(self.link_table, sent_counts, [])
+        traversal = _Traversal(self.link_table, sent_counts, [])
         block, rows = pending.block, pending.rows
-        carried = rows if block.rows is None else block.rows[rows]
-        cargo = _Cargo(pending.starts, block.payloads, carried, block.link_numbers[rows], block.serial[rows])
-        _follow(way, pending.hop, pending.sent, cargo, [])
-        return way.deliveries
+        payload_rows = rows if block.rows is None else block.rows[rows]
+        cargo = _Cargo(pending.starts, block.payloads, payload_rows, block.link_numbers[rows], block.serial[rows])
+        _follow(traversal, pending.hop, pending.sent, cargo, [])
+        return traversal.deliveries
 
 
-class _Way(NamedTuple):
+class _Traversal(NamedTuple):
     """What all hops of one sending share: the links, how many frames each has sent, and where the blocks come out."""
 
     table: LinkTable
@@ -199,14 +201,14 @@ class _Cargo(NamedTuple):
     """Of the first hop of a path only."""
 
 
-def _follow(way: _Way, hop: _Hop, now: Time, cargo: _Cargo, hops: list[FrameBlock]) -> None:
+def _follow(traversal: _Traversal, hop: _Hop, now: Time, cargo: _Cargo, hops: list[FrameBlock]) -> None:
     """Send frames over a hop and, where they need not wait, over all hops behind it; `hops` are those before it."""
     starts, payloads, rows = cargo.starts, cargo.payloads, cargo.rows
     link = hop.link_of[starts]
-    serial = _take_serials(link, way.sent_counts)
+    serial = _take_serials(link, traversal.sent_counts)
     arrival = now + hop.latency_ns
     block = FrameBlock(
-        way.table,
+        traversal.table,
         link,
         serial,
         now,
@@ -228,23 +230,29 @@ def _follow(way: _Way, hop: _Hop, now: Time, cargo: _Cargo, hops: list[FrameBloc
             if len(chosen):
                 sent = ceil_to(arrival, onward.service_ns)
                 pending.append(PendingHop(sent, onward, starts[chosen], block, chosen))
-        way.deliveries.append(BlockDelivery(arrival, hops, to_mailboxes=False, pending=pending))
+        traversal.deliveries.append(BlockDelivery(arrival, hops, to_mailboxes=False, pending=pending))
         return
     branched = False
     for onward in hop.next:
         sent = ceil_to(arrival, onward.service_ns)
         if onward.select_rows is None:
-            _follow(way, onward, sent, _Cargo(starts, payloads, rows, link, serial), hops)
+            _follow(traversal, onward, sent, _Cargo(starts, payloads, rows, link, serial), hops)
         else:
             (chosen,) = onward.select_rows(block.carried()).nonzero()
             if len(chosen) == 0:
                 continue
-            carried = chosen if rows is None else rows[chosen]
-            _follow(way, onward, sent, _Cargo(starts[chosen], payloads, carried, link[chosen], serial[chosen]), hops)
+            payload_rows = chosen if rows is None else rows[chosen]
+            _follow(
+                traversal,
+                onward,
+                sent,
+                _Cargo(starts[chosen], payloads, payload_rows, link[chosen], serial[chosen]),
+                hops,
+            )
         branched = True
         hops = []  # the first branch reports the hops before it
     if not branched:
-        way.deliveries.append(BlockDelivery(arrival, hops, to_mailboxes=hop.boxed, pending=[]))
+        traversal.deliveries.append(BlockDelivery(arrival, hops, to_mailboxes=hop.boxed, pending=[]))
 
 
 def _select_rows_by(select: Select) -> Callable[[Payloads], NDArray[np.bool_]]:
@@ -280,10 +288,10 @@ def _path_shape(link: DirectedLink) -> Any:
         return None
     onward = []
     for route, target in link.fused or link.staged or ():
-        below = _path_shape(target)
-        if below is None:
+        target_shape = _path_shape(target)
+        if target_shape is None:
             return None
-        onward.append((route.service_ns, route.select, below))
+        onward.append((route.service_ns, route.select, target_shape))
     return (latency_ns, link.staged is not None, tuple(onward))
 
 
@@ -299,8 +307,8 @@ def _build_hop(link: DirectedLink, service_ns: Time, select: Select | None, size
 def _add_start(hop: _Hop, start: int, link: DirectedLink) -> None:
     """Enter the directed links of a path that begins at `start`."""
     hop.link_of[start] = link.number
-    for below, (_, target) in zip(hop.next, link.fused or link.staged or (), strict=True):
-        _add_start(below, start, target)
+    for next_hop, (_, target) in zip(hop.next, link.fused or link.staged or (), strict=True):
+        _add_start(next_hop, start, target)
 
 
 def _arrival_order(frame: Frame) -> tuple[Time, str, int]:
@@ -319,23 +327,52 @@ class BlockForwarder:
         self._heap = heap
         self._links = links
         self._queues = queues
-        self._fast_path = FastPath([], {})
-        self._monitors: Monitors | None = None
+        self._splitter = RunSplitter([], 1)
+        self._fast_path = FastPath([], self._splitter.whole)
+        self._monitors: Sequence[Monitors | None] = ()
+        self._shared_monitors: Monitors | None = None
+        self._observers: Sequence[ObserverList] = ()
+        self._observer: BatchObserver | None = None
         self._events = 0
 
-    def open_paths(self, ports: dict[Port, int], monitors: Monitors, *, fuse: bool) -> None:
-        """Work out the paths of blocks; `ports` has the place of every owned port among its owner's."""
-        self._fast_path = FastPath(self._links if fuse else [], ports)
-        self._monitors = monitors if monitors.slots else None
+    def open_paths(
+        self, observers: Sequence[ObserverList], monitors: Sequence[Monitors], shared: Monitors | None, *, fuse: bool
+    ) -> None:
+        """Work out the paths of blocks; `observers` and `monitors` are those of each run, `shared` those of all."""
+        self._splitter = RunSplitter(self._links if fuse else [], len(monitors))
+        self._fast_path = FastPath(self._links if fuse else [], self._splitter.whole)
+        self._observers = observers
+        self._monitors = [each if each.slots else None for each in monitors] if any(m.slots for m in monitors) else ()
+        self._shared_monitors = shared
 
-    def choose_paths(self, links: Ints, parents: Parents | None) -> tuple[Ints, Ints | None]:
-        """(n,) the path of each row, -1 for a row that travels singly; and the directed link of each parent."""
-        fast = self._fast_path
+    def choose_paths(self, links: Ints, parents: Parents | None, run: int) -> tuple[Ints, Ints | None]:
+        """(n,) the path of each row, -1 for a row that travels singly; and the directed link of each parent, which is a
+        frame of the run with number `run`.
+        """
+        fast, splitter = self._fast_path, self._splitter
         paths = fast.path_of[links] if len(fast.path_of) else np.full(len(links), -1, dtype=np.int64)
-        parent_links = fast.find_parent_links(parents) if parents is not None else None
+        parent_links = None
+        if parents is not None:
+            parent_links = fast.find_parent_links(parents, splitter.tables[run], splitter.first[run])
         if parent_links is not None:  # columns know frames of the links' own sources; a tap's frame is none of them
             paths = np.where(np.isin(links, links[parent_links < 0]), -1, paths)  # whole links, to keep their order
         return paths, parent_links
+
+    def observe(self, observer: BatchObserver | None) -> None:
+        """Have one observer see the blocks of all runs, instead of those of each."""
+        self._observer = observer
+
+    def report(self, blocks: Sequence[FrameBlock]) -> None:
+        """Report blocks that have met their fate to the observers of their runs."""
+        if self._observer is not None:
+            self._observer.on_blocks(blocks)
+            return
+        if len(self._observers) == 1:
+            self._observers[0].report_blocks(blocks)
+            return
+        for block in blocks:
+            for run, rows in self._splitter.split(block):
+                self._observers[run].report_blocks([rows.own_payloads()])
 
     def send(
         self,
@@ -363,28 +400,51 @@ class BlockForwarder:
         self._schedule(deliveries)
 
     def deliver(self, now: Time, delivery: BlockDelivery) -> None:
-        """Put what has arrived into its mailboxes, or have it sent on."""
+        """Report what has arrived, and put it into its mailboxes or have it sent on."""
+        self.report(delivery.hops)
         for pending in delivery.pending:  # before any route queue of that moment: "" is less than their names
             self._events += 1
             heappush(self._heap, ((pending.sent << 3) | WAKEUP, "", "", self._events, RESUME_BLOCKS, pending))
         if not delivery.to_mailboxes:
             return
-        block, fast = delivery.hops[-1], self._fast_path
-        owners = fast.mailbox_of[block.link_numbers]
+        block, fast_path = delivery.hops[-1], self._fast_path
+        owners = fast_path.mailbox_of[block.link_numbers]
+        if len(self._observers) > 1:
+            self._deliver_batch(now, block, owners)
+            return
         for owner, rows in group_rows(owners):
-            box = fast.mailboxes[owner]
+            box = fast_path.mailboxes[owner]
             box.blocks.append(block if rows is None else block.take(rows))
             schedule_mailbox(self._heap, now, box)
+
+    def _deliver_batch(self, now: Time, block: FrameBlock, owners: Ints) -> None:
+        """Put rows into the mailboxes `owners`, each as the run of its owner sees them."""
+        steps = np.diff(owners)
+        if (steps < 0).any():
+            order = owners.argsort(kind="stable")
+            block, owners = block.take(order), owners[order]
+            steps = np.diff(owners)
+        numbers = owners.tolist()
+        start = 0
+        for end in [*(steps.nonzero()[0] + 1).tolist(), len(numbers)]:
+            box, rows = self._fast_path.mailboxes[numbers[start]], slice(start, end)
+            tables = self._splitter
+            if box.run is None:
+                box.blocks.append(block.take(np.arange(start, end)))
+            else:
+                box.blocks.append(block.of_run(rows, tables.tables[box.run], tables.first[box.run]))
+            schedule_mailbox(self._heap, now, box)
+            start = end
 
     def resume(self, now: Time, pending: PendingHop) -> None:
         """Send blocks on; rows whose link has single frames waiting at this moment wait with them, in their order."""
         busy = {queue.hop.link.number for queue in self._queues.values() if queue.frames}
         if busy:
             links = pending.links
-            held = np.isin(links, list(busy))
-            if held.any():
-                self._queue_singly(now, pending.take(held), links[held])
-                pending = pending.take(~held)
+            is_held = np.isin(links, list(busy))
+            if is_held.any():
+                self._queue_singly(now, pending.take(is_held), links[is_held])
+                pending = pending.take(~is_held)
         if len(pending.rows):
             self._schedule(self._fast_path.resume(pending, self._links[0].sent_counts))
 
@@ -400,17 +460,28 @@ class BlockForwarder:
 
     def _schedule(self, deliveries: Sequence[BlockDelivery]) -> None:
         for delivery in deliveries:
-            if self._monitors is not None:
-                self._monitors.take_blocks(delivery.hops)
+            if self._monitors:
+                self._show(delivery.hops)
+            if self._shared_monitors is not None:
+                for block in delivery.hops:
+                    self._shared_monitors.take_block(block)
             self._events += 1  # only so that no two events are equal: the order of deliveries shows nowhere
             heappush(self._heap, ((delivery.arrival << 3) | DELIVERY, "", "", self._events, DELIVER_BLOCKS, delivery))
+
+    def _show(self, blocks: Sequence[FrameBlock]) -> None:
+        """Show blocks that are sent to the monitors of their runs."""
+        for block in blocks:
+            for run, rows in self._splitter.split(block):
+                monitors = self._monitors[run]
+                if monitors is not None:
+                    monitors.take_block(rows)
 
 
 def cut_off(now: Time, delivery: BlockDelivery) -> list[FrameBlock]:
     """The hops that had begun when the run ended at `now`; those that had not arrived stay in flight."""
-    found = [block for block in delivery.hops if block.sent_ns <= now]
-    for block in found:
+    begun = [block for block in delivery.hops if block.sent_ns <= now]
+    for block in begun:
         if block.arrived_ns > now:
             block.arrived_ns = NEVER
             block.fate = Fate.IN_FLIGHT
-    return found
+    return begun

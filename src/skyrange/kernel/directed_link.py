@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from skyrange.core.ids import FrameId, Port, hash64
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.kernel.acts.act_states import ActState, takes_effect
 from skyrange.kernel.processing_queue import ProcessingQueue
+
+if TYPE_CHECKING:
+    from skyrange.kernel.observers import ObserverList
 
 RETRANSMIT_MIN_NS = 200 * NS_PER_MS
 """Least retransmission time-out of a reliable link: Linux's TCP_RTO_MIN (RFC 6298 §2.4 would have 1 s)."""
@@ -137,7 +140,7 @@ def open_channel(spec: Channel | VariableChannel, direction: str) -> ChannelStat
 class TapSlot:
     """A placed tap: the tap, its endpoint name, the attack that it belongs to, and the time that it takes."""
 
-    __slots__ = ("attack", "cost_ns", "due", "inspects", "links", "name", "radio", "tap", "ways")
+    __slots__ = ("attack", "cost_ns", "due", "inspects", "links", "name", "observers", "order", "radio", "tap", "ways")
 
     def __init__(
         self,
@@ -154,6 +157,10 @@ class TapSlot:
         self.inspects = inspects
         """Which frames it inspects; `None` for all."""
         self.name = name
+        self.order = name
+        """Its place among events of one time: its name, behind the number of its run in a batch."""
+        self.observers: ObserverList
+        """The `ObserverList` of its run."""
         self.attack = attack
         self.due: Time | None = None
         self.links: dict[str, tuple[DirectedLink, int, bool]] = {}
@@ -173,7 +180,7 @@ class TapSlot:
 class FrameMonitor(Protocol):
     """A subscriber that a directed link shows its frames to at one of its ends."""
 
-    def take_frame(self, at: Time, link: int, frame: Frame, *, received: bool) -> None:
+    def take_frame(self, at: Time, link: DirectedLink, frame: Frame, *, received: bool) -> None:
         """Keep a frame that is sent from that end at `at`, or arrives there then; `at` may be in the future."""
         ...
 
@@ -199,10 +206,16 @@ class DirectedLink:
         "mailbox",
         "name",
         "number",
+        "observers",
+        "order",
+        "own_number",
+        "place",
         "port",
+        "prefix",
         "processing",
         "receiver_taps",
         "routes",
+        "run",
         "send_monitors",
         "sender_taps",
         "sending",
@@ -215,6 +228,12 @@ class DirectedLink:
         self.link_name = spec.name
         self.direction = direction
         self.name = f"{spec.name}:{direction}"
+        self.prefix = ""
+        """What stands before its name in `order`: the number of its run in a batch."""
+        self.order = self.name
+        """Its place among events of one time."""
+        self.observers: ObserverList
+        """The `ObserverList` of its run."""
         self.src, self.dst = (spec.a, spec.b) if direction == "fwd" else (spec.b, spec.a)
         self.port = Port(self.dst, self.link_name)
         """The receiving end."""
@@ -246,7 +265,13 @@ class DirectedLink:
         self.local = True
         """Whether the receiving end lives in this kernel."""
         self.number = 0
-        """Its place among the kernel's directed links, in order of their names."""
+        """Its place among the kernel's directed links, in order of run and name."""
+        self.own_number = 0
+        """Its place among those of its run."""
+        self.run = 0
+        """The number of its run in a batch."""
+        self.place = -1
+        """The place of its receiving port among the owner's, -1 without an owner."""
         self.sent_counts = np.zeros(1, dtype=np.int64)
         """How many frames each directed link's own source has sent, by number: one array for all links of a kernel."""
         self._chance = chance
@@ -310,9 +335,9 @@ class RouteHop(NamedTuple):
     link: DirectedLink
 
     @property
-    def name(self) -> str:
-        """Its name, unique in a kernel."""
-        return f"{self.route.endpoint}|{self.route.source}|{self.route.target}"
+    def order(self) -> str:
+        """Its place among events of one time, unique in a kernel."""
+        return f"{self.link.prefix}{self.route.endpoint}|{self.route.source}|{self.route.target}"
 
     def forward(self, at: Time, frame: Frame) -> Frame:
         """The frame that its endpoint sends at `at` to forward another."""
@@ -325,9 +350,13 @@ class Mailbox:
     """Frames that have arrived for an agent or an engine and wait for its service time."""
 
     name: str
+    order: str
+    """Its place among events of one time: its name, behind the number of its run in a batch."""
     service_ns: Time
     polled: bool
     """Whether it belongs to an engine, whose ticks collect the mail; an agent's mail wakes the agent."""
+    run: int | None = None
+    """The run in a batch whose agent it belongs to; `None` for an engine, or in a run alone."""
     due: Time | None = None
     singles: list[Arrival] = field(default_factory=list)
     blocks: list[FrameBlock] = field(default_factory=list)

@@ -46,14 +46,14 @@ def schedule_mailbox(heap: list[Event], now: Time, box: Mailbox) -> None:
     due = ceil_to(now, box.service_ns)
     if box.due is None or due < box.due:
         box.due = due
-        heappush(heap, ((due << 3) | WAKEUP, "agent", box.name, 0, STEP, box))
+        heappush(heap, ((due << 3) | WAKEUP, "agent", box.order, 0, STEP, box))
 
 
 def schedule_route(heap: list[Event], due: Time, queue: RouteQueue) -> None:
     """Have what waits at a route sent on at `due`."""
     if queue.due != due:
         queue.due = due
-        heappush(heap, ((due << 3) | WAKEUP, "", queue.hop.name, 0, FORWARD, queue))
+        heappush(heap, ((due << 3) | WAKEUP, "", queue.hop.order, 0, FORWARD, queue))
 
 
 def postpone_events(heap: list[Event], until: Time) -> None:

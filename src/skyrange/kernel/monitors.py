@@ -35,15 +35,22 @@ class FrameCollector:
     """
 
     __slots__ = (
-        "_blocks", "_collected_ns", "_dst", "_frames", "_names", "_numbers", "_places", "_singles", "_src", "ports",
+        "_blocks", "_collected_ns", "_dst", "_frames", "_names", "_numbers", "_places", "_shared", "_singles", "_src",
+        "ports",
     )  # fmt: skip
 
-    def __init__(self, ports: Sequence[Port], links: Sequence[DirectedLink]) -> None:
-        """`links` by number; `ports` are the ends of some of them, in order of link and endpoint."""
+    def __init__(self, ports: Sequence[Port], links: Sequence[DirectedLink], *, shared: bool) -> None:
+        """`ports` are the ends of some of `links`, in order of run, link and endpoint.
+
+        `links` are by number: those of one run, or where it is `shared` those of all runs of a batch, which the run of
+        a port tells apart.
+        """
         self.ports = ports
+        self._shared = shared
         number = {port: place for place, port in enumerate(ports)}
-        sent = [number.get(Port(link.src, link.link_name), -1) for link in links]
-        arrived = [number.get(link.port, -1) for link in links]
+        runs = [link.run if shared else 0 for link in links]
+        sent = [number.get(Port(link.src, link.link_name, run), -1) for link, run in zip(links, runs, strict=True)]
+        arrived = [number.get(Port(link.dst, link.link_name, run), -1) for link, run in zip(links, runs, strict=True)]
         self._places = np.array([sent, arrived], dtype=np.int64).reshape(2, -1)
         """(2, links): the place of a link's sending end and of its receiving end in `ports`, -1 where it is none."""
         self._names = sorted({name for link in links for name in (link.src, link.dst)})
@@ -56,13 +63,13 @@ class FrameCollector:
         self._frames: ObservedFrames | None = None
         """What was collected last."""
 
-    def listens(self, link: int, *, received: bool) -> bool:
+    def listens(self, link: DirectedLink, *, received: bool) -> bool:
         """Whether it listens at the receiving end of a link, or at its sending end."""
-        return bool(self._places[int(received), link] >= 0)
+        return bool(self._places[int(received), link.number if self._shared else link.own_number] >= 0)
 
-    def take_frame(self, at: Time, link: int, frame: Frame, *, received: bool) -> None:
+    def take_frame(self, at: Time, link: DirectedLink, frame: Frame, *, received: bool) -> None:
         """Keep a frame that is sent from, or arrives at, an end at which it listens; `at` may be in the future."""
-        self._singles.append((at, link, int(received), frame))
+        self._singles.append((at, link.number if self._shared else link.own_number, int(received), frame))
 
     def take_block(self, block: FrameBlock) -> None:
         """Keep those frames of a block that are sent from, or arrive at, an end at which it listens."""
@@ -91,10 +98,10 @@ class FrameCollector:
             serials = np.array([frame.serial for frame in frames], dtype=np.int64)
             columns.append((when[:, 0], when[:, 1], when[:, 2], serials, src, dst))
             payloads.append(Payloads.of([frame.payload for frame in frames]))
-        for at, way, block in blocks:
-            rows = np.flatnonzero(self._places[way][block.link_numbers] >= 0)
+        for at, is_received, block in blocks:
+            rows = np.flatnonzero(self._places[is_received][block.link_numbers] >= 0)
             link, carried = block.link_numbers[rows], block.carried()
-            same = (np.full(len(rows), at, dtype=np.int64), link, np.full(len(rows), way, dtype=np.int64))
+            same = (np.full(len(rows), at, dtype=np.int64), link, np.full(len(rows), is_received, dtype=np.int64))
             columns.append((*same, block.serial[rows], self._src[link], self._dst[link]))
             payloads.append(carried if len(rows) == len(block) else carried.take(rows))
         at_ns, links, received, serial, src, dst = (np.concatenate(parts) for parts in zip(*columns, strict=True))
@@ -118,9 +125,9 @@ class FrameCollector:
         numbers, strange = self._numbers, dict[str, int]()
         claimed = np.empty((2, len(frames)), dtype=np.int64)
         for row, frame in enumerate(frames):
-            for way, name in enumerate((frame.src, frame.dst)):
+            for side, name in enumerate((frame.src, frame.dst)):
                 number = numbers.get(name)
-                claimed[way, row] = strange.setdefault(name, len(numbers) + len(strange)) if number is None else number
+                claimed[side, row] = strange.setdefault(name, len(numbers) + len(strange)) if number is None else number
         return [*self._names, *strange] if strange else self._names, claimed[0], claimed[1]
 
     def _rank_senders(self, senders: Sequence[str], links: Ints) -> Ints:
@@ -140,10 +147,12 @@ class FrameCollector:
 class MonitorSlot:
     """A placed monitor: where it listens, and when it is next served."""
 
-    __slots__ = ("collector", "due", "id", "monitor")
+    __slots__ = ("collector", "due", "id", "monitor", "order", "owner")
 
-    def __init__(self, id_: str, monitor: Monitor, collector: FrameCollector) -> None:
+    def __init__(self, id_: str, monitor: Monitor, collector: FrameCollector, owner: Monitors, prefix: str) -> None:
         self.id = id_
+        self.order = f"{prefix}{id_}"
+        self.owner = owner
         self.monitor = monitor
         self.collector = collector
         self.due: Time = 0
@@ -155,50 +164,57 @@ class MonitorSlot:
 
 
 class Monitors:
-    """All monitors of one kernel."""
+    """All monitors of one run, or those that listen in all runs of a batch."""
 
     def __init__(
         self,
         placements: Sequence[MonitorPlacement],
-        links: Sequence[LinkSpec],
-        directed: Mapping[str, DirectedLink],
+        runs: Sequence[tuple[Sequence[LinkSpec], Mapping[str, DirectedLink]]],
         heap: list[Event],
         observers: ObserverList,
+        prefix: str = "",
     ) -> None:
-        """Place monitors at ends of directed links, which are numbered.
+        """Place monitors at ends of the links of `runs`, which are numbered.
 
-        Raises `InputError` for a placement that matches no end of a link.
+        `prefix` has the number of the run, where it is one of a batch. Raises `InputError` for a placement that matches
+        no end of a link.
         """
         self._heap = heap
         self._observers = observers
         self.slots: list[MonitorSlot] = []
         collectors: dict[tuple[tuple[Port, ...], Time], FrameCollector] = {}
-        numbered = sorted(directed.values(), key=_number_of)
-        here = {Port(link.dst, link.link_name) for link in numbered if link.local}
-        ends = [(spec.name, spec.a, spec.b) for spec in links]
+        numbered = sorted((link for _, directed in runs for link in directed.values()), key=_number_of)
+        here = {(link.run, link.dst, link.link_name) for link in numbered if link.local}
+        shared = len(runs) > 1
         for placement in sorted(placements, key=_id_of):
-            local = [port for port in find_ends(placement, ends) if port in here]
+            local = [
+                port._replace(run=run) if shared else port
+                for run, (links, directed) in enumerate(runs)
+                for port in find_ends(placement, [(spec.name, spec.a, spec.b) for spec in links])
+                if (next(iter(directed.values())).run, port.endpoint, port.link) in here
+            ]
             if local:
                 monitor = make_monitor(placement)
                 key = tuple(local), monitor.service_ns
                 if key not in collectors:
-                    collectors[key] = FrameCollector(local, numbered)
-                self.slots.append(MonitorSlot(placement.id, monitor, collectors[key]))
+                    collectors[key] = FrameCollector(local, numbered, shared=shared)
+                self.slots.append(MonitorSlot(placement.id, monitor, collectors[key], self, prefix))
         self._collectors = list(collectors.values())
         for link in numbered:
-            link.send_monitors = tuple(one for one in self._collectors if one.listens(link.number, received=False))
-            link.arrival_monitors = tuple(one for one in self._collectors if one.listens(link.number, received=True))
+            sent = [one for one in self._collectors if one.listens(link, received=False)]
+            arrived = [one for one in self._collectors if one.listens(link, received=True)]
+            link.send_monitors = (*link.send_monitors, *sent)
+            link.arrival_monitors = (*link.arrival_monitors, *arrived)
 
     def begin(self) -> None:
         """Have each served at time 0 first."""
         for slot in self.slots:
             self._schedule(slot, 0)
 
-    def take_blocks(self, blocks: Sequence[FrameBlock]) -> None:
-        """Show blocks that are sent, with the times at which they arrive."""
+    def take_block(self, block: FrameBlock) -> None:
+        """Show a block that is sent, with the time at which it arrives."""
         for collector in self._collectors:
-            for block in blocks:
-                collector.take_block(block)
+            collector.take_block(block)
 
     def serve(self, now: Time, slot: MonitorSlot) -> None:
         """Hand a monitor what it has seen, and report its alerts. `ComponentError` where it breaks its contract."""
@@ -208,7 +224,7 @@ class Monitors:
 
     def _schedule(self, slot: MonitorSlot, due: Time) -> None:
         slot.due = due
-        heappush(self._heap, ((due << 3) | MONITOR, "monitor", slot.id, 0, SERVE, slot))
+        heappush(self._heap, ((due << 3) | MONITOR, "monitor", slot.order, 0, SERVE, slot))
 
 
 def _number_of(link: DirectedLink) -> int:

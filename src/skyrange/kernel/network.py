@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from heapq import heappush
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port
 from skyrange.core.time import Time, ceil_to
 from skyrange.kernel.acts.act_states import ActState, note_withheld, takes_effect
+from skyrange.kernel.batch_blocks import BatchObserver
 from skyrange.kernel.blocks import BlockForwarder, cut_off, group_rows
 from skyrange.kernel.directed_link import DirectedLink, RouteHop, RouteQueue, TapSlot, Transit
 from skyrange.kernel.event_heap import (
@@ -61,57 +62,66 @@ def _number_of(link: DirectedLink) -> int:
 def _waits_to_leave(now: Time, queue: ProcessingQueue, link: DirectedLink, position: int) -> bool:
     """Whether a frame that is sent has to wait: for a defence that acts and takes time, or for frames before it."""
     slots = link.sender_taps[position : link.defended_to]
-    return any(slot.cost_ns and takes_effect(slot.attack, now) for slot in slots) or queue.is_sending(link.name)
+    return any(slot.cost_ns and takes_effect(slot.attack, now) for slot in slots) or queue.is_sending(link)
 
 
 class Sender:
     """An agent or an engine as the network knows it: its name, its ports, and the attack that it belongs to."""
 
-    __slots__ = ("attack", "link_numbers", "name", "ports")
+    __slots__ = ("attack", "link_numbers", "name", "outgoing", "ports", "run")
 
-    def __init__(self, name: str, ports: Sequence[Port], attack: ActState | None) -> None:
+    def __init__(self, name: str, ports: Sequence[Port], attack: ActState | None, run: RunNetwork) -> None:
         self.name = name
         self.ports = ports
         self.attack = attack
+        self.run = run
+        """The run whose agent it is; of an engine, which may fly for several, the first."""
+        self.outgoing = run.outgoing
+        """The directed link on which each port sends."""
         self.link_numbers: Ints | None = None
         """The directed link of each port, by number; `None` until a block is sent."""
+
+
+class RunNetwork(NamedTuple):
+    """The part of a network that belongs to one run: its links by name, and who is told of its frames."""
+
+    number: int
+    """Of the run in a batch; 0 for a run alone."""
+    links: Mapping[str, DirectedLink]
+    """By name, `link:direction`."""
+    outgoing: Mapping[Port, DirectedLink]
+    """The same by the port that sends on them."""
+    originators: Mapping[Port, str]
+    """The true sender of what an agent sends from a port that otherwise forwards."""
+    observers: ObserverList
 
 
 class Network:
     """All frames under way in one kernel."""
 
-    def __init__(
-        self,
-        links: dict[str, DirectedLink],
-        observers: ObserverList,
-        outgoing: Mapping[Port, DirectedLink],
-        originators: Mapping[Port, str],
-    ) -> None:
-        """`links` by name (`link:direction`), `outgoing` the same by the port that sends on them.
-
-        `originators` names the true sender of what an agent sends from a port that otherwise forwards. Call
-        `open_paths` once the links are wired.
-        """
+    def __init__(self, runs: Sequence[RunNetwork]) -> None:
+        """`runs` by number. Call `open_paths` once the links are wired."""
         self.heap: list[Event] = []
         self.outbound: list[Transit] = []
         """Frames that left for endpoints of other kernels, until they are taken."""
-        self.links = links
-        self._observers = observers
-        self._outgoing = outgoing
-        self._originators = originators
+        self.runs = runs
         self._queues: dict[str, RouteQueue] = {}
-        self._by_number = sorted(links.values(), key=_number_of)
+        self._by_number = sorted((link for run in runs for link in run.links.values()), key=_number_of)
         self._block_forwarder = BlockForwarder(self.heap, self._by_number, self._queues)
-        self._monitors: Monitors | None = None
 
-    def open_paths(self, ports: dict[Port, int], monitors: Monitors, *, fuse: bool) -> None:
-        """Work out which links blocks may take; `ports` has the place of every owned port among its owner's.
+    def open_paths(self, monitors: Sequence[Monitors], shared: Monitors | None, *, fuse: bool) -> None:
+        """Work out which links blocks may take.
 
-        `monitors` listen at ends of the links, and are served from time 0 on.
+        `monitors` of each run listen at ends of its links, and `shared` ones in all runs; all are served from time 0
+        on.
         """
-        self._block_forwarder.open_paths(ports, monitors, fuse=fuse)
-        self._monitors = monitors
-        monitors.begin()
+        self._block_forwarder.open_paths([run.observers for run in self.runs], monitors, shared, fuse=fuse)
+        for each in monitors if shared is None else (*monitors, shared):
+            each.begin()
+
+    def observe_blocks(self, observer: BatchObserver | None) -> None:
+        """As `BlockForwarder.observe`."""
+        self._block_forwarder.observe(observer)
 
     def send(self, now: Time, sender: Sender, outbox: Outbox) -> None:
         """Send all frames of `outbox`: singles in their order, then blocks; none while the sender's attack is silent.
@@ -127,30 +137,46 @@ class Network:
         if attack is not None:
             singles = outbox.each(sender.ports)  # hostile frames: a label each
         elif len(outbox.departures) >= GATHERED_MIN:
-            singles = self._send_gathered(now, sender, outbox.departures)
+            singles = self._gather_by_run(now, sender, outbox.departures)
         for port, payload, causes in singles:
-            link = self._find_link(sender.name, port)
-            originator = self._originators.get(port, link.src)
+            link = self._find_link(sender, port)
+            originator = sender.run.originators.get(port, link.src)
             frame = link.make_frame(originator, now, payload, link.src, link.dst, parent=None, causes=causes)
             if attack is not None:
-                self._observers.label_sending(now, attack, sender.name, frame.id)
+                link.observers.label_sending(now, attack, sender.name, frame.id)
             self._transmit(now, link, frame, 0)
         if outbox.blocks and attack is None:
             numbers = sender.link_numbers
             if numbers is None:
-                numbers = np.array([self._find_link(sender.name, port).number for port in sender.ports], dtype=np.int64)
+                numbers = np.array([self._find_link(sender, port).number for port in sender.ports], dtype=np.int64)
                 sender.link_numbers = numbers
             for places, payloads, parents in outbox.blocks:
-                self._transmit_block(now, numbers[places], payloads, parents)
+                self._transmit_block(now, numbers[places], payloads, parents, sender.run.number)
+
+    def _gather_by_run(self, now: Time, sender: Sender, departures: Sequence[Departure]) -> Sequence[Departure]:
+        """Send in blocks what goes in blocks in a run alone: that does not depend on how much others of a batch send.
+
+        The frames that are left are returned.
+        """
+        if len(self.runs) == 1:
+            return self._send_gathered(now, sender, departures)
+        by_run: dict[int, list[Departure]] = {}
+        for departure in departures:
+            by_run.setdefault(departure.port.run, []).append(departure)
+        singles: list[Departure] = []
+        for own in by_run.values():
+            singles += own if len(own) < GATHERED_MIN else self._send_gathered(now, sender, own)
+        return singles
 
     def _send_gathered(self, now: Time, sender: Sender, departures: Sequence[Departure]) -> Sequence[Departure]:
         """Send those of many single frames that can go in blocks; the others, whole links of them, are returned."""
         find = self._find_link
-        links = [find(sender.name, port) for port, _, _ in departures]
+        links = [find(sender, port) for port, _, _ in departures]
         numbers = np.array([link.number for link in links], dtype=np.int64)
-        paths, _ = self._block_forwarder.choose_paths(numbers, None)
-        if self._originators:
-            own = [self._originators.get(departure.port) is None for departure in departures]
+        paths, _ = self._block_forwarder.choose_paths(numbers, None, 0)
+        originators = sender.run.originators
+        if originators:
+            own = [originators.get(departure.port) is None for departure in departures]
             paths = np.where(np.isin(numbers, numbers[np.logical_not(own)]), -1, paths)
         singles: Sequence[Departure] = []
         for path, rows in group_rows(paths):
@@ -160,15 +186,18 @@ class Network:
                 continue
             causes = [departure.causes for departure in chosen]
             payloads = Payloads.of([departure.payload for departure in chosen])
-            known = causes if any(causes) else None
+            known_causes = causes if any(causes) else None
             of_path = numbers if rows is None else numbers[rows]
-            self._block_forwarder.send(now, path, of_path, payloads, causes=known)
+            self._block_forwarder.send(now, path, of_path, payloads, causes=known_causes)
         return singles
 
-    def _find_link(self, sender: str, port: Port) -> DirectedLink:
-        link = self._outgoing.get(port)
+    @staticmethod
+    def _find_link(sender: Sender, port: Port) -> DirectedLink:
+        link = sender.outgoing.get(port)
         if link is None:
-            raise ComponentError(f"agent {sender}", f"sent from {port.endpoint} on {port.link}, which is no link's end")
+            raise ComponentError(
+                f"agent {sender.name}", f"sent from {port.endpoint} on {port.link}, which is no link's end"
+            )
         return link
 
     def handle_event(self, now: Time, code: int, data: Any) -> None:
@@ -178,7 +207,6 @@ class Network:
         elif code == FORWARD:
             self._forward_queued(now, data)
         elif code == DELIVER_BLOCKS:
-            self._observers.report_blocks(data.hops)
             self._block_forwarder.deliver(now, data)
         elif code == RESUME_BLOCKS:
             self._block_forwarder.resume(now, data)
@@ -193,28 +221,30 @@ class Network:
         elif code == HEAR:
             self._show(now, *data)
         elif code == SERVE:
-            if data.due == now and self._monitors is not None:
-                self._monitors.serve(now, data)
+            if data.due == now:
+                data.owner.serve(now, data)
         else:
-            self._observers.report_frames(data)
+            link, frames = data
+            link.observers.report_frames(frames)
 
     def accept_transit(self, arrival: Time, link: str, frame: Frame) -> None:
         """Take over a frame that another kernel sent."""
-        self._push(arrival, link, frame, ARRIVE, (self.links[link], frame, 0, None))
+        found = self.runs[0].links[link]
+        self._push(arrival, found, frame, ARRIVE, (found, frame, 0, None))
 
     def report_in_flight(self, now: Time) -> None:
         """Report every frame that is still under way as the run ends at `now`."""
         for _, _, _, _, code, data in sorted([*self.heap, *self._list_waiting()], key=lambda entry: entry[:4]):
             if code == ARRIVE:
-                self._report_begun(now, [*(data[3] or ()), data[1]])
+                self._report_begun(now, data[0], [*(data[3] or ()), data[1]])
             elif code == RESUME:
-                self._report_begun(now, [data[1]])
+                self._report_begun(now, data[0], [data[1]])
             elif code == PROCESS:
-                self._report_begun(now, [data.current.frame])
+                self._report_begun(now, data.current.link, [data.current.frame])
             elif code == REPORT:
-                self._report_begun(now, data)
+                self._report_begun(now, *data)
             elif code == DELIVER_BLOCKS:
-                self._observers.report_blocks(cut_off(now, data))
+                self._block_forwarder.report(cut_off(now, data))
         self.heap.clear()
 
     # ---------------------------------------------------------------- taps
@@ -272,30 +302,30 @@ class Network:
             elif isinstance(verdict, Drop):
                 drop = True
             elif isinstance(verdict, Note):
-                self._observers.report_note(now, slot.name, verdict)
+                slot.observers.report_note(now, slot.name, verdict)
             elif isinstance(verdict, Alert):
-                self._observers.raise_alarm(now, slot.attack, f"tap {slot.name}", verdict)
+                slot.observers.raise_alarm(now, slot.attack, f"tap {slot.name}", verdict)
             elif not isinstance(verdict, Pass):
                 raise ComponentError(f"tap {slot.name}", f"answered a frame with {verdict!r}, which is no verdict")
         if drop:
             if until is not None or replacement is not None:
                 raise ComponentError(f"tap {slot.name}", "dropped a frame and kept it in one answer")
-            self._observers.label_tap_act(now, slot, "drop", frame.id)
+            slot.observers.label_tap_act(now, slot, "drop", frame.id)
             end_journey(frame, Fate.DROPPED)
-            self._observers.report_frames([frame])
+            link.observers.report_frames([frame])
             return None
         if replacement is not None:
             child = link.make_frame(slot.name, now, replacement, frame.src, frame.dst, parent=frame.id)
-            self._observers.label_tap_act(now, slot, "replace", frame.id, child=child.id)
+            slot.observers.label_tap_act(now, slot, "replace", frame.id, child=child.id)
             end_journey(frame, Fate.REPLACED)
-            self._observers.report_frames([frame])
+            link.observers.report_frames([frame])
             frame = child
         if until is not None and until > now:
-            self._observers.label_tap_act(now, slot, "delay", frame.id, until=until)
+            slot.observers.label_tap_act(now, slot, "delay", frame.id, until=until)
             if sending:
-                self._push(until, link.name, frame, RESUME, (link, frame, position))
+                self._push(until, link, frame, RESUME, (link, frame, position))
             else:
-                self._push(until, link.name, frame, ARRIVE, (link, frame, position, None))
+                self._push(until, link, frame, ARRIVE, (link, frame, position, None))
             return None
         return frame
 
@@ -306,23 +336,23 @@ class Network:
             )
         link, position, sending = slot.links[verdict.direction]
         frame = link.make_frame(slot.name, now, verdict.payload, verdict.src, verdict.dst, parent=verdict.parent)
-        self._observers.label_tap_act(now, slot, "inject", frame.id)
+        slot.observers.label_tap_act(now, slot, "inject", frame.id)
         way = slot.ways.get(verdict.direction)
         if way is not None:
             self._transmit_beside(now, link, frame, way)
         elif sending:
             self._transmit(now, link, frame, position)
         else:  # past the channel already, but nothing arrives at its own time
-            self._push(now + MIN_LATENCY_NS, link.name, frame, ARRIVE, (link, frame, position, None))
+            self._push(now + MIN_LATENCY_NS, link, frame, ARRIVE, (link, frame, position, None))
 
-    def _transmit_beside(self, now: Time, link: DirectedLink, frame: Frame, way: OpenChannel) -> None:
+    def _transmit_beside(self, now: Time, link: DirectedLink, frame: Frame, channel: OpenChannel) -> None:
         """Send a frame by a radio that is no end of the link, to the link's receiver."""
-        fate, arrival, _ = way.carry(now, len(frame.payload), link.draws(frame.sender, now))
+        fate, arrival, _ = channel.carry(now, len(frame.payload), link.draws(frame.sender, now))
         if fate is Fate.DELIVERED:
             self._schedule_arrival(arrival, link, frame, None)
             return
         end_journey(frame, fate)
-        self._observers.report_frames([frame])
+        link.observers.report_frames([frame])
 
     def _let_hear(self, now: Time, link: DirectedLink, frame: Frame) -> None:
         """Find out which radios beside a link hear the frame that its sender has sent."""
@@ -332,7 +362,7 @@ class Network:
             heard = slot.radio.hear(link.direction, link.draws(f"{slot.name} hears", now)[0])
             if heard is not None:
                 who = f"{slot.name} hears {frame.sender}"
-                heappush(self.heap, ((heard << 3) | DELIVERY, link.name, who, frame.serial, HEAR, (slot, frame)))
+                heappush(self.heap, ((heard << 3) | DELIVERY, link.order, who, frame.serial, HEAR, (slot, frame)))
 
     def _show(self, now: Time, slot: TapSlot, frame: Frame) -> None:
         """Show a tap the frame that its radio has heard; it cannot act on that frame."""
@@ -347,7 +377,7 @@ class Network:
             if isinstance(verdict, Inject):
                 self._inject(now, slot, verdict)
             elif isinstance(verdict, Note):
-                self._observers.report_note(now, slot.name, verdict)
+                slot.observers.report_note(now, slot.name, verdict)
             elif not isinstance(verdict, Pass):
                 problem = f"answered a frame that its radio heard with {verdict!r}; Inject and Note fit there"
                 raise ComponentError(f"tap {slot.name}", problem)
@@ -370,17 +400,17 @@ class Network:
             if isinstance(verdict, Inject):
                 self._inject(now, slot, verdict)
             else:
-                self._observers.raise_alarm(now, slot.attack, f"tap {slot.name}", verdict)
+                slot.observers.raise_alarm(now, slot.attack, f"tap {slot.name}", verdict)
         self.schedule_tap(slot, now)
 
     def schedule_tap(self, slot: TapSlot, now: Time) -> None:
         """Have a tap woken at the time that it last asked for."""
-        wish = slot.tap.next_wakeup()
-        due = None if wish is None else max(wish, now + 1)
+        wakeup_ns = slot.tap.next_wakeup()
+        due = None if wakeup_ns is None else max(wakeup_ns, now + 1)
         if due != slot.due:
             slot.due = due
             if due is not None:
-                heappush(self.heap, ((due << 3) | WAKEUP, "tap", slot.name, 0, TAP, slot))
+                heappush(self.heap, ((due << 3) | WAKEUP, "tap", slot.order, 0, TAP, slot))
 
     # ---------------------------------------------------------------- from sender to receiver
 
@@ -388,10 +418,10 @@ class Network:
         """Sender-side taps from `position` on, then the channel."""
         if position == 0:
             for monitor in link.send_monitors:
-                monitor.take_frame(now, link.number, frame, received=False)
+                monitor.take_frame(now, link, frame, received=False)
         queue = link.sending
         if queue is not None and position < link.defended_to and _waits_to_leave(now, queue, link, position):
-            self._queue_for_processing(now, queue, Job(link.name, frame, position, sending=True))
+            self._queue_for_processing(now, queue, Job(link, frame, position, sending=True))
             return
         if link.sender_taps:
             passed = self._pass_taps(now, link, frame, position=position, sending=True, end=len(link.sender_taps))
@@ -406,15 +436,18 @@ class Network:
             self._let_hear(now, link, frame)
         if fate is not Fate.DELIVERED:
             end_journey(frame, fate)
-            self._observers.report_frames([frame])
+            link.observers.report_frames([frame])
             return
         self._schedule_arrival(arrival, link, frame, None)
         if twin is not None:
             self._duplicate(now, twin, link, frame)
 
-    def _transmit_block(self, now: Time, links: Ints, payloads: Payloads, parents: Parents | None) -> None:
-        """Send `payloads[i]` from the source of directed link `links[i]`, on the fast path where there is one."""
-        paths, parent_links = self._block_forwarder.choose_paths(links, parents)
+    def _transmit_block(self, now: Time, links: Ints, payloads: Payloads, parents: Parents | None, run: int) -> None:
+        """Send `payloads[i]` from the source of directed link `links[i]`, on the fast path where there is one.
+
+        `parents` are frames of the run with number `run`.
+        """
+        paths, parent_links = self._block_forwarder.choose_paths(links, parents, run)
         for path, rows in group_rows(paths):
             if path < 0:
                 for row in range(len(links)) if rows is None else rows.tolist():
@@ -430,9 +463,9 @@ class Network:
                 )
                 continue
             serials = None if serials is None else serials[rows]
-            above = None if parent_links is None else parent_links[rows]
+            row_parent_links = None if parent_links is None else parent_links[rows]
             self._block_forwarder.send(
-                now, path, links[rows], payloads.take(rows), parent_links=above, parent_serials=serials
+                now, path, links[rows], payloads.take(rows), parent_links=row_parent_links, parent_serials=serials
             )
 
     def _duplicate(self, now: Time, arrival: Time, link: DirectedLink, frame: Frame) -> None:
@@ -445,7 +478,7 @@ class Network:
         if link.local:
             heappush(
                 self.heap,
-                ((arrival << 3) | DELIVERY, link.name, frame.sender, frame.serial, ARRIVE, (link, frame, 0, trail)),
+                ((arrival << 3) | DELIVERY, link.order, frame.sender, frame.serial, ARRIVE, (link, frame, 0, trail)),
             )
         else:
             self.outbound.append(Transit(arrival, link.name, frame))
@@ -457,11 +490,11 @@ class Network:
         fate, arrival, _ = link.carry(frame.sender, now, len(frame.payload))
         if fate is not Fate.DELIVERED:
             end_journey(frame, fate)
-            self._push(now, link.name, frame, REPORT, [*trail, frame])
+            self._push(now, link, frame, REPORT, (link, [*trail, frame]))
             return
         end_journey(frame, Fate.DELIVERED, arrival)
         for monitor in link.arrival_monitors:
-            monitor.take_frame(arrival, link.number, frame, received=True)
+            monitor.take_frame(arrival, link, frame, received=True)
         trail.append(frame)
         for hop in hops:
             route, target = hop
@@ -470,21 +503,21 @@ class Network:
             sent = ceil_to(arrival, route.service_ns)
             child = hop.forward(sent, frame)
             for monitor in target.send_monitors:
-                monitor.take_frame(sent, target.number, child, received=False)
+                monitor.take_frame(sent, target, child, received=False)
             if target.fused is not None:
                 self._follow_fused(sent, target, target.fused, child, trail)
             else:
                 self._send_last_hop(sent, target, child, trail)
             trail = []  # the first branch carries the trail
         if trail:
-            self._push(arrival, link.name, frame, REPORT, trail)
+            self._push(arrival, link, frame, REPORT, (link, trail))
 
     def _send_last_hop(self, sent: Time, link: DirectedLink, frame: Frame, trail: list[Frame]) -> None:
         """The last hop of a fused route."""
         fate, arrival, twin = link.carry(frame.sender, sent, len(frame.payload))
         if fate is not Fate.DELIVERED:
             end_journey(frame, fate)
-            self._push(sent, link.name, frame, REPORT, [*trail, frame])
+            self._push(sent, link, frame, REPORT, (link, [*trail, frame]))
             return
         self._schedule_arrival(arrival, link, frame, trail)
         if twin is not None:
@@ -493,7 +526,7 @@ class Network:
     def _arrive(self, now: Time, link: DirectedLink, frame: Frame, position: int, trail: list[Frame] | None) -> None:
         """Receiver-side taps from `position` on, then mailbox and routes; in between the receiver's queue, if any."""
         if trail:
-            self._observers.report_frames(trail)
+            link.observers.report_frames(trail)
         queue = link.processing
         if link.receiver_taps:
             end = len(link.receiver_taps) if queue is None else link.defended_from
@@ -504,16 +537,14 @@ class Network:
         if queue is None:
             self._deliver(now, link, frame)
         else:
-            self._queue_for_processing(
-                now, queue, Job(link.name, frame, max(position, link.defended_from), sending=False)
-            )
+            self._queue_for_processing(now, queue, Job(link, frame, max(position, link.defended_from), sending=False))
 
     def _deliver(self, now: Time, link: DirectedLink, frame: Frame) -> None:
         """Hand a frame to the mailbox and the routes of its receiver."""
         end_journey(frame, Fate.DELIVERED, now)
-        self._observers.report_frames([frame])
+        link.observers.report_frames([frame])
         for monitor in link.arrival_monitors:
-            monitor.take_frame(now, link.number, frame, received=True)
+            monitor.take_frame(now, link, frame, received=True)
         box = link.mailbox
         if box is not None:
             box.singles.append(Arrival(link.port, now, frame.payload, frame.src, frame.id))
@@ -531,10 +562,11 @@ class Network:
             self._process_waiting(now, queue)
             return
         end_journey(job.frame, Fate.OVERFLOW)
-        self._observers.report_frames([job.frame])
+        observers = job.link.observers
+        observers.report_frames([job.frame])
         note = queue.count_overflow(job.frame.id)
         if note is not None:
-            self._observers.report_note(now, "kernel", note)
+            observers.report_note(now, "kernel", note)
 
     def _process_waiting(self, now: Time, queue: ProcessingQueue) -> None:
         while (job := queue.begin()) is not None:
@@ -542,7 +574,7 @@ class Network:
 
     def _process(self, now: Time, queue: ProcessingQueue, job: Job) -> None:
         """Show the current frame to one defence after another, and hand it on, until one of them takes time."""
-        link, sending = self.links[job.link], job.sending
+        link, sending = job.link, job.sending
         taps = link.sender_taps if sending else link.receiver_taps
         end = link.defended_to if sending else len(taps)
         while job.position < end:
@@ -571,18 +603,18 @@ class Network:
 
     def _list_waiting(self) -> list[Event]:
         """Frames that wait at endpoints, as events: as if they had arrived when they will be processed."""
-        queues = {queue.endpoint: queue for link in self._by_number if (queue := link.processing) is not None}
+        queues = {id(queue): queue for link in self._by_number if (queue := link.processing) is not None}
         return [
-            ((at << 3) | DELIVERY, job.link, job.frame.sender, job.frame.serial, RESUME, (job.link, job.frame, 0))
+            ((at << 3) | DELIVERY, job.link.order, job.frame.sender, job.frame.serial, RESUME, (job.link, job.frame, 0))
             for queue in queues.values()
             for at, job in queue.list_waiting()
         ]
 
     def _queue_for_route(self, now: Time, hop: RouteHop, frame: Frame) -> None:
-        name = hop.name
-        queue = self._queues.get(name)
+        order = hop.order
+        queue = self._queues.get(order)
         if queue is None:
-            queue = self._queues[name] = RouteQueue(hop)
+            queue = self._queues[order] = RouteQueue(hop)
         queue.frames.append(frame)
         schedule_route(self.heap, ceil_to(now, hop.route.service_ns), queue)
 
@@ -592,13 +624,13 @@ class Network:
         for frame in frames:
             self._transmit(now, queue.hop.link, queue.hop.forward(now, frame), 0)
 
-    def _push(self, time: Time, link: str, frame: Frame, code: int, data: Any) -> None:
-        heappush(self.heap, ((time << 3) | DELIVERY, link, frame.sender, frame.serial, code, data))
+    def _push(self, time: Time, link: DirectedLink, frame: Frame, code: int, data: Any) -> None:
+        heappush(self.heap, ((time << 3) | DELIVERY, link.order, frame.sender, frame.serial, code, data))
 
-    def _report_begun(self, now: Time, frames: Sequence[Frame]) -> None:
+    def _report_begun(self, now: Time, link: DirectedLink, frames: Sequence[Frame]) -> None:
         """Report those hops of a journey that had begun by the end; a fused route knows later ones that never were."""
         begun = [frame for frame in frames if frame.sent_ns <= now]
         for frame in begun:
             if frame.arrived_ns > now and frame.fate in (Fate.DELIVERED, Fate.IN_FLIGHT):
                 end_journey(frame, Fate.IN_FLIGHT)
-        self._observers.report_frames(begun)
+        link.observers.report_frames(begun)

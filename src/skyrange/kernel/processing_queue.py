@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import ProcessingLimit
@@ -18,13 +19,15 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.whole_numbers import worth_noting
 
+if TYPE_CHECKING:
+    from skyrange.kernel.directed_link import DirectedLink
+
 
 @dataclass(slots=True)
 class Job:
     """A frame at an endpoint: one that arrived, or one that it sends and that its defences inspect."""
 
-    link: str
-    """The directed link, `link:direction`."""
+    link: DirectedLink
     frame: Frame
     position: int
     """Of the next tap that sees it."""
@@ -98,19 +101,19 @@ class ProcessingQueue:
         self.current = None
         self._final = False
 
-    def is_sending(self, link: str) -> bool:
+    def is_sending(self, link: DirectedLink) -> bool:
         """Whether a frame that leaves on this link waits, or is being processed."""
-        if self.current is not None and self.current.sending and self.current.link == link:
+        if self.current is not None and self.current.sending and self.current.link is link:
             return True
-        return len(self._waiting) > self._incoming and any(job.sending and job.link == link for job in self._waiting)
+        return len(self._waiting) > self._incoming and any(job.sending and job.link is link for job in self._waiting)
 
     def list_waiting(self) -> list[tuple[Time, Job]]:
         """The frames that wait, each with the time at which it will be processed if no defence takes time for any."""
-        at, found = self._until, []
+        at, waiting = self._until, []
         for job in self._waiting:
             at += 0 if job.sending else self.service_ns
-            found.append((at, job))
-        return found
+            waiting.append((at, job))
+        return waiting
 
     def count_overflow(self, frame: FrameId) -> Note | None:
         """Count a frame that found no place; a note of the 1st, 2nd, 4th, 8th …, so that no flood fills the record."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.components import ENGINE_MEMBERS, Agent, Engine, TruthSubscriber, World
-from skyrange.contracts.links import AIR, Act, LinkSpec, ProcessingLimit, Route, TapPlacement
+from skyrange.contracts.links import AIR, Act, LinkSpec, ManualAct, ProcessingLimit, Route, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem, nearest
@@ -49,6 +49,8 @@ class Wiring:
     routes: Sequence[Route] = ()
     taps: Sequence[TapPlacement] = ()
     acts: Sequence[Act] = ()
+    manual_acts: Sequence[ManualAct] = ()
+    """Starts and stops by hand that are known before the run; those of acts that are not here are passed over."""
     processing: Sequence[ProcessingLimit] = ()
     """Endpoints that take time for each frame; all others process frames at once."""
     world: World | None = None
@@ -72,7 +74,7 @@ class Wiring:
 
 
 def build_links(wiring: Wiring, chance: Chance) -> dict[str, DirectedLink]:
-    """Both directions of every link, by `link:direction`, numbered in order of these names."""
+    """Both directions of every link, by `link:direction`."""
     links: dict[str, DirectedLink] = {}
     queues = {limit.endpoint: ProcessingQueue(limit.endpoint, limit) for limit in wiring.processing}
     for spec in wiring.links:
@@ -83,11 +85,18 @@ def build_links(wiring: Wiring, chance: Chance) -> dict[str, DirectedLink]:
             link.local = wiring.local is None or link.dst in wiring.local
             link.processing = queues.get(link.dst)
             links[link.name] = link
-    sent_counts = np.zeros(len(links), dtype=np.int64)
-    for number, name in enumerate(sorted(links)):
-        links[name].number = number
-        links[name].sent_counts = sent_counts
     return links
+
+
+def number_links(runs: Sequence[Mapping[str, DirectedLink]]) -> None:
+    """Number the directed links of all runs of a kernel, in order of run and name, and have them count together."""
+    sent_counts = np.zeros(sum(map(len, runs)), dtype=np.int64)
+    number = 0
+    for run, links in enumerate(runs):
+        for own_number, name in enumerate(sorted(links)):
+            link = links[name]
+            link.run, link.number, link.own_number, link.sent_counts = run, number, own_number, sent_counts
+            number += 1
 
 
 def index_by_sender(links: Mapping[str, DirectedLink]) -> dict[Port, DirectedLink]:

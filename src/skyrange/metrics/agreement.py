@@ -106,10 +106,12 @@ class Agreement:
         lines += [str(odd) for odd in self.odd[:_SHOWN]]
         if len(self.odd) > _SHOWN:
             lines.append(f"and {len(self.odd) - _SHOWN} more")
-        for vehicle, (mine, other) in self.outcomes.items():
-            lines.append(f"outcome of {vehicle}: {_said(mine)} | {_said(other)}")
-        for vehicle, way in self.ways.items():
-            lines.append(f"{vehicle}: up to {way.apart_m:.3g} m apart, {way.off_m:.3g} m off the other's way")
+        for vehicle, (first, second) in self.outcomes.items():
+            lines.append(f"outcome of {vehicle}: {_said(first)} | {_said(second)}")
+        for vehicle, difference in self.ways.items():
+            lines.append(
+                f"{vehicle}: up to {difference.apart_m:.3g} m apart, {difference.off_m:.3g} m off the other's way"
+            )
         return "\n".join(lines)
 
 
@@ -125,25 +127,34 @@ def agreement(a: RunRecord | Path | str, b: RunRecord | Path | str, tolerance_s:
         raise InputError.one("diff", "tolerance", f"{tolerance_s:g}", "seconds, more than 0 and less than 3600")
     left, right = (run if isinstance(run, RunRecord) else load(run) for run in (a, b))
     until_s = min(left.duration, right.duration)
-    mine, other = (_noted(run, round(until_s * NS_PER_S)) for run in (left, right))
+    first_times, second_times = (_noted(run, round(until_s * NS_PER_S)) for run in (left, right))
     apart: dict[str, list[float]] = {}
     odd: list[Unmatched] = []
-    for key in {**mine, **other}:
-        for at, there in _paired(mine.get(key, []), other.get(key, []), round(tolerance_s * NS_PER_S)):
-            if at is not None and there is not None:
-                apart.setdefault(key[1], []).append(to_seconds(at) - to_seconds(there))
-                if abs(at - there) <= tolerance_s * NS_PER_S:
+    for key in {**first_times, **second_times}:
+        for at, other_ns in _paired(first_times.get(key, []), second_times.get(key, []), round(tolerance_s * NS_PER_S)):
+            if at is not None and other_ns is not None:
+                apart.setdefault(key[1], []).append(to_seconds(at) - to_seconds(other_ns))
+                if abs(at - other_ns) <= tolerance_s * NS_PER_S:
                     continue
-            elif to_seconds(at if at is not None else there or 0) > until_s - tolerance_s:
+            elif to_seconds(at if at is not None else other_ns or 0) > until_s - tolerance_s:
                 continue
-            odd.append(Unmatched(*key, *(None if one is None else to_seconds(one) for one in (at, there))))
+            odd.append(
+                Unmatched(*key, *(None if time_ns is None else to_seconds(time_ns) for time_ns in (at, other_ns)))
+            )
     return Agreement(
         a=str(left.path),
         b=str(right.path),
         tolerance_s=tolerance_s,
         until_s=until_s,
         kinds={name: _kind(values) for name, values in apart.items()},
-        odd=sorted(odd, key=lambda one: (one.b_s if one.a_s is None else one.a_s, one.about, one.kind)),
+        odd=sorted(
+            odd,
+            key=lambda unmatched: (
+                unmatched.b_s if unmatched.a_s is None else unmatched.a_s,
+                unmatched.about,
+                unmatched.kind,
+            ),
+        ),
         outcomes=_outcomes(left, right, until_s),
         ways=_ways(left, right, tolerance_s),
     )
@@ -151,17 +162,19 @@ def agreement(a: RunRecord | Path | str, b: RunRecord | Path | str, tolerance_s:
 
 def _noted(run: RunRecord, until_ns: int) -> dict[Key, list[int]]:
     """The times of all notes by key, in ascending order."""
-    found: dict[Key, list[int]] = {}
+    times_by_key: dict[Key, list[int]] = {}
     for table in ("events", "decisions"):
         for row in run.table(table, ["time_ns", "kind", "about", "source", "data"]).to_pylist():
             if row["time_ns"] <= until_ns:
                 data = json.loads(row["data"]).items()
                 whole = {name: value for name, value in data if not isinstance(value, float) and name != _COUNTER}
                 details = json.dumps(whole, sort_keys=True, ensure_ascii=False)
-                found.setdefault((table, row["kind"], row["about"], row["source"], details), []).append(row["time_ns"])
-    for times in found.values():
+                times_by_key.setdefault((table, row["kind"], row["about"], row["source"], details), []).append(
+                    row["time_ns"]
+                )
+    for times in times_by_key.values():
         times.sort()
-    return found
+    return times_by_key
 
 
 def _paired(a: Sequence[int], b: Sequence[int], tolerance_ns: int) -> Iterator[tuple[int | None, int | None]]:
@@ -178,11 +191,11 @@ def _paired(a: Sequence[int], b: Sequence[int], tolerance_ns: int) -> Iterator[t
         else:
             left[1].append(b[j])
             j += 1
-    mine, other = [*left[0], *a[i:]], [*left[1], *b[j:]]
-    both = min(len(mine), len(other))
-    yield from zip(mine[:both], other[:both], strict=True)
-    yield from ((at, None) for at in mine[both:])
-    yield from ((None, at) for at in other[both:])
+    first, second = [*left[0], *a[i:]], [*left[1], *b[j:]]
+    both = min(len(first), len(second))
+    yield from zip(first[:both], second[:both], strict=True)
+    yield from ((at, None) for at in first[both:])
+    yield from ((None, at) for at in second[both:])
 
 
 def _kind(apart_s: Sequence[float]) -> KindAgreement:
@@ -192,12 +205,12 @@ def _kind(apart_s: Sequence[float]) -> KindAgreement:
 
 def _outcomes(a: RunRecord, b: RunRecord, until_s: float) -> dict[str, tuple[Any, Any]]:
     """Outcomes that differ in more than their time; one after the shorter run's end counts as unfinished."""
-    found = {}
+    differing = {}
     for vehicle in sorted({*a.outcomes, *b.outcomes}):
-        mine, other = (_until(run.outcomes.get(vehicle), until_s) for run in (a, b))
-        if [mine.get(name) for name in ("state", "reason")] != [other.get(name) for name in ("state", "reason")]:
-            found[vehicle] = mine, other
-    return found
+        first, second = (_until(run.outcomes.get(vehicle), until_s) for run in (a, b))
+        if [first.get(name) for name in ("state", "reason")] != [second.get(name) for name in ("state", "reason")]:
+            differing[vehicle] = first, second
+    return differing
 
 
 def _until(entry: Mapping[str, Any] | None, until_s: float) -> dict[str, Any]:
@@ -214,9 +227,9 @@ def _ways(a: RunRecord, b: RunRecord, tolerance_s: float) -> dict[str, PathDiffe
     names = [vehicle.id for vehicle in vehicles(a)]
     if not names or names != [vehicle.id for vehicle in vehicles(b)]:
         return {}
-    mine, other = read_ticks(a), read_ticks(b)
-    apart_m, _ = departures(mine, other)
-    off_m = _off_m(mine, other, tolerance_s)
+    first_ticks, second_ticks = read_ticks(a), read_ticks(b)
+    apart_m, _ = departures(first_ticks, second_ticks)
+    off_m = _off_m(first_ticks, second_ticks, tolerance_s)
     return {
         name: PathDifference(float(far), float(off_m[k]))
         for k, (name, far) in enumerate(zip(names, apart_m, strict=True))
@@ -228,15 +241,15 @@ def _off_m(a: Ticks, b: Ticks, tolerance_s: float) -> NDArray[np.float64]:
 
     Times near either end, for which that part of the path is incomplete, are left out.
     """
-    _, mine, other = np.intersect1d(a.time_ns, b.time_ns, assume_unique=True, return_indices=True)
-    if len(mine) < 2:
+    _, first_rows, second_rows = np.intersect1d(a.time_ns, b.time_ns, assume_unique=True, return_indices=True)
+    if len(first_rows) < 2:
         return np.zeros(a.enu_m.shape[1])
-    here, way = a.enu_m[mine], b.enu_m[other]
-    steps = max(1, int(tolerance_s * NS_PER_S // max(int(np.median(np.diff(b.time_ns[other]))), 1)))
-    best = ((here - way) ** 2).sum(axis=2)
+    here, other_path = a.enu_m[first_rows], b.enu_m[second_rows]
+    steps = max(1, int(tolerance_s * NS_PER_S // max(int(np.median(np.diff(b.time_ns[second_rows]))), 1)))
+    best = ((here - other_path) ** 2).sum(axis=2)
     for shift in range(-steps, steps):
-        first = np.clip(np.arange(len(way)) + shift, 0, len(way) - 1)
-        start, leg = way[first], way[np.minimum(first + 1, len(way) - 1)] - way[first]
+        first = np.clip(np.arange(len(other_path)) + shift, 0, len(other_path) - 1)
+        start, leg = other_path[first], other_path[np.minimum(first + 1, len(other_path) - 1)] - other_path[first]
         length2 = np.maximum((leg**2).sum(axis=2), 1e-12)
         share = np.clip(((here - start) * leg).sum(axis=2) / length2, 0.0, 1.0)
         best = np.minimum(best, ((here - start - share[:, :, None] * leg) ** 2).sum(axis=2))

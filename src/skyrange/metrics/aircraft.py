@@ -66,8 +66,10 @@ def read_ticks(record: RunRecord) -> Ticks:
     """The truth of all aircraft by tick; ticks with missing aircraft of the fleet are left out."""
     names = {vehicle.id: number for number, vehicle in enumerate(vehicles(record))}
     others = tuple(str(row["id"]) for row in record.manifest.get("honest") or ())
-    there = set(record.tables.schema("truth").names)
-    columns = [name for name in ("east_m", "north_m", "up_m", "on_ground", "battery_v", "battery_a") if name in there]
+    column_names = set(record.tables.schema("truth").names)
+    columns = [
+        name for name in ("east_m", "north_m", "up_m", "on_ground", "battery_v", "battery_a") if name in column_names
+    ]
     table = record.table("truth", ["time_ns", "vehicle", *columns])
     codes = table.column("vehicle").combine_chunks().dictionary_encode()
     lookup = np.array([names.get(name, -1) for name in codes.dictionary.to_pylist()], dtype=np.int64)
@@ -96,15 +98,15 @@ def _with_others(ticks: Ticks, truth: pa.Table, others: tuple[str, ...]) -> Tick
     """The ticks with the real aircraft of an honest arm, which exist only while their attack acts."""
     shape = (len(ticks.time_ns), len(others))
     enu_m, aloft = np.full((*shape, 3), np.nan), np.zeros(shape, dtype=np.bool_)
-    there = "on_ground" in truth.column_names
+    has_ground = "on_ground" in truth.column_names
     for number, name in enumerate(others):
-        own = truth.filter(pc.equal(truth.column("vehicle"), name))
-        _, rows, found = np.intersect1d(
-            ticks.time_ns, own.column("time_ns").to_numpy(), assume_unique=True, return_indices=True
+        vehicle_truth = truth.filter(pc.equal(truth.column("vehicle"), name))
+        _, rows, indices = np.intersect1d(
+            ticks.time_ns, vehicle_truth.column("time_ns").to_numpy(), assume_unique=True, return_indices=True
         )
         for axis, column in enumerate(("east_m", "north_m", "up_m")):
-            enu_m[rows, number, axis] = own.column(column).to_numpy()[found]
-        aloft[rows, number] = own.column("on_ground").to_numpy()[found] == 0.0 if there else True
+            enu_m[rows, number, axis] = vehicle_truth.column(column).to_numpy()[indices]
+        aloft[rows, number] = vehicle_truth.column("on_ground").to_numpy()[indices] == 0.0 if has_ground else True
     return replace(ticks, others=others, others_enu_m=enu_m, others_aloft=aloft)
 
 
@@ -160,10 +162,10 @@ def departures(ticks: Ticks, twin: Ticks, threshold_m: float | Floats = DEPARTED
     """(n,) largest distance of each aircraft from its position in the twin at the same time, and (n,) ns when it first
     exceeded `threshold_m`, one for all or (n,), −1 for never. Times that only one of the runs has are ignored.
     """
-    _, mine, other = np.intersect1d(ticks.time_ns, twin.time_ns, assume_unique=True, return_indices=True)
-    away_m = np.sqrt(((ticks.enu_m[mine] - twin.enu_m[other]) ** 2).sum(axis=2))
+    _, rows, twin_rows = np.intersect1d(ticks.time_ns, twin.time_ns, assume_unique=True, return_indices=True)
+    away_m = np.sqrt(((ticks.enu_m[rows] - twin.enu_m[twin_rows]) ** 2).sum(axis=2))
     beyond = away_m > threshold_m
-    first = np.where(beyond.any(axis=0), ticks.time_ns[mine][beyond.argmax(axis=0)] if len(mine) else -1, -1)
+    first = np.where(beyond.any(axis=0), ticks.time_ns[rows][beyond.argmax(axis=0)] if len(rows) else -1, -1)
     return away_m.max(axis=0, initial=0.0), first
 
 
@@ -179,7 +181,7 @@ def near_misses(record: RunRecord, near_m: float = NEAR_M) -> list[RecordedNote]
     ticks, names = read_ticks(record), [vehicle.id for vehicle in vehicles(record)]
     names += ticks.others
     enu_m, aloft = everyone(ticks)
-    found = []
+    notes = []
     for k in range(len(names)):
         away_m = np.sqrt(((enu_m[:, k + 1 :] - enu_m[:, k : k + 1]) ** 2).sum(axis=2))
         near = (away_m < near_m) & aloft[:, k + 1 :] & aloft[:, k : k + 1]
@@ -187,9 +189,9 @@ def near_misses(record: RunRecord, near_m: float = NEAR_M) -> list[RecordedNote]
         for tick, other in np.argwhere(begins).tolist():
             pair, time_ns = (names[k], names[k + 1 + other]), int(ticks.time_ns[tick])
             data = {"distance_m": round(float(away_m[tick, other]), 3)}
-            for mine, theirs in (pair, pair[::-1]):
-                found.append(RecordedNote(time_ns, "near_miss", mine, "world", {"with": theirs, **data}))
-    return sorted(found, key=lambda note: note.time_ns)
+            for aircraft, other_vehicle in (pair, pair[::-1]):
+                notes.append(RecordedNote(time_ns, "near_miss", aircraft, "world", {"with": other_vehicle, **data}))
+    return sorted(notes, key=lambda note: note.time_ns)
 
 
 GROWTH_NS: Final = 60_000_000_000
@@ -211,21 +213,23 @@ class DistanceSeries(NamedTuple):
 
 def measure_departures(attacked: RunRecord, baseline: RunRecord) -> DistanceSeries:
     """Distances from where each aircraft is at the same time in the baseline. Times of one run alone are left out."""
-    mine, other = read_ticks(attacked), read_ticks(baseline)
-    time_ns, here, there = np.intersect1d(mine.time_ns, other.time_ns, assume_unique=True, return_indices=True)
-    away_m = np.sqrt(((mine.enu_m[here] - other.enu_m[there]) ** 2).sum(axis=2))
-    return DistanceSeries(time_ns, away_m, mine.aloft[here])
+    attacked_ticks, baseline_ticks = read_ticks(attacked), read_ticks(baseline)
+    time_ns, attacked_rows, baseline_rows = np.intersect1d(
+        attacked_ticks.time_ns, baseline_ticks.time_ns, assume_unique=True, return_indices=True
+    )
+    away_m = np.sqrt(((attacked_ticks.enu_m[attacked_rows] - baseline_ticks.enu_m[baseline_rows]) ** 2).sum(axis=2))
+    return DistanceSeries(time_ns, away_m, attacked_ticks.aloft[attacked_rows])
 
 
 def measure_straying(attacked: RunRecord, baseline: RunRecord) -> DistanceSeries:
     """Horizontal distances from the path that each aircraft flew in the baseline, whatever the time."""
-    mine, other = read_ticks(attacked), read_ticks(baseline)
-    away_m = np.zeros(mine.aloft.shape)
-    for k in range(mine.enu_m.shape[1]):
-        if len(other.time_ns) > 1:
-            path = shapely.LineString(other.enu_m[:, k, :2])
-            away_m[:, k] = shapely.distance(shapely.points(mine.enu_m[:, k, :2]), path)
-    return DistanceSeries(mine.time_ns, away_m, mine.aloft)
+    attacked_ticks, baseline_ticks = read_ticks(attacked), read_ticks(baseline)
+    away_m = np.zeros(attacked_ticks.aloft.shape)
+    for k in range(attacked_ticks.enu_m.shape[1]):
+        if len(baseline_ticks.time_ns) > 1:
+            path = shapely.LineString(baseline_ticks.enu_m[:, k, :2])
+            away_m[:, k] = shapely.distance(shapely.points(attacked_ticks.enu_m[:, k, :2]), path)
+    return DistanceSeries(attacked_ticks.time_ns, away_m, attacked_ticks.aloft)
 
 
 def measure_growth(series: DistanceSeries, start_ns: int, stop_ns: int) -> float | None:
@@ -235,7 +239,7 @@ def measure_growth(series: DistanceSeries, start_ns: int, stop_ns: int) -> float
     It ends with the attack or with the flight.
     """
     highest = np.maximum.accumulate(series.away_m, axis=0)
-    found: list[float] = []
+    growths: list[float] = []
     for k in range(series.away_m.shape[1]):
         acting = np.flatnonzero(series.aloft[:, k] & (series.time_ns >= start_ns) & (series.time_ns <= stop_ns))
         begin_ns, end_ns = (int(series.time_ns[acting[place]]) for place in (0, -1)) if acting.size else (0, 0)
@@ -244,5 +248,5 @@ def measure_growth(series: DistanceSeries, start_ns: int, stop_ns: int) -> float
         since_ns = max(end_ns - GROWTH_NS, (begin_ns + end_ns) // 2)
         first, last = int(np.searchsorted(series.time_ns, since_ns)), int(acting[-1])
         span_min = (end_ns - int(series.time_ns[first])) / GROWTH_NS
-        found.append(float(highest[last, k] - highest[first, k]) / span_min)
-    return max(found, default=None)
+        growths.append(float(highest[last, k] - highest[first, k]) / span_min)
+    return max(growths, default=None)

@@ -47,42 +47,54 @@ class Claim:
     volumes: tuple[Prism, ...]
 
 
-def read_claims(record: Record) -> dict[str, list[Claim]]:
-    """The claims of each vehicle, in the order of their acceptance. What cannot be read is left out."""
-    origin = origin_of(record.manifest) or Origin(0.0, 0.0)
-    epoch = Epoch(int(record.manifest.get("start_unix_ns") or 0))
-    asked: dict[tuple[str, int], IntentBody] = {}
-    claims: dict[str, list[Claim]] = {}
-    holders: dict[str, str] = {}
-    for row in _approval_frames(record):
+class ClaimReader:
+    """Claims of a run, from frames of its `approval` links. What cannot be read is left out."""
+
+    def __init__(self, manifest: Mapping[str, Any]) -> None:
+        self.claims: dict[str, list[Claim]] = {}
+        """The claims of each vehicle, in the order of their acceptance."""
+        self._origin = origin_of(manifest) or Origin(0.0, 0.0)
+        self._epoch = Epoch(int(manifest.get("start_unix_ns") or 0))
+        self._requests: dict[tuple[str, int], IntentBody] = {}
+        self._holders: dict[str, str] = {}
+
+    def add(self, direction: str, arrived_ns: Time, payload: bytes) -> None:
+        """Read a frame that was delivered later than all before."""
         try:
-            if row["direction"] == "fwd":
-                body = decode_request(row["payload"]).body
+            if direction == "fwd":
+                body = decode_request(payload).body
                 if isinstance(body, IntentBody):
-                    asked[body.id, body.version or 0] = body
-                continue
-            answer = decode_response(row["payload"]).body
+                    self._requests[body.id, body.version or 0] = body
+                return
+            answer = decode_response(payload).body
         except DecodeError:
-            continue
+            return
         if not isinstance(answer, DecisionBody):
-            continue
-        request = asked.get((answer.id, answer.version or 0))
+            return
+        request = self._requests.get((answer.id, answer.version or 0))
         is_withdrawn = answer.overruled and answer.decision == "Rejected"
         if answer.decision == "Accepted" and not answer.overruled and request is not None:
-            holders[answer.id] = request.vehicle
-            own = _closed(claims.setdefault(request.vehicle, []), row["arrived_ns"])
-            volumes = tuple(_prism(one.volume4d(epoch), origin) for one in request.volumes)
-            own.append(Claim(request.vehicle, request.state, row["arrived_ns"], NEVER, volumes))
-        elif answer.id in holders and (answer.decision == "Ended" or is_withdrawn):
-            _closed(claims[holders[answer.id]], row["arrived_ns"])
-    return claims
+            self._holders[answer.id] = request.vehicle
+            vehicle_claims = _closed(self.claims.setdefault(request.vehicle, []), arrived_ns)
+            volumes = tuple(_prism(volume.volume4d(self._epoch), self._origin) for volume in request.volumes)
+            vehicle_claims.append(Claim(request.vehicle, request.state, arrived_ns, NEVER, volumes))
+        elif answer.id in self._holders and (answer.decision == "Ended" or is_withdrawn):
+            _closed(self.claims[self._holders[answer.id]], arrived_ns)
 
 
-def _closed(own: list[Claim], at: Time) -> list[Claim]:
+def read_claims(record: Record) -> dict[str, list[Claim]]:
+    """The claims of each vehicle, in the order of their acceptance. What cannot be read is left out."""
+    reader = ClaimReader(record.manifest)
+    for row in _approval_frames(record):
+        reader.add(row["direction"], row["arrived_ns"], row["payload"])
+    return reader.claims
+
+
+def _closed(claims: list[Claim], at: Time) -> list[Claim]:
     """The claims, of which the last one lasts until `at` at most."""
-    if own and own[-1].until_ns > at:
-        own[-1] = replace(own[-1], until_ns=at)
-    return own
+    if claims and claims[-1].until_ns > at:
+        claims[-1] = replace(claims[-1], until_ns=at)
+    return claims
 
 
 def _approval_frames(record: Record) -> list[dict[str, Any]]:
@@ -99,8 +111,10 @@ def _approval_frames(record: Record) -> list[dict[str, Any]]:
     wanted = pa.array(sorted({row["payload_id"] for row in rows}), pa.int64())
     payloads: dict[int, bytes] = {}
     for batch in record.batches("payloads", ["payload_id", "payload"]):
-        found = batch.filter(pc.is_in(batch.column("payload_id"), value_set=wanted))
-        payloads.update(zip(found.column("payload_id").to_pylist(), found.column("payload").to_pylist(), strict=True))
+        matching = batch.filter(pc.is_in(batch.column("payload_id"), value_set=wanted))
+        payloads.update(
+            zip(matching.column("payload_id").to_pylist(), matching.column("payload").to_pylist(), strict=True)
+        )
     known = [{**row, "payload": payloads[row["payload_id"]]} for row in rows if row["payload_id"] in payloads]
     return sorted(known, key=lambda row: (row["arrived_ns"], row["direction"]))
 
@@ -151,14 +165,14 @@ def _covered(claims: Sequence[Claim], times: NDArray[np.int64]) -> NDArray[np.bo
 
 def shown_prisms(claims: Mapping[str, Sequence[Claim]], end_ns: Time) -> list[tuple[str, Prism]]:
     """Every claimed volume with its vehicle, for the time in which it was claimed and reserved."""
-    found = []
-    for vehicle, own in claims.items():
-        for claim in own:
+    prisms = []
+    for vehicle, vehicle_claims in claims.items():
+        for claim in vehicle_claims:
             for prism in claim.volumes:
                 start, end = max(prism.start_ns, claim.from_ns), min(prism.end_ns, claim.until_ns, end_ns)
                 if start + NS_PER_S // 10 < end:
-                    found.append((vehicle, prism._replace(start_ns=start, end_ns=end)))
-    return found
+                    prisms.append((vehicle, prism._replace(start_ns=start, end_ns=end)))
+    return prisms
 
 
 _ASKED: Final = frozenset({"decision.approval_requested", "decision.activation_requested"})
@@ -196,7 +210,7 @@ class FlightApprovals:
 def measure_approvals(decisions: Iterable[RecordedNote]) -> list[FlightApprovals]:
     """The approvals of all flights that were requested, in the order of their first requests."""
     flights: dict[str, FlightApprovals] = {}
-    asked: dict[str, tuple[Time, float]] = {}
+    requested: dict[str, tuple[Time, float]] = {}
     climbs: dict[str, float] = {}
     for note in decisions:
         vehicle = note.about
@@ -205,10 +219,10 @@ def measure_approvals(decisions: Iterable[RecordedNote]) -> list[FlightApprovals
             flight.requests += 1
             begins_s = float(note.data.get("from_s", 0.0))
             flight.wanted_s = begins_s if flight.wanted_s is None else flight.wanted_s
-            asked[vehicle] = note.time_ns, begins_s
-        elif note.kind in _ANSWERED and vehicle in asked:
+            requested[vehicle] = note.time_ns, begins_s
+        elif note.kind in _ANSWERED and vehicle in requested:
             flight = flights[vehicle]
-            since, begins_s = asked.pop(vehicle)
+            since, begins_s = requested.pop(vehicle)
             flight.answers_s.append((note.time_ns - since) / NS_PER_S)
             if note.kind == "decision.alternative_chosen":
                 flight.rejections += 1
@@ -224,11 +238,11 @@ def measure_approvals(decisions: Iterable[RecordedNote]) -> list[FlightApprovals
 
 def delays_by_operator(flights: Sequence[FlightApprovals]) -> dict[str, float]:
     """The mean delay of the approved flights of each operator, in seconds."""
-    found: dict[str, list[float]] = {}
+    delays_of: dict[str, list[float]] = {}
     for flight in flights:
         if flight.delay_s is not None:
-            found.setdefault(operator_of(flight.vehicle), []).append(flight.delay_s)
-    return {operator: float(np.mean(delays)) for operator, delays in found.items()}
+            delays_of.setdefault(operator_of(flight.vehicle), []).append(flight.delay_s)
+    return {operator: float(np.mean(delays)) for operator, delays in delays_of.items()}
 
 
 def fairness(delays_s: Sequence[float]) -> float | None:

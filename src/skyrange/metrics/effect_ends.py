@@ -20,7 +20,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from skyrange.attack.contract import Persistence
-from skyrange.core.errors import InputError
 from skyrange.core.time import Time, from_seconds
 from skyrange.metrics.time_series import RecordedNote, read_notes
 from skyrange.record.read.run import RunRecord
@@ -43,17 +42,8 @@ _REWRITES: Final[Mapping[str, tuple[frozenset[str], frozenset[str]]]] = {
 
 
 def read_persistence(record: RunRecord) -> dict[str, Persistence]:
-    """By id of an attack: what ends its effect, `acts` where its kind does not say.
-
-    Raises `InputError` for a run of a version that did not record it.
-    """
-    rows = record.manifest.get("attacks") or ()
-    for row in rows:
-        if "persists" not in row:
-            expected = "what ends the effect of the attack, in `persists`"
-            hint = "The run is of an older version: fly it again."
-            raise InputError.one(str(record.path), f"attacks.{row['id']}", "nothing of it", expected, hint)
-    return {row["id"]: row["persists"] or "acts" for row in rows}
+    """By id of an attack: what ends its effect, `acts` where its kind does not say."""
+    return {row["id"]: row["persists"] or "acts" for row in record.manifest.get("attacks") or ()}
 
 
 def read_effect_ends_ns(record: RunRecord, last_ns: Mapping[tuple[str, str], Time]) -> dict[tuple[str, str], Time]:
@@ -67,8 +57,10 @@ def read_effect_ends_ns(record: RunRecord, last_ns: Mapping[tuple[str, str], Tim
         for note in (*read_notes(record, "decisions"), *read_notes(record, "events")):
             if note.about in notes:
                 notes[note.about].append(note)
-    for own in notes.values():
-        own.sort(key=lambda note: note.time_ns)  # of one instant, decisions come first: they are of what was before
+    for vehicle_notes in notes.values():
+        vehicle_notes.sort(
+            key=lambda note: note.time_ns
+        )  # of one instant, decisions come first: they are of what was before
     end_ns = from_seconds(record.duration)
     return {
         (attack, vehicle): find_effect_end_ns(

@@ -127,8 +127,12 @@ class Difference:
         return "\n".join(lines)
 
     def _describe_uncompared(self, table: str, why: str) -> str:
-        mine, other = self.digests.get(table, (None, None))
-        known = "" if mine is None or other is None else f"; the digests {'are equal' if mine == other else 'differ'}"
+        first_digest, second_digest = self.digests.get(table, (None, None))
+        known = (
+            ""
+            if first_digest is None or second_digest is None
+            else f"; the digests {'are equal' if first_digest == second_digest else 'differ'}"
+        )
         return f"{table} not compared: {why}{known}"
 
 
@@ -159,12 +163,12 @@ def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
     if "frames" in uncompared and left.keeps("features") and right.keeps("features"):
         tables.append("features")
     for table in tables:
-        mine, other = (set(run.tables.schema(table).names) for run in (left, right))
-        if mine != other:
-            columns[table] = sorted(mine - other), sorted(other - mine)
+        first_columns, second_columns = (set(run.tables.schema(table).names) for run in (left, right))
+        if first_columns != second_columns:
+            columns[table] = sorted(first_columns - second_columns), sorted(second_columns - first_columns)
         known = digests.get(table, (None, None)) if table in ("frames", "truth") else (None, None)
         if known[0] is None or known[0] != known[1] or any(unverified):
-            difference = _first_difference(table, left, right, mine & other)
+            difference = _first_difference(table, left, right, first_columns & second_columns)
             if difference is not None:
                 first[table] = difference
     counts = {name: (left.rows(name), right.rows(name)) for name in _COUNTED if name not in uncompared}
@@ -179,7 +183,7 @@ def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
         b=str(right.path),
         same=not (first or outcomes or columns or any(unverified))
         and all(digests[name][0] and not _differ(digests[name]) for name in ("frames", "truth") if name in uncompared)
-        and all(mine == other for mine, other in counts.values()),
+        and all(first_count == second_count for first_count, second_count in counts.values()),
         statuses=(left.status, right.status),
         counts=counts,
         digests=digests,
@@ -287,13 +291,13 @@ def _unequal(a: pa.Array, b: pa.Array) -> NDArray[np.bool_]:
 
 
 def _row_difference(table: str, keys: tuple[str, ...], a: dict[str, Any], b: dict[str, Any]) -> RowDifference:
-    mine, other = tuple(a[key] for key in keys), tuple(b[key] for key in keys)
-    if mine < other:
+    first_key, second_key = tuple(a[key] for key in keys), tuple(b[key] for key in keys)
+    if first_key < second_key:
         return _missing_row(table, keys, a, "a")
-    if other < mine:
+    if second_key < first_key:
         return _missing_row(table, keys, b, "b")
     cells = {name: (_value(a[name]), _value(b[name])) for name in a if not _alike(a[name], b[name])}
-    return RowDifference(table, int(mine[0]), _name(table, a), None, cells)
+    return RowDifference(table, int(first_key[0]), _name(table, a), None, cells)
 
 
 def _missing_row(table: str, keys: tuple[str, ...], row: dict[str, Any], side: str) -> RowDifference:

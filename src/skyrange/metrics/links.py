@@ -114,9 +114,9 @@ def link_statistics(record: Record) -> list[LinkStatistics]:
 def sum_by_kind(stats: Iterable[LinkStatistics]) -> list[LinkStatistics]:
     """Sums over all link instances of the same kind and direction, in that order."""
     sums: dict[tuple[str, str], LinkStatistics] = {}
-    for each in stats:
-        key = (each.kind, each.direction)
-        sums.setdefault(key, LinkStatistics(each.kind, "", each.direction)).add(each)
+    for link_stats in stats:
+        key = (link_stats.kind, link_stats.direction)
+        sums.setdefault(key, LinkStatistics(link_stats.kind, "", link_stats.direction)).add(link_stats)
     return [sums[key] for key in sorted(sums)]
 
 

@@ -45,7 +45,7 @@ class Approaches(NamedTuple):
 
 
 @compiled
-def _closest(enu_m: Floats, aloft: Flags, near_m: float, found: Approaches) -> None:
+def _closest(enu_m: Floats, aloft: Flags, near_m: float, approaches: Approaches) -> None:
     """Fill in `found`, in which every aircraft is alone at first."""
     ticks, count = aloft.shape
     within = np.zeros((count, count), dtype=np.bool_)
@@ -60,25 +60,25 @@ def _closest(enu_m: Floats, aloft: Flags, near_m: float, found: Approaches) -> N
                 dn = enu_m[t, i, 1] - enu_m[t, j, 1]
                 du = enu_m[t, i, 2] - enu_m[t, j, 2]
                 away = np.sqrt(de * de + dn * dn + du * du)
-                if away < found.least_m[i]:
-                    found.least_m[i], found.nearest[i], found.tick[i] = away, j, t
-                if away < found.least_m[j]:
-                    found.least_m[j], found.nearest[j], found.tick[j] = away, i, t
+                if away < approaches.least_m[i]:
+                    approaches.least_m[i], approaches.nearest[i], approaches.tick[i] = away, j, t
+                if away < approaches.least_m[j]:
+                    approaches.least_m[j], approaches.nearest[j], approaches.tick[j] = away, i, t
                 near = away < near_m
                 if near and not within[i, j]:
-                    found.near_misses[i] += 1
-                    found.near_misses[j] += 1
+                    approaches.near_misses[i] += 1
+                    approaches.near_misses[j] += 1
                 within[i, j] = near
 
 
 def closest_approaches(enu_m: Floats, aloft: Flags, near_m: float = NEAR_M) -> Approaches:
     """Closest approaches of n aircraft over t ticks: `enu_m` (t, n, 3), `aloft` (t, n)."""
     count = aloft.shape[1]
-    found = Approaches(
+    approaches = Approaches(
         np.full(count, np.inf), np.full(count, -1, np.int64), np.full(count, -1, np.int64), np.zeros(count, np.int64)
     )
-    _closest(np.ascontiguousarray(enu_m), np.ascontiguousarray(aloft), near_m, found)
-    return found
+    _closest(np.ascontiguousarray(enu_m), np.ascontiguousarray(aloft), near_m, approaches)
+    return approaches
 
 
 def min_building_distance_m(enu_m: Floats, aloft: Flags, city: Sequence[Mapping[str, Any]]) -> Floats:
@@ -125,24 +125,24 @@ def find_landings_s(events: Iterable[RecordedNote], outcomes: Mapping[str, Mappi
     The touchdown that ended a mission is the last one before the report of its end. An aircraft that had taken off
     again by then was in the air when the report was made, which somebody may have forged: its next touchdown counts.
     """
-    own: dict[str, list[RecordedNote]] = {}
+    notes_by_aircraft: dict[str, list[RecordedNote]] = {}
     for note in events:
         if note.kind in (_TOUCHDOWN, _TAKEOFF):
-            own.setdefault(note.about, []).append(note)
-    found = {}
+            notes_by_aircraft.setdefault(note.about, []).append(note)
+    landings_s = {}
     for vehicle, outcome in outcomes.items():
         reported_s = outcome.get("finished_s")
         if reported_s is None:
             continue
-        at_ns = _landing_ns(own.get(vehicle, []), round(float(reported_s) * NS_PER_S))
+        at_ns = _landing_ns(notes_by_aircraft.get(vehicle, []), round(float(reported_s) * NS_PER_S))
         if at_ns is not None:
-            found[vehicle] = to_seconds(at_ns)
-    return found
+            landings_s[vehicle] = to_seconds(at_ns)
+    return landings_s
 
 
 def _landing_ns(notes: Iterable[RecordedNote], reported_ns: Time) -> Time | None:
     landed: Time | None = None
-    for note in sorted(notes, key=lambda one: one.time_ns):
+    for note in sorted(notes, key=lambda event: event.time_ns):
         if note.time_ns > reported_ns and landed is not None:
             break
         landed = note.time_ns if note.kind == _TOUCHDOWN else None
@@ -181,15 +181,15 @@ def mishap_kind(row: RecordedNote) -> str:
 
 def find_mishaps(events: Iterable[RecordedNote], tracks: Mapping[str, Track]) -> list[Mishap]:
     """The mishaps of aircraft whose true position is known, in order of time."""
-    found = []
+    mishaps = []
     for row in events:
         kind = mishap_kind(row)
         track = tracks.get(row.about.split(".", 1)[0])
         if not kind or track is None or not len(track):
             continue
         east_m, north_m, up_m = track.at(np.array([row.time_ns]))[0].tolist()
-        found.append(Mishap(row.time_ns, row.about, kind, (east_m, north_m, up_m), describe_mishap(row)))
-    return sorted(found, key=lambda mark: mark.time_ns)
+        mishaps.append(Mishap(row.time_ns, row.about, kind, (east_m, north_m, up_m), describe_mishap(row)))
+    return sorted(mishaps, key=lambda mark: mark.time_ns)
 
 
 def distinct_mishaps(rows: Iterable[RecordedNote]) -> list[RecordedNote]:
@@ -207,11 +207,11 @@ def distinct_mishaps(rows: Iterable[RecordedNote]) -> list[RecordedNote]:
 
 def first_mishaps(events: Iterable[RecordedNote]) -> dict[str, str]:
     """By vehicle, a description of its first collision or crash."""
-    found: dict[str, str] = {}
+    descriptions: dict[str, str] = {}
     for row in sorted(events, key=lambda row: row.time_ns):
         if mishap_kind(row) in _VIOLENT:
-            found.setdefault(row.about.split(".", 1)[0], f"{_what(row)}, {row.time_ns / NS_PER_S:.1f} s")
-    return found
+            descriptions.setdefault(row.about.split(".", 1)[0], f"{_what(row)}, {row.time_ns / NS_PER_S:.1f} s")
+    return descriptions
 
 
 def describe_mishap(row: RecordedNote) -> str:
@@ -233,9 +233,9 @@ def _what(row: RecordedNote) -> str:
     return row.kind.partition(".")[2].replace("_", " ")
 
 
-def drawing_order(found: Iterable[Mishap]) -> list[Mishap]:
+def drawing_order(mishaps: Iterable[Mishap]) -> list[Mishap]:
     """Drawing order: collisions and crashes last, so that no failsafe covers them."""
-    return sorted(found, key=lambda mark: mark.violent)
+    return sorted(mishaps, key=lambda mark: mark.violent)
 
 
 def read_mishaps(record: Record) -> list[Mishap]:

@@ -72,12 +72,14 @@ def summarise_flights(
     )
     ends = first_mishaps(events)
     for vehicle in fleet:
-        own = [event for event in events if event.about.split(".", 1)[0] == vehicle.id]
+        vehicle_events = [event for event in events if event.about.split(".", 1)[0] == vehicle.id]
         outcome = outcomes.get(vehicle.id) or {}
         finished = outcome.get("finished_s")
         path = truth.get(vehicle.id)
-        seen = belief.get(vehicle.id)
-        gaps = belief_errors_m(path, seen) if path is not None and seen is not None and len(path) else np.zeros(0)
+        believed = belief.get(vehicle.id)
+        gaps = (
+            belief_errors_m(path, believed) if path is not None and believed is not None and len(path) else np.zeros(0)
+        )
         rows.append(
             FlightSummary(
                 vehicle=vehicle,
@@ -85,27 +87,32 @@ def summarise_flights(
                 reason=str(outcome.get("reason") or ""),
                 mishap=ends.get(vehicle.id, ""),
                 finished_s=None if finished is None else float(finished),
-                landed_s=find_landings_s(own, {vehicle.id: {"finished_s": finished}}).get(vehicle.id),
-                airborne_s=_airborne_s(own, path),
+                landed_s=find_landings_s(vehicle_events, {vehicle.id: {"finished_s": finished}}).get(vehicle.id),
+                airborne_s=_airborne_s(vehicle_events, path),
                 distance_m=path.distance_m if path is not None else 0.0,
                 max_up_m=float(path.enu_m[:, 2].max()) if path is not None and len(path) else None,
                 max_speed_mps=float(path.speed_mps.max()) if path is not None and len(path) else None,
                 max_gap_m=float(gaps.max()) if len(gaps) else None,
                 p95_gap_m=float(np.quantile(gaps, 0.95)) if len(gaps) else None,
-                positions=len(seen) if seen is not None else 0,
+                positions=len(believed) if believed is not None else 0,
             )
         )
     return rows
 
 
+def describe_missions(states: Sequence[str]) -> str:
+    """How many missions are complete, such as "3 of 5 missions"; `states` are those of the outcomes of all aircraft."""
+    return f"{sum(state == 'complete' for state in states)} of {len(states)} missions"
+
+
 _DOWN = frozenset({"event.landed", "event.crash", "event.disarmed"})
 
 
-def _airborne_s(own: Sequence[RecordedNote], path: Track | None) -> float | None:
+def _airborne_s(events: Sequence[RecordedNote], path: Track | None) -> float | None:
     """Seconds from take-offs to landings, crashes or disarming; an unfinished flight counts to the end of truth."""
     total, since = 0, None
     flew = False
-    for event in own:
+    for event in events:
         if event.kind == "event.takeoff" and since is None:
             since, flew = event.time_ns, True
         elif event.kind in _DOWN and since is not None:
@@ -221,8 +228,8 @@ def summary(record: RunRecord) -> dict[str, Any]:
 
 def _equivocators(record: RunRecord) -> list[str]:
     decisions = record.table("decisions", ["kind", "about"])
-    found = decisions.filter(pc.equal(decisions.column("kind"), FORK_FOUND))
-    return sorted(set(found.column("about").to_pylist()))
+    forks = decisions.filter(pc.equal(decisions.column("kind"), FORK_FOUND))
+    return sorted(set(forks.column("about").to_pylist()))
 
 
 def measure_disk(folder: Path) -> dict[str, int]:
@@ -233,7 +240,7 @@ def measure_disk(folder: Path) -> dict[str, int]:
             first = path.relative_to(folder).parts[0]
             name = first.removesuffix(".parquet")
             sizes[name] = sizes.get(name, 0) + path.stat().st_size
-    return dict(sorted(sizes.items(), key=lambda one: (-one[1], one[0])))
+    return dict(sorted(sizes.items(), key=lambda entry: (-entry[1], entry[0])))
 
 
 def describe_radio_engine(manifest: Mapping[str, Any]) -> str:

@@ -108,6 +108,10 @@ class Track:
         count = int(np.searchsorted(self.time_ns, time_ns, side="left"))
         return Track(self.time_ns[count:], self.enu_m[count:], self.speed_mps[count:])
 
+    def take(self, rows: Ints) -> Track:
+        """The samples of some rows, in their order."""
+        return Track(self.time_ns[rows], self.enu_m[rows], self.speed_mps[rows])
+
     def at(self, time_ns: Ints) -> Floats:
         """(m, 3) positions at `time_ns` (m,), linear between samples, constant before the first and after the last
         sample.
@@ -120,10 +124,10 @@ EMPTY_TRACK = Track(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
 
 def operators(record: Record) -> dict[str, str]:
     """Operator ids in the manifest's order, each with its declared colour ("" for none)."""
-    found = {str(row["id"]): str(row.get("color") or "") for row in record.manifest.get("operators") or []}
+    colours = {str(row["id"]): str(row.get("color") or "") for row in record.manifest.get("operators") or []}
     for vehicle in vehicles(record):
-        found.setdefault(vehicle.operator, "")
-    return found
+        colours.setdefault(vehicle.operator, "")
+    return colours
 
 
 def vehicles(record: Record) -> list[Vehicle]:
@@ -147,11 +151,11 @@ def vehicles(record: Record) -> list[Vehicle]:
 
 def start_utc_ns(record: Record) -> int:
     """UTC of a run's time 0, ns since 1970; `InputError` if its manifest has none, or one before 1970."""
-    found = start_unix_ns_of(record.manifest)
-    if found is None or not 0 <= found < NEVER:
-        told = repr(record.manifest.get("start_unix_ns"))
-        raise InputError.one(str(record.path), "manifest.json: start_unix_ns", told, "ns since 1970, 0 or later")
-    return found
+    unix_ns = start_unix_ns_of(record.manifest)
+    if unix_ns is None or not 0 <= unix_ns < NEVER:
+        value = repr(record.manifest.get("start_unix_ns"))
+        raise InputError.one(str(record.path), "manifest.json: start_unix_ns", value, "ns since 1970, 0 or later")
+    return unix_ns
 
 
 def truth_tracks(record: Record) -> dict[str, Track]:
@@ -172,8 +176,8 @@ def belief_tracks(record: Record) -> dict[str, Track]:
     names = ("lat", "lon", "alt", "vx", "vy", "vz")
     parts: dict[str, list[tuple[Ints, Floats]]] = {}
     for heard in record.telemetry(POSITION_MESSAGE, ["time_ns", "operator", "vehicle", *names]).to_batches():
-        own = pc.equal(heard.column("operator"), pc.replace_substring_regex(heard.column("vehicle"), "/.*", ""))
-        heard = heard.filter(own)  # an operator's belief covers only its own aircraft
+        is_own = pc.equal(heard.column("operator"), pc.replace_substring_regex(heard.column("vehicle"), "/.*", ""))
+        heard = heard.filter(is_own)  # an operator's belief covers only its own aircraft
         append_rows(parts, heard, heard.column("vehicle"), names)
     origin = origin_of(record.manifest) or Origin(0.0, 0.0)
 
@@ -209,7 +213,11 @@ class RecordedNote:
 
 def read_notes(record: Record, name: str) -> list[RecordedNote]:
     """The rows of `events` or `decisions` in order of time; details that are not a JSON object are under `text`."""
-    rows = record.table(name).sort_by("time_ns").to_pylist()
+    return read_note_rows(record.table(name).sort_by("time_ns").to_pylist())
+
+
+def read_note_rows(rows: Iterable[Mapping[str, Any]]) -> list[RecordedNote]:
+    """Rows of `events` or `decisions` as notes."""
     return [
         RecordedNote(
             int(row["time_ns"]),
@@ -227,11 +235,16 @@ def labelled_acts(record: Record) -> list[RecordedNote]:
     """The labels as rows about the owner of the link acted on, of kind `attack.<action>`, `fault.<action>`, or
     `harmless.<action>` for the acts of a sham and those of a real aircraft in the honest arm.
     """
+    return read_label_rows(record.table("labels").sort_by("at_ns").to_pylist())
+
+
+def read_label_rows(rows: Iterable[Mapping[str, Any]]) -> list[RecordedNote]:
+    """Rows of `labels` as acts, as `labelled_acts` describes them."""
     acts = []
-    for row in record.table("labels").sort_by("at_ns").to_pylist():
+    for row in rows:
         frame = _text(row.get("frame"))
-        author = "fault" if row.get("fault") else "attack"  # older records have no such column
-        kind = "harmless" if row.get("benign") and author == "attack" else author
+        author = "fault" if row["fault"] else "attack"
+        kind = "harmless" if row["benign"] and author == "attack" else author
         acts.append(
             RecordedNote(
                 int(row["at_ns"]),
@@ -310,13 +323,13 @@ def _tracks(
     local: Callable[[Floats], tuple[Floats, Floats]],
 ) -> dict[str, Track]:
     """One track per declared aircraft; `local` converts the collected values to ENU positions and velocities."""
-    found = {vehicle.id: EMPTY_TRACK for vehicle in vehicles(record)}
-    for name in found:
+    tracks = {vehicle.id: EMPTY_TRACK for vehicle in vehicles(record)}
+    for name in tracks:
         if name in parts:
             time_ns = np.concatenate([times for times, _ in parts[name]])
             position, velocity = local(np.concatenate([values for _, values in parts[name]]))
             keep = np.isfinite(position).all(axis=1)
             order = np.argsort(time_ns[keep], kind="stable")
             speed = np.nan_to_num(np.sqrt((velocity[keep][order] ** 2).sum(axis=1)))
-            found[name] = Track(time_ns[keep][order], position[keep][order], speed)
-    return found
+            tracks[name] = Track(time_ns[keep][order], position[keep][order], speed)
+    return tracks

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.assembly.build import build
+from skyrange.assembly.build import Additions, build
 from skyrange.codec.mavlink import decode, message_name
 from skyrange.contracts.links import TapPlacement
 from skyrange.core.ids import endpoint, link_name
@@ -89,9 +89,9 @@ class Parity:
 
     def rows(self) -> Iterator[MeasureRow]:
         """Every measure that both flights have."""
-        for name, one in self.first.items():
+        for name, flight in self.first.items():
             other = self.second[name]
-            for measure, value in one.measures.items():
+            for measure, value in flight.measures.items():
                 if measure in other.measures:
                     yield MeasureRow(name, measure, value, other.measures[measure])
 
@@ -101,8 +101,8 @@ class Parity:
         if not len(mine_s) or not len(other_s):
             return np.nan
         both_s = mine_s[mine_s <= other_s[-1]]
-        there = np.stack([np.interp(both_s, other_s, other_m[:, axis]) for axis in range(3)], axis=1)
-        return float(np.sqrt(((mine_m[: len(both_s)] - there) ** 2).sum(axis=1)).max(initial=0.0))
+        other_at_both_s = np.stack([np.interp(both_s, other_s, other_m[:, axis]) for axis in range(3)], axis=1)
+        return float(np.sqrt(((mine_m[: len(both_s)] - other_at_both_s) ** 2).sum(axis=1)).max(initial=0.0))
 
 
 def compare(
@@ -138,14 +138,16 @@ def compare_rates(
     if rates == "full":
         raise ValueError("full rates are the reference; expected the rates to compare with them, single or reduced")
     under = with_autopilot(scenario, "ardupilot")
-    return _run_both({each: _with_rates(under, each) for each in ("full", rates)}, folder, taps, on_progress)
+    return _run_both(
+        {rates_name: _with_rates(under, rates_name) for rates_name in ("full", rates)}, folder, taps, on_progress
+    )
 
 
 def with_autopilot(scenario: Scenario, kind: str) -> Scenario:
     """`scenario` with all aircraft under autopilot `kind`, and with truth recorded at `TRUTH_HZ`."""
     operators = tuple(
         operator.model_copy(
-            update={"vehicles": tuple(one.model_copy(update={"autopilot": kind}) for one in operator.vehicles)}
+            update={"vehicles": tuple(vehicle.model_copy(update={"autopilot": kind}) for vehicle in operator.vehicles)}
         )
         for operator in scenario.operators
     )
@@ -159,7 +161,7 @@ def _run_both(
     for scenario in scenarios.values():
         build(scenario)  # raises errors in the second one before the first one flies
     flown = [
-        measured(fly(scenario, folder / name, taps=taps, on_progress=on_progress, report=False))
+        measured(fly(scenario, folder / name, additions=Additions(taps), on_progress=on_progress, report=False))
         for name, scenario in scenarios.items()
     ]
     return Parity(*flown)
@@ -178,28 +180,30 @@ def measured(record: RunRecord) -> dict[str, FlightMeasures]:
     tracks = truth_tracks(record)
     beside = deviations_m(fleet, tracks, waypoints)
     truth = _truth(record)
-    windows = {one.id: _airborne_span_s(one, truth[one.id]) for one in fleet}
+    windows = {vehicle.id: _airborne_span_s(vehicle, truth[vehicle.id]) for vehicle in fleet}
     sent = _sent_messages(record, windows)
     flown = {}
-    for one in fleet:
-        own = [event for event in events if event.about == one.id]
-        lift_s, down_s = windows[one.id]
-        rows = truth[one.id]
+    for vehicle in fleet:
+        vehicle_events = [event for event in events if event.about == vehicle.id]
+        lift_s, down_s = windows[vehicle.id]
+        rows = truth[vehicle.id]
         airborne = rows[(rows[:, 0] >= lift_s) & (rows[:, 0] <= down_s)]
-        measures = dict(_measures(own, airborne, waypoints.get(one.id, np.zeros((0, 3))), lift_s, down_s))
-        if one.id in beside and len(beside[one.id][1]):
-            away_m = beside[one.id][1]
+        measures = dict(
+            _measures(vehicle_events, airborne, waypoints.get(vehicle.id, np.zeros((0, 3))), lift_s, down_s)
+        )
+        if vehicle.id in beside and len(beside[vehicle.id][1]):
+            away_m = beside[vehicle.id][1]
             measures["cross_track_max_m"] = float(away_m.max())
             measures["cross_track_rms_m"] = float(np.sqrt((away_m**2).mean()))
-        flown[one.id] = FlightMeasures(
-            vehicle=one.id,
-            autopilot=one.autopilot,
-            outcome=str(record.outcomes.get(one.id, {}).get("state") or "unfinished"),
-            modes=tuple((e.time_ns / NS_PER_S, str(e.data["mode"])) for e in own if e.kind == "event.mode"),
-            items=tuple(sent[one.id].items),
+        flown[vehicle.id] = FlightMeasures(
+            vehicle=vehicle.id,
+            autopilot=vehicle.autopilot,
+            outcome=str(record.outcomes.get(vehicle.id, {}).get("state") or "unfinished"),
+            modes=tuple((e.time_ns / NS_PER_S, str(e.data["mode"])) for e in vehicle_events if e.kind == "event.mode"),
+            items=tuple(sent[vehicle.id].items),
             measures=measures,
-            sent=sent[one.id].counts,
-            rates_hz={name: count / (down_s - lift_s) for name, count in sent[one.id].airborne.items()},
+            sent=sent[vehicle.id].counts,
+            rates_hz={name: count / (down_s - lift_s) for name, count in sent[vehicle.id].airborne.items()},
             path=(airborne[:, 0] - lift_s, airborne[:, 1:4]),
         )
     return flown
@@ -211,7 +215,7 @@ def _truth(record: RunRecord) -> dict[str, Floats]:
     names = np.asarray(table.column("vehicle").to_pylist())
     rows = np.stack([table.column(name).to_numpy().astype(np.float64) for name in ("time_ns", *_TRUTH)], axis=1)
     rows[:, 0] /= NS_PER_S
-    return {one.id: rows[names == one.id] for one in vehicles(record)}
+    return {vehicle.id: rows[names == vehicle.id] for vehicle in vehicles(record)}
 
 
 def _airborne_span_s(vehicle: Vehicle, rows: Floats) -> tuple[float, float]:
@@ -269,12 +273,12 @@ class _SentMessages:
 
 def _sent_messages(record: RunRecord, windows: Mapping[str, tuple[float, float]]) -> dict[str, _SentMessages]:
     owners = {link_name("autopilot", name): name for name in windows}
-    found = {name: _SentMessages() for name in windows}
+    sent_by_vehicle = {name: _SentMessages() for name in windows}
     for frame in record.frames_with_payloads():
         owner = owners.get(frame.link)
         if owner is None or frame.sender != endpoint(owner, "autopilot"):
             continue
-        sent, at_s = found[owner], frame.sent_ns / NS_PER_S
+        sent, at_s = sent_by_vehicle[owner], frame.sent_ns / NS_PER_S
         name = message_name(frame.payload) or "garbage"
         sent.counts[name] = sent.counts.get(name, 0) + 1
         lift_s, down_s = windows[owner]
@@ -282,4 +286,4 @@ def _sent_messages(record: RunRecord, windows: Mapping[str, tuple[float, float]]
             sent.airborne[name] = sent.airborne.get(name, 0) + 1
         if name == "MISSION_ITEM_REACHED":
             sent.items.append((at_s, int(decode(frame.payload).seq)))
-    return found
+    return sent_by_vehicle

@@ -30,31 +30,31 @@ class Costs:
     power_w: Power | None = None
     """The cost is the energy that this power takes, in joules; without it the time in seconds."""
 
-    def of(self, one: Sequence[float], other: Sequence[float]) -> float:
+    def of(self, start: Sequence[float], end: Sequence[float]) -> float:
         """The cost of the flight from one point (east, north, up) to another one."""
-        seconds = self.seconds(one, other)
+        seconds = self.seconds(start, end)
         if self.power_w is None or seconds == 0.0:
             return seconds
-        through = [(there - here) / seconds - wind for here, there, wind in zip(one, other, self.wind_mps, strict=True)]
+        through = [(there - here) / seconds - wind for here, there, wind in zip(start, end, self.wind_mps, strict=True)]
         return seconds * self.power_w(through[0], through[1], through[2])
 
-    def seconds(self, one: Sequence[float], other: Sequence[float]) -> float:
+    def seconds(self, start: Sequence[float], end: Sequence[float]) -> float:
         """How long the flight takes."""
-        rise_m = other[2] - one[2]
+        rise_m = end[2] - start[2]
         tall_s = rise_m / CLIMB_MPS if rise_m > 0.0 else -rise_m / SINK_MPS
-        return max(math.hypot(other[0] - one[0], other[1] - one[1]) / self.speed_mps, tall_s)
+        return max(math.hypot(end[0] - start[0], end[1] - start[1]) / self.speed_mps, tall_s)
 
-    def least(self, one: Sequence[float], other: Sequence[float]) -> float:
+    def least(self, start: Sequence[float], end: Sequence[float]) -> float:
         """About what the flight costs at least, whatever way it takes: a descent in still air takes little power."""
         per_second = 1.0 if self.power_w is None else self.power_w(0.0, 0.0, -SINK_MPS)
-        return per_second * self.seconds(one, other)
+        return per_second * self.seconds(start, end)
 
     def paces(self) -> NDArray[np.float64]:
         """(10,) How many metres one gets for a unit of cost by the level moves of `COMPASS`, up, and down."""
         if self.power_w is None:
             return np.array([self.speed_mps] * len(COMPASS) + [CLIMB_MPS, SINK_MPS])
         ways = [(east, north, 0.0) for north, east in COMPASS] + [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0)]
-        return np.array([math.hypot(*way) / self.of((0.0, 0.0, 0.0), way) for way in ways])
+        return np.array([math.hypot(*move) / self.of((0.0, 0.0, 0.0), move) for move in ways])
 
 
 Place = tuple[float, float]

@@ -35,22 +35,22 @@ def find_route(
     """
     if city is None:
         return [(east, north, limits.alt_m) for east, north in places]
-    found: list[Point3] = []
-    for number, (one, other) in enumerate(pairwise(places), 1):
+    points: list[Point3] = []
+    for number, (start, end) in enumerate(pairwise(places), 1):
         name = f"leg {number}"
         if sampling is None:
-            leg = _find_leg(city, one, other, limits, name)
+            leg = _find_leg(city, start, end, limits, name)
         else:
-            leg = sample_leg(city, one, other, limits, replace(sampling, seed=sampling.seed + number), name)
-        found += leg if not found else leg[1:]
-    return found
+            leg = sample_leg(city, start, end, limits, replace(sampling, seed=sampling.seed + number), name)
+        points += leg if not points else leg[1:]
+    return points
 
 
-def _find_leg(city: City, one: Place, other: Place, limits: Limits, name: str) -> list[Point3]:
+def _find_leg(city: City, from_place: Place, to_place: Place, limits: Limits, name: str) -> list[Point3]:
     walls, step = city.walls(), limits.step_m
-    west, south = min(one[0], other[0]) - AROUND_M, min(one[1], other[1]) - AROUND_M
-    columns = math.ceil((max(one[0], other[0]) + AROUND_M - west) / step) + 1
-    rows = math.ceil((max(one[1], other[1]) + AROUND_M - south) / step) + 1
+    west, south = min(from_place[0], to_place[0]) - AROUND_M, min(from_place[1], to_place[1]) - AROUND_M
+    columns = math.ceil((max(from_place[0], to_place[0]) + AROUND_M - west) / step) + 1
+    rows = math.ceil((max(from_place[1], to_place[1]) + AROUND_M - south) / step) + 1
     layers = int((limits.ceiling_m - limits.alt_m) / limits.layer_m + 1e-9) + 1
     if columns * rows * layers > MAX_STATES:
         raise NoRouteError(f"{name} is too long for one search; give places between (via)")
@@ -61,8 +61,8 @@ def _find_leg(city: City, one: Place, other: Place, limits: Limits, name: str) -
     def state_of(place: Place) -> int:
         return round((place[1] - south) / step) * columns + round((place[0] - west) / step)
 
-    start, goal = state_of(one), state_of(other)
-    for place, state, what in ((one, start, "begins"), (other, goal, "ends")):
+    start, goal = state_of(from_place), state_of(to_place)
+    for place, state, what in ((from_place, start, "begins"), (to_place, goal, "ends")):
         top = float(roofs.flat[state])
         if top > 0.0 and top + limits.clearance_m > limits.alt_m:
             raise NoRouteError(
@@ -70,17 +70,17 @@ def _find_leg(city: City, one: Place, other: Place, limits: Limits, name: str) -
                 f"{top:.0f} m high; it is free there above {top + limits.clearance_m:.0f} m"
             )
     margin, paces = limits.clearance_m, limits.costs.paces()
-    done, way = search(roofs, step, heights, margin, start, goal, paces, MAX_EXPANDED)
+    done, states = search(roofs, step, heights, margin, start, goal, paces, MAX_EXPANDED)
     if done == EXHAUSTED:
         raise NoRouteError(f"{name} is too long for one search; give places between (via)")
     if done == NO_WAY:
-        raise NoRouteError(_explain(city, roofs, one, other, ends=(start, goal), limits=limits, name=name))
-    if len(way) == 1:  # both ends are nearest to one place of the lattice
-        way = np.repeat(way, 2)
+        raise NoRouteError(_explain(city, roofs, from_place, to_place, ends=(start, goal), limits=limits, name=name))
+    if len(states) == 1:  # both ends are nearest to one place of the lattice
+        states = np.repeat(states, 2)
     plane = columns * rows
-    rows_of, columns_of = way % plane // columns, way % columns
-    points = np.column_stack([west + columns_of * step, south + rows_of * step, heights[way // plane]])
-    points[0, :2], points[-1, :2] = one, other
+    rows_of, columns_of = states % plane // columns, states % columns
+    points = np.column_stack([west + columns_of * step, south + rows_of * step, heights[states // plane]])
+    points[0, :2], points[-1, :2] = from_place, to_place
     kept = _shorten(points, roofs, west, south, limits)
     return [(float(east), float(north), float(up)) for east, north, up in kept]
 
@@ -112,15 +112,15 @@ def _shorten(points: Floats, roofs: Floats, west: float, south: float, limits: L
 
 def _spend(points: Floats, costs: Costs) -> Floats:
     """What the flight through all points has cost at each of them."""
-    prices = [costs.of(one, other) for one, other in pairwise(points.tolist())]
+    prices = [costs.of(start, end) for start, end in pairwise(points.tolist())]
     return np.concatenate([[0.0], np.cumsum(prices)])
 
 
 def _explain(
-    city: City, roofs: Floats, one: Place, other: Place, *, ends: tuple[int, int], limits: Limits, name: str
+    city: City, roofs: Floats, from_place: Place, to_place: Place, *, ends: tuple[int, int], limits: Limits, name: str
 ) -> str:
     """Who is in the way, and from which height on there is a way."""
-    straight = [(*one, limits.alt_m), (*other, limits.alt_m)]
+    straight = [(*from_place, limits.alt_m), (*to_place, limits.alt_m)]
     building = city.first_obstruction(straight, limits.clearance_m)
     who = f"{building.name or building.id}, {building.height_m:g} m high, is in the way" if building else "no way"
     tops = np.unique(roofs[roofs + limits.clearance_m > limits.ceiling_m]).tolist()

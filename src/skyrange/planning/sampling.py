@@ -48,9 +48,11 @@ def load_ompl(who: str = "ompl") -> Any:
     return ompl
 
 
-def sample_leg(city: City, one: Place, other: Place, limits: Limits, sampling: Sampling, name: str) -> list[Point3]:
+def sample_leg(
+    city: City, from_place: Place, to_place: Place, limits: Limits, sampling: Sampling, name: str
+) -> list[Point3]:
     """The points of a way from place to place. Raises `NoRouteError`."""
-    ends = [(*place, limits.alt_m) for place in (one, other)]
+    ends = [(*place, limits.alt_m) for place in (from_place, to_place)]
     for end, what in zip(ends, ("begins", "ends"), strict=True):
         building = city.first_obstruction([end], limits.clearance_m)
         if building is not None:
@@ -60,15 +62,15 @@ def sample_leg(city: City, one: Place, other: Place, limits: Limits, sampling: S
             )
     if ends[0] == ends[1] or city.is_clear(ends, limits.clearance_m):
         return ends
-    found = _search(city, ends, limits, sampling)
-    if not found:
+    points = _search(city, ends, limits, sampling)
+    if not points:
         building = city.first_obstruction(ends, limits.clearance_m)
         who = f"{building.name or building.id}, {building.height_m:g} m high, is in the way" if building else "no way"
         raise NoRouteError(
             f"{name}: {who}, and {sampling.iterations} iterations found no way below {limits.ceiling_m:g} m; allow "
             "more iterations, or a higher ceiling_m"
         )
-    return _shorten(city, found, limits)
+    return _shorten(city, points, limits)
 
 
 def _search(city: City, ends: list[Point3], limits: Limits, sampling: Sampling) -> list[Point3]:
@@ -118,12 +120,12 @@ def _search(city: City, ends: list[Point3], limits: Limits, sampling: Sampling) 
     planner = ompl.geometric.BITstar(about)
     planner.setProblemDefinition(problem)
     planner.setup()
-    asked = 0
+    checks = 0
 
     def is_over() -> bool:
-        nonlocal asked
-        asked += 1
-        return asked > sampling.iterations
+        nonlocal checks
+        checks += 1
+        return checks > sampling.iterations
 
     planner.solve(base.PlannerTerminationCondition(is_over))
     path = problem.getSolutionPath()
@@ -160,4 +162,4 @@ def _shorten(city: City, points: list[Point3], limits: Limits) -> list[Point3]:
 
 
 def _price(costs: Costs, points: list[Point3]) -> float:
-    return sum(costs.of(one, other) for one, other in pairwise(points))
+    return sum(costs.of(start, end) for start, end in pairwise(points))

@@ -37,10 +37,10 @@ class _Burst:
 
     def continued_by(self, other: _Burst) -> bool:
         """Whether `other` is a later order of the same radio for the same band, which ends this one if it is known."""
-        mine, its = self.request, other.request
-        same = self.radio == other.radio and mine.bssid == its.bssid
-        same &= (mine.centre_khz, mine.bandwidth_khz) == (its.centre_khz, its.bandwidth_khz)
-        return same and bool(mine.turnaround_us) and self.start < other.start
+        request, other_request = self.request, other.request
+        same = self.radio == other.radio and request.bssid == other_request.bssid
+        same &= (request.centre_khz, request.bandwidth_khz) == (other_request.centre_khz, other_request.bandwidth_khz)
+        return same and bool(request.turnaround_us) and self.start < other.start
 
 
 class JammingBursts:
@@ -66,9 +66,9 @@ class JammingBursts:
         length = request.duration_us * NS_PER_US
         expected = RENEWAL_NS if request.turnaround_us == noise_request.CONTINUED else 0
         burst = _Burst(radio, at, at + length, now, now + length + expected, request)
-        for one in self._bursts:
-            if one.continued_by(burst):
-                one.known_end = min(one.known_end, burst.known_start)
+        for earlier in self._bursts:
+            if earlier.continued_by(burst):
+                earlier.known_end = min(earlier.known_end, burst.known_start)
         self._bursts.append(burst)
         self.changed = True
         return True

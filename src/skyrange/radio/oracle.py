@@ -99,13 +99,13 @@ class InFlight:
             replaced = np.arange(max(self.next - room, 0), self.next + count - room)
             if not len(replaced) or (count <= room and bool((self._headers[0, replaced % room] < now - KEPT_NS).all())):
                 return
-            old = np.arange(max(self.next - room, 0), self.next)
-            wider = InFlight(2 * room)
-            there = old & (2 * room - 1)
-            wider._headers[:, there] = self._headers[:, old % room]
-            wider._sizes[there] = self._sizes[old % room]
-            wider._bodies[there] = self._bodies[old % room]
-            self._headers, self._sizes, self._bodies = wider._headers, wider._sizes, wider._bodies
+            kept_keys = np.arange(max(self.next - room, 0), self.next)
+            larger = InFlight(2 * room)
+            slots = kept_keys & (2 * room - 1)
+            larger._headers[:, slots] = self._headers[:, kept_keys % room]
+            larger._sizes[slots] = self._sizes[kept_keys % room]
+            larger._bodies[slots] = self._bodies[kept_keys % room]
+            self._headers, self._sizes, self._bodies = larger._headers, larger._sizes, larger._bodies
 
     def rows_of(self, keys: Ints) -> Ints:
         """The row of each key."""
@@ -183,15 +183,19 @@ class Oracle:
                 ENDPOINT, [Problem("radio", name, "a radio of the medium", nearest(name, rows)) for name in unknown]
             )
         self.medium = medium
-        ups = [Port(ENDPOINT, link_name("rid_up", name)) for name in senders]
-        downs = [Port(ENDPOINT, link_name("rid_down", name)) for name in receivers]
+        up_ports = [Port(ENDPOINT, link_name("rid_up", name)) for name in senders]
+        down_ports = [Port(ENDPOINT, link_name("rid_down", name)) for name in receivers]
         self._operators = sorted(set(grounds.values()))
-        self.ports: Sequence[Port] = (*ups, *downs, *(Port(ENDPOINT, link_name("oracle", o)) for o in self._operators))
+        self.ports: Sequence[Port] = (
+            *up_ports,
+            *down_ports,
+            *(Port(ENDPOINT, link_name("oracle", o)) for o in self._operators),
+        )
         self._places = {port: place for place, port in enumerate(self.ports)}
         self._sender = np.full(len(self.ports), -1, dtype=np.int64)
-        self._sender[: len(ups)] = [rows[name] for name in senders]
+        self._sender[: len(up_ports)] = [rows[name] for name in senders]
         self._down = np.full(len(rows), -1, dtype=np.int64)
-        self._down[[rows[name] for name in receivers]] = np.arange(len(ups), len(ups) + len(downs))
+        self._down[[rows[name] for name in receivers]] = np.arange(len(up_ports), len(up_ports) + len(down_ports))
         self._ground = {rows[name]: operator for name, operator in grounds.items()}
         self._in_flight = InFlight()
         self._table = fixed_positions(medium.radios)
@@ -218,9 +222,9 @@ class Oracle:
             moving = np.array(pairs, dtype=np.int64).reshape(-1, 2)
             self._moving = (moving[:, 0], moving[:, 1])
         position, velocity = world.motion()
-        mine, theirs = self._moving
+        radio_rows, vehicle_rows = self._moving
         pos, vel = self._table.pos_enu_m.copy(), self._table.vel_enu_mps.copy()
-        pos[mine], vel[mine] = position[theirs], velocity[theirs]
+        pos[radio_rows], vel[radio_rows] = position[vehicle_rows], velocity[vehicle_rows]
         self._table = RadioTable(now, pos, vel)
         if self._spectrum is not None:
             self._spectrum.table = self._table
@@ -271,19 +275,21 @@ class Oracle:
         sender = self._sender[columns.places]
         kind = rows.transport.astype(np.int64)
         size = rows.bodies.sizes
-        good = rows.valid & (sender >= 0)
-        fits = good & (size >= MIN_BODY_BYTES[kind]) & (size <= MAX_BODY_BYTES[kind])
+        is_valid = rows.valid & (sender >= 0)
+        fits = is_valid & (size >= MIN_BODY_BYTES[kind]) & (size <= MAX_BODY_BYTES[kind])
         chosen = np.flatnonzero(fits)
         for row in np.flatnonzero(~fits).tolist():
             if sender[row] >= 0 and self._take_request(now, sender.item(row), inbox.arrival(columns.order.item(row))):
                 continue
-            why = "not a broadcast" if not rows.valid[row] else "not for the air" if not good[row] else "does not fit"
-            self.refused[why] += 1
-            count = self.refused[why]
+            reason = (
+                "not a broadcast" if not rows.valid[row] else "not for the air" if not is_valid[row] else "does not fit"
+            )
+            self.refused[reason] += 1
+            count = self.refused[reason]
             if worth_noting(count):
                 about = self.ports[columns.places.item(row)].link
                 ref = inbox.arrival(columns.order.item(row)).ref
-                outbox.note("event.bad_broadcast", ENDPOINT, {"link": about, "why": why, "count": count}, (ref,))
+                outbox.note("event.bad_broadcast", ENDPOINT, {"link": about, "why": reason, "count": count}, (ref,))
         if self._jamming.changed:
             # from where the medium stands: what was ordered since then begins when the order came, not at this step
             since = now - self.service_ns if self._last is None else self._last

@@ -188,8 +188,8 @@ def prepare_map(
 
 
 def _claim(job: MapJob) -> None:
-    told = {**job.header.model_dump(mode="json"), "places": job.places_enu_m.tolist()}
-    text = json.dumps(told, indent=1, sort_keys=True).encode()
+    description = {**job.header.model_dump(mode="json"), "places": job.places_enu_m.tolist()}
+    text = json.dumps(description, indent=1, sort_keys=True).encode()
     try:
         if job.path.is_dir() or not os.access(job.path.parent, os.W_OK | os.X_OK):
             value = "a folder" if job.path.is_dir() else f"{job.path.parent} is missing or read-only"
@@ -217,8 +217,8 @@ def trace_map(
     grid = job.header.grid.grid
     total, done = len(job.places_enu_m), set(job.finished())
     outside = is_outside(job.city, grid)
-    told = on_transmitter or _untold
-    told(len(done), total, None)
+    report = on_transmitter or _untold
+    report(len(done), total, None)
     began, traced = clock(), 0
     for k in range(total):
         if k in done and _read_part(job.parts / _part(k), grid.shape) is not None:
@@ -228,7 +228,7 @@ def trace_map(
             np.save(out, np.round(losses, 2).astype(np.float32), allow_pickle=False)
         done.add(k)
         traced += 1
-        told(len(done), total, (clock() - began) / traced * (total - len(done)))
+        report(len(done), total, (clock() - began) / traced * (total - len(done)))
     losses = np.stack([_part_of(job, k, grid.shape) for k in range(total)])
     content = LossTableFile(job.header, job.places_enu_m, losses)
     write_loss_table(job.path, content)

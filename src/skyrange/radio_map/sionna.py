@@ -73,8 +73,8 @@ def find_llvm() -> Path | None:
     if os.environ.get(_LLVM):
         named = Path(os.environ[_LLVM])
         return named if named.is_file() else None
-    found = [file for folder in _FOLDERS for file in Path(folder).glob("**/libLLVM*") if _version(file) is not None]
-    return max(found, key=lambda file: (_version(file) or 0, str(file)), default=None)
+    libraries = [file for folder in _FOLDERS for file in Path(folder).glob("**/libLLVM*") if _version(file) is not None]
+    return max(libraries, key=lambda file: (_version(file) or 0, str(file)), default=None)
 
 
 def _version(file: Path) -> int | None:
@@ -86,10 +86,10 @@ def check_installed() -> None:
     """Raise `InputError` with the command that helps if Sionna RT is missing, or the LLVM library that it needs."""
     for module, package in (("sionna.rt", "sionna-rt"), ("mitsuba", "mitsuba")):
         try:
-            found = importlib.util.find_spec(module) is not None
+            is_installed = importlib.util.find_spec(module) is not None
         except ImportError:
-            found = False
-        if not found:
+            is_installed = False
+        if not is_installed:
             raise InputError.one("radio map", package, "not installed", "Sionna RT, which traces the rays", _INSTALL)
     if find_llvm() is None:
         value = os.environ.get(_LLVM) or "not found"
@@ -149,9 +149,14 @@ class SionnaTracer:
         losses = np.empty(grid.shape, dtype=np.float32)
         frequency = self._settings.frequency_mhz
         for level, height in enumerate(grid.heights_m):
-            own, traced = grid._replace(heights_m=(height,)), grid._replace(heights_m=(_plane_height(z, height),))
-            free, traced_free = (free_space_of(place_enu_m, each, frequency)[0] for each in (own, traced))
-            gain = np.where(self._visible(place_enu_m, own), 1.0, 0.0)
+            height_grid, traced = (
+                grid._replace(heights_m=(height,)),
+                grid._replace(heights_m=(_plane_height(z, height),)),
+            )
+            free, traced_free = (
+                free_space_of(place_enu_m, each_grid, frequency)[0] for each_grid in (height_grid, traced)
+            )
+            gain = np.where(self._visible(place_enu_m, height_grid), 1.0, 0.0)
             unit = 10.0 ** (0.1 * traced_free)
             sampled = self._expected_rays(place_enu_m, traced) >= MIN_RAYS
             gain += np.where(sampled, self._mean_gain(traced, diffraction=False) * unit, 0.0)
@@ -190,7 +195,7 @@ class SionnaTracer:
         width, depth = grid.columns * grid.spacing_m, grid.rows * grid.spacing_m
         middle_east = grid.west_m + 0.5 * (grid.columns - 1) * grid.spacing_m
         middle_north = grid.south_m + 0.5 * (grid.rows - 1) * grid.spacing_m
-        found = self._solver(
+        coverage = self._solver(
             self._scene,
             center=[middle_east, middle_north, grid.heights_m[0]],
             orientation=[0.0, 0.0, 0.0],
@@ -204,7 +209,7 @@ class SionnaTracer:
             samples_per_tx=self._settings.samples,
             seed=SEED,
         )
-        gain = found.path_gain.numpy()[0].astype(np.float64)
+        gain = coverage.path_gain.numpy()[0].astype(np.float64)
         if gain.shape != (grid.rows, grid.columns):
             raise ComponentError("Sionna RT", f"a map of {gain.shape} squares for {grid.rows} x {grid.columns}")
         return np.asarray(gain)

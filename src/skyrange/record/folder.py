@@ -49,14 +49,14 @@ def make_new_folder(folder: Path) -> Path:
     check_folder_name(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        taken = next(folder.iterdir(), None)
+        obstacle = next(folder.iterdir(), None)
     except OSError as error:
         raise InputError.one(
             "output", str(folder), error.strerror or str(error), "a folder that can be created"
         ) from None
-    if taken is not None:
+    if obstacle is not None:
         hint = "Choose another folder, or move that one away."
-        raise InputError.one("output", "folder", f"{folder} (holds {taken.name})", "a new or empty folder", hint)
+        raise InputError.one("output", "folder", f"{folder} (holds {obstacle.name})", "a new or empty folder", hint)
     return folder
 
 
@@ -67,21 +67,21 @@ def make_folder(folder: Path) -> list[Path]:
     succeeds, because the spool's folder can be created only once.
     """
     check_folder_name(folder)
-    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    missing = [ancestor for ancestor in (folder, *folder.parents) if not ancestor.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        taken = next((path for path in folder.iterdir() if path.name != PARTS), None)
-        if taken is None:
+        obstacle = next((path for path in folder.iterdir() if path.name != PARTS), None)
+        if obstacle is None:
             (folder / SPOOL).mkdir()
     except FileExistsError as error:
         if not folder.is_dir():
             raise unwritable_error(folder, error) from error
-        taken = folder / SPOOL
+        obstacle = folder / SPOOL
     except OSError as error:
         raise unwritable_error(folder, error) from error
-    if taken is not None:
+    if obstacle is not None:
         hint = "Choose another folder, or move that one away."
-        raise InputError.one("output", "folder", f"{folder} (holds {taken.name})", "a new or empty folder", hint)
+        raise InputError.one("output", "folder", f"{folder} (holds {obstacle.name})", "a new or empty folder", hint)
     return missing
 
 
@@ -150,8 +150,8 @@ def _names(folder: Path) -> Iterator[str]:
 
 def _list_files(folder: Path, start: str = "") -> Iterator[str]:
     """The names of all files below a folder, in order, each beginning with `start`."""
-    with os.scandir(folder) as found:
-        entries = sorted(found, key=lambda entry: entry.name)
+    with os.scandir(folder) as scan:
+        entries = sorted(scan, key=lambda entry: entry.name)
     for entry in entries:
         if entry.is_dir(follow_symlinks=False):
             yield from _list_files(folder / entry.name, f"{start}{entry.name}/")
@@ -178,6 +178,6 @@ def check_file(folder: Path, name: str, entry: Any) -> Iterator[str]:
         yield f"{MANIFEST}: files: {name} — expected the name of a file in the folder, with bytes and blake2b"
     elif not path.is_file():
         yield f"{name}: missing — expected a file of {entry.get('bytes')} bytes"
-    elif (found := describe_file(path, str(folder), name)) != entry:
-        what = "bytes" if found["bytes"] != entry.get("bytes") else "blake2b"
-        yield f"{name}: {what} {found[what]} — expected {entry.get(what)}"
+    elif (description := describe_file(path, str(folder), name)) != entry:
+        what = "bytes" if description["bytes"] != entry.get("bytes") else "blake2b"
+        yield f"{name}: {what} {description[what]} — expected {entry.get(what)}"

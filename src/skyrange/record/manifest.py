@@ -15,7 +15,7 @@ from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, parse_json, read_input
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import Epoch
-from skyrange.record.schema import FORMAT
+from skyrange.record.schema import FORMAT, LEVELS
 
 MANIFEST = "manifest.json"
 
@@ -84,7 +84,9 @@ def _lay_out(manifest: Mapping[str, Any]) -> str:
         start = f"  {encode(key)}: "
         if isinstance(value, Mapping) and value:
             return (
-                f"{start}{{\n    " + ",\n    ".join(encode({name: one})[1:-1] for name, one in value.items()) + "\n  }"
+                f"{start}{{\n    "
+                + ",\n    ".join(encode({name: member})[1:-1] for name, member in value.items())
+                + "\n  }"
             )
         if isinstance(value, list | tuple) and value:
             return f"{start}[\n    " + ",\n    ".join(map(encode, value)) + "\n  ]"
@@ -105,10 +107,11 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     manifest = parse_json(read_input(path, who, MANIFEST, max_bytes=MAX_RECORD_BYTES), who, MANIFEST)
     if not isinstance(manifest, dict):
         raise InputError.one(who, MANIFEST, type(manifest).__name__, "a JSON object", "The file is damaged.")
-    found = manifest.get("format")
-    if found != FORMAT:
-        hint = "It was written by another version of skyrange." if str(found).startswith("skyrange.run/") else ""
-        raise InputError.one(who, f"{MANIFEST}: format", repr(found), repr(FORMAT), hint)
+    file_format = manifest.get("format")
+    if file_format != FORMAT:
+        other = str(file_format).startswith("skyrange.run/")
+        hint = "It was written by another version of skyrange: fly it again." if other else ""
+        raise InputError.one(who, f"{MANIFEST}: format", repr(file_format), repr(FORMAT), hint)
     status = manifest.get("status")
     if status != RUNNING and status not in ENDINGS:
         raise InputError.one(who, f"{MANIFEST}: status", repr(status), f"one of {', '.join((RUNNING, *ENDINGS))}")
@@ -126,6 +129,7 @@ def _check_shape(manifest: Mapping[str, Any]) -> Iterator[Problem]:
             yield Problem(
                 f"{MANIFEST}: {key}", repr(value)[:80], expected, "The file was changed by hand or is damaged."
             )
+    yield from _check_record(manifest.get("record"))
     for key, parts in (
         ("operators", ("id",)),
         ("vehicles", ("id", "operator")),
@@ -138,6 +142,17 @@ def _check_shape(manifest: Mapping[str, Any]) -> Iterator[Problem]:
             for part in parts:
                 if not isinstance(row, dict) or not isinstance(row.get(part), str):
                     yield Problem(f"{MANIFEST}: {key}.{index}", repr(row)[:80], f"a table with {part!r} as text")
+
+
+def _check_record(record: Any) -> Iterator[Problem]:
+    """The problems of the entry `record`: the level and the rates at which the run was recorded."""
+    entries = record if isinstance(record, dict) else {}
+    level, rate_hz = entries.get("level"), entries.get("features_hz")
+    hint = "The file was changed by hand or is damaged."
+    if level not in LEVELS:
+        yield Problem(f"{MANIFEST}: record.level", repr(level)[:80], f"one of {', '.join(LEVELS)}", hint)
+    if not isinstance(rate_hz, int | float) or isinstance(rate_hz, bool) or not rate_hz > 0:
+        yield Problem(f"{MANIFEST}: record.features_hz", repr(rate_hz)[:80], "a rate in Hz above 0", hint)
 
 
 def origin_of(manifest: Mapping[str, Any]) -> Origin | None:
@@ -155,8 +170,8 @@ def origin_of(manifest: Mapping[str, Any]) -> Origin | None:
 
 def start_unix_ns_of(manifest: Mapping[str, Any]) -> int | None:
     """UTC of a run's time 0 in ns since 1970, by its manifest; None if the manifest has none."""
-    found = manifest.get("start_unix_ns")
-    return found if isinstance(found, int) and not isinstance(found, bool) else None
+    unix_ns = manifest.get("start_unix_ns")
+    return unix_ns if isinstance(unix_ns, int) and not isinstance(unix_ns, bool) else None
 
 
 def epoch_of(manifest: Mapping[str, Any]) -> Epoch:

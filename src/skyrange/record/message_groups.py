@@ -58,6 +58,6 @@ def group_messages(payloads: Payloads) -> NDArray[np.uint8]:
 
     Checksums and signatures are not verified.
     """
-    found = np.empty(len(payloads), dtype=np.uint8)
-    _group_messages(*payloads.arrays, _GROUP_OF_ID, found)
-    return found
+    groups = np.empty(len(payloads), dtype=np.uint8)
+    _group_messages(*payloads.arrays, _GROUP_OF_ID, groups)
+    return groups

@@ -116,12 +116,12 @@ def outcomes(
     autopilot for a landed aircraft.
     """
     unfinished: dict[str, Any] = {"state": UNFINISHED, "reason": "", "finished_s": None}
-    found = {vehicle: dict(noted.get(vehicle, unfinished)) for vehicle in [*dict.fromkeys([*vehicles, *noted])]}
-    for vehicle, entry in found.items():
+    entries = {vehicle: dict(noted.get(vehicle, unfinished)) for vehicle in [*dict.fromkeys([*vehicles, *noted])]}
+    for vehicle, entry in entries.items():
         if entry["state"] == COMPLETE and vehicle in crashes:
             reason = f"crashed at {to_seconds(crashes[vehicle]):.1f} s; its ground station reported complete"
             entry |= {"state": FAILED, "reason": reason}
-    return found
+    return entries
 
 
 def outcomes_of_events(

@@ -81,9 +81,9 @@ def read_observed(record: RunRecord, ends: LinkEnds) -> Iterator[pa.Table]:
                 places[0, code] = number.get(Port(src, link), -1)
             places[1, code] = number.get(Port(dst, link), -1)
         delivered = np.asarray(pc.equal(batch.column("fate"), str(Fate.DELIVERED)))
-        for received, (time, seen) in enumerate((("sent_ns", True), ("arrived_ns", delivered))):
+        for received, (time, is_seen) in enumerate((("sent_ns", True), ("arrived_ns", delivered))):
             place = places[received][codes]
-            chosen = pa.array((place >= 0) & seen)
+            chosen = pa.array((place >= 0) & is_seen)
             yield pa.table(
                 {
                     "at_ns": batch.column(time),
@@ -107,9 +107,9 @@ def _flows(batch: pa.Table) -> tuple[list[tuple[str, str, str]], Ints]:
         column = column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
         names.append(column.dictionary.to_pylist())
         codes = codes * max(1, len(names[-1])) + column.indices.to_numpy(zero_copy_only=False)
-    found, rows = np.unique(codes, return_inverse=True)
+    distinct, rows = np.unique(codes, return_inverse=True)
     flows = []
-    for code in found.tolist():
+    for code in distinct.tolist():
         rest, sender = divmod(code, len(names[2]))
         link, direction = divmod(rest, len(names[1]))
         flows.append((names[0][link], names[1][direction], names[2][sender]))

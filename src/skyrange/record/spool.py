@@ -200,8 +200,8 @@ def table_shards(path: Path) -> list[list[Path]]:
     if not path.is_dir():
         return [[path]] if path.exists() else []
     prefixes = {part.name.rpartition("-")[0] for part in path.glob("*.parquet")}
-    found = (_numbered(path, f"{prefix}-*.parquet") for prefix in sorted(prefixes, key=_shard_number))
-    return [[part for _, part in sorted(parts.items())] for parts in found if parts]
+    shards = (_numbered(path, f"{prefix}-*.parquet") for prefix in sorted(prefixes, key=_shard_number))
+    return [[part for _, part in sorted(parts.items())] for parts in shards if parts]
 
 
 def part_path(path: Path, number: int, count: int, shard: int = 0) -> Path:
@@ -218,7 +218,13 @@ def shard_folder(folder: Path, shard: int) -> Path:
 def shard_folders(folder: Path) -> list[Path]:
     """The folders of all shards of a run in progress, in the order of their numbers."""
     others = (folder / SPOOL).glob(_SHARD.format("*"))
-    return [folder, *sorted((one for one in others if one.is_dir()), key=lambda one: _shard_number(one.name))]
+    return [
+        folder,
+        *sorted(
+            (candidate for candidate in others if candidate.is_dir()),
+            key=lambda candidate: _shard_number(candidate.name),
+        ),
+    ]
 
 
 def _shard_number(name: str) -> int:

@@ -19,6 +19,7 @@ from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import hash64
 from skyrange.record.digests import Digests, Words
 from skyrange.record.folder import check_file
+from skyrange.record.manifest import MANIFEST
 from skyrange.record.read.run import RunRecord
 from skyrange.record.read.telemetry import FOLDER, count_messages
 from skyrange.record.write.rows.payloads import PayloadDeduplicator
@@ -35,7 +36,7 @@ class Verification:
 
     path: str
     files: int
-    """Files whose size and hash were compared; 0 for a manifest that lists none, of an older version."""
+    """Files whose size and hash were compared."""
     tables: int
     """Tables whose rows were counted."""
     digests: tuple[str, ...]
@@ -55,11 +56,10 @@ class Verification:
 
     def __str__(self) -> str:
         if self.problems:
-            return "\n".join([f"{self.path}: not as its manifest says", *(f"  {one}" for one in self.problems)])
-        files = f"{self.files} files, " if self.files else "no hashes of files (an older version wrote the run), "
+            return "\n".join([f"{self.path}: not as its manifest says", *(f"  {problem}" for problem in self.problems)])
         left = f"; not checked, for want of the table: {', '.join(self.unchecked)}" if self.unchecked else ""
         digests = f"digests {', '.join(self.digests)}{left}"
-        return f"{self.path}: as its manifest says: {files}{self.tables} tables, {digests}"
+        return f"{self.path}: as its manifest says: {self.files} files, {self.tables} tables, {digests}"
 
 
 def verify_run(record: RunRecord) -> Verification:
@@ -71,12 +71,12 @@ def verify_run(record: RunRecord) -> Verification:
         who, status = str(record.path), record.status
         raise InputError.one(who, "status", status, "a run that ended", "Its manifest has no digests of its rows yet.")
     files = record.manifest.get("files") or {}
-    problems = [problem for name, entry in files.items() for problem in check_file(record.path, name, entry)]
+    problems = [] if files else [f"{MANIFEST}: files: missing — expected the size and hash of each file of the run"]
+    problems += [problem for name, entry in files.items() for problem in check_file(record.path, name, entry)]
     counts = record.manifest.get("counts") or {}
     for name, count in counts.items():
-        if name != FOLDER:  # of an older version: the one table of all messages
-            problems += _check_rows(record, name, count)
-    problems += _check_messages(record, counts.get(FOLDER))
+        problems += _check_rows(record, name, count)
+    problems += _check_messages(record)
     computed: dict[str, str] = {}
     unchecked = tuple(name for name in ("frames", "truth") if not record.keeps(name))
     for name, compute in (("frames", _frames_digest), ("truth", _truth_digest), ("events", _events_digest)):
@@ -102,13 +102,13 @@ def require_verified(who: str, records: Iterable[RunRecord]) -> None:
     problems: list[Problem] = []
     for record in records:
         try:
-            found = verify_run(record).problems
+            run_problems = verify_run(record).problems
         except InputError as error:
-            problems += [replace(one, where=f"{error.who}: {one.where}") for one in error.problems]
+            problems += [replace(problem, where=f"{error.who}: {problem.where}") for problem in error.problems]
             continue
-        if found:
-            hint = f"Fly the run again. `skyrange verify {record.path}` names all {len(found)} problems."
-            problems.append(Problem(str(record.path), found[0], "a run that is as its manifest says", hint))
+        if run_problems:
+            hint = f"Fly the run again. `skyrange verify {record.path}` names all {len(run_problems)} problems."
+            problems.append(Problem(str(record.path), run_problems[0], "a run that is as its manifest says", hint))
     if problems:
         raise InputError(who, problems)
 
@@ -123,23 +123,19 @@ def _check_rows(record: RunRecord, name: str, count: Any) -> Iterator[str]:
         yield f"{name}: {rows} rows — expected {count}"
 
 
-def _check_messages(record: RunRecord, total: Any) -> Iterator[str]:
-    """Compare the rows of telemetry with those of each message, and with the `total` that older versions declare."""
-    declared = record.manifest.get("messages")
-    if declared is None and total is None:
+def _check_messages(record: RunRecord) -> Iterator[str]:
+    """Compare the rows of telemetry with those that the manifest declares of each message."""
+    if not record.keeps(FOLDER):
         return
+    declared = record.manifest.get("messages") or {}
     try:
-        found = count_messages(record.tables)
+        counts = count_messages(record.tables)
     except InputError as error:
         yield from (str(problem) for problem in error.problems)
         return
-    if declared is None:
-        if sum(found.values()) != total:
-            yield f"{FOLDER}: {sum(found.values())} rows — expected {total}"
-        return
-    for message in sorted({*declared, *found}):
-        if found.get(message) != declared.get(message):
-            yield f"{FOLDER}/{message}: {found.get(message, 0)} rows — expected {declared.get(message, 0)}"
+    for message in sorted({*declared, *counts}):
+        if counts.get(message) != declared.get(message):
+            yield f"{FOLDER}/{message}: {counts.get(message, 0)} rows — expected {declared.get(message, 0)}"
 
 
 def _frames_digest(record: RunRecord) -> str:
@@ -168,13 +164,13 @@ def _frame_words(table: pa.Table, payloads: PayloadDeduplicator) -> Words:
     words[:, 4] = _hash_texts(_text(table, "fate"))
     _, words[:, 5:7] = payloads.assign_ids(Payloads.of(table.column("payload").to_pylist()))
     parents = _text(table, "parent")
-    own = pc.is_valid(parents).to_numpy()
+    has_parent = pc.is_valid(parents).to_numpy()
     words[:, 8] = np.uint64(_NEVER)
-    if own.any():
+    if has_parent.any():
         halves = pc.split_pattern(pc.drop_null(parents), "|", max_splits=1, reverse=True)
         origins = pc.replace_substring(pc.list_element(halves, 0), "|", "\n")
-        words[own, 7] = _hash_texts(origins)
-        words[own, 8] = pc.cast(pc.list_element(halves, 1), pa.int64()).to_numpy().view(np.uint64)
+        words[has_parent, 7] = _hash_texts(origins)
+        words[has_parent, 8] = pc.cast(pc.list_element(halves, 1), pa.int64()).to_numpy().view(np.uint64)
     causes = table.column("causes")
     for row in np.flatnonzero(pc.fill_null(pc.list_value_length(causes), 0).to_numpy()).tolist():
         words[row, 9] = hash64("\n".join(causes[row].as_py()))
@@ -192,8 +188,8 @@ def _hash_texts(texts: pa.ChunkedArray) -> NDArray[np.uint64]:
         encoded = encoded.combine_chunks()
     encoded = encoded.chunk(0) if isinstance(encoded, pa.ChunkedArray) else encoded
     hashes = np.array([hash64(text) for text in encoded.dictionary.to_pylist()], dtype=np.uint64)
-    found: NDArray[np.uint64] = hashes[encoded.indices.to_numpy()]
-    return found
+    hashed: NDArray[np.uint64] = hashes[encoded.indices.to_numpy()]
+    return hashed
 
 
 def _truth_digest(record: RunRecord) -> str:

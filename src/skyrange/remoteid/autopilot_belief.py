@@ -84,13 +84,13 @@ class Beliefs:
             rows = np.flatnonzero(kinds == kind_of_message(number))
             if not rows.size:
                 continue
-            found = unpack_group(payloads, kind_of_message(number), rows)
-            own = (found.systems == self.systems[places[rows]]) & (found.components == AUTOPILOT)
-            np.add.at(self.table["bad"], places[rows[~own]], 1)
-            rows = rows[own]
+            messages = unpack_group(payloads, kind_of_message(number), rows)
+            is_own = (messages.systems == self.systems[places[rows]]) & (messages.components == AUTOPILOT)
+            np.add.at(self.table["bad"], places[rows[~is_own]], 1)
+            rows = rows[is_own]
             if rows.size:
                 # of several messages from one aircraft the last one counts, because it is assigned last
-                read(self.table, places[rows], at_ns[rows], found.values[own])
+                read(self.table, places[rows], at_ns[rows], messages.values[is_own])
                 heard[number] = rows
         return heard
 
@@ -170,8 +170,8 @@ def utc_us(table: Any, boot_ms: Ints) -> Ints:
 def clock_us(table: Any, now: Time) -> Ints:
     """(n,) UTC in µs since 1970 now, by the last time that each autopilot told; -1 if it told none."""
     known = (table["boot_utc_us"] >= 0) & (table["time_ns"] >= 0)
-    told = table["boot_utc_us"] + table["time_boot_ms"] * (NS_PER_MS // NS_PER_US)
-    return np.where(known, told + (now - table["time_ns"]) // NS_PER_US, -1)
+    last_utc_us = table["boot_utc_us"] + table["time_boot_ms"] * (NS_PER_MS // NS_PER_US)
+    return np.where(known, last_utc_us + (now - table["time_ns"]) // NS_PER_US, -1)
 
 
 def is_fresh(told_ns: Ints, now: Time, within_ns: Time) -> NDArray[np.bool_]:

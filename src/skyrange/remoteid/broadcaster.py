@@ -89,16 +89,16 @@ class Broadcaster:
         count = len(self.broadcasts)
         cycles = [broadcast_cycle(broadcast) for broadcast in self.broadcasts]
         self.cycles: list[BroadcastCycle] = sorted(set(cycles), key=repr)
-        numbers = {each: number for number, each in enumerate(self.cycles)}
-        self._cycle = np.array([numbers[each] for each in cycles], dtype=np.int64)
+        numbers = {cycle: number for number, cycle in enumerate(self.cycles)}
+        self._cycle = np.array([numbers[cycle] for cycle in cycles], dtype=np.int64)
         self._slot = np.zeros(count, dtype=np.int64)
         phase = [int(chance.uniform4(PHASE_STREAM, hash64(b.vehicle), 0)[0] * NS_PER_S) for b in self.broadcasts]
         self._begin_ns = np.array(phase, dtype=np.int64)
         """When the current cycle began."""
         self.due_ns: Ints = np.array(
             [
-                begin + each.slots[0].offset_ns if each.slots else NEVER
-                for begin, each in zip(phase, cycles, strict=True)
+                begin + cycle.slots[0].offset_ns if cycle.slots else NEVER
+                for begin, cycle in zip(phase, cycles, strict=True)
             ],
             dtype=np.int64,
         )
@@ -149,13 +149,13 @@ class Broadcaster:
             key = self._cycle[due] * _MAX_SLOTS + self._slot[due]
             for code in np.unique(key).tolist():
                 rows = due[key == code]
-                each = self.cycles[code // _MAX_SLOTS]
+                cycle = self.cycles[code // _MAX_SLOTS]
                 at_ns = self.due_ns[rows]
-                self._advance(rows, each, now)
+                self._advance(rows, cycle, now)
                 on = table["heartbeat_ns"][rows] >= 0
                 rows, at_ns = rows[on], at_ns[on]
                 if rows.size:
-                    _, transport, messages = each.slots[code % _MAX_SLOTS]
+                    _, transport, messages = cycle.slots[code % _MAX_SLOTS]
                     places.append(rows)
                     payloads.append(self._frames(rows, at_ns, transport, messages, now, table))
             due = np.flatnonzero(self.due_ns < until)
@@ -185,15 +185,15 @@ class Broadcaster:
                 )
             )
 
-    def _advance(self, rows: Ints, each: BroadcastCycle, now: Time) -> None:
+    def _advance(self, rows: Ints, cycle: BroadcastCycle, now: Time) -> None:
         """Move aircraft that have just sent to their next slot; one that is late by a period skips the missed
         broadcasts.
         """
-        offsets = np.array([part.offset_ns for part in each.slots], dtype=np.int64)
+        offsets = np.array([part.offset_ns for part in cycle.slots], dtype=np.int64)
         slot = (self._slot[rows] + 1) % len(offsets)
-        begin = self._begin_ns[rows] + np.where(slot == 0, each.period_ns, 0)
+        begin = self._begin_ns[rows] + np.where(slot == 0, cycle.period_ns, 0)
         late = now - begin - offsets[slot]
-        begin += np.where(late >= each.period_ns, (late // each.period_ns + 1) * each.period_ns, 0)
+        begin += np.where(late >= cycle.period_ns, (late // cycle.period_ns + 1) * cycle.period_ns, 0)
         self._slot[rows], self._begin_ns[rows], self.due_ns[rows] = slot, begin, begin + offsets[slot]
 
     def _frames(
@@ -230,7 +230,10 @@ class Broadcaster:
         basic, system = (
             self._message(int(kind), rows, now, beliefs.table) for kind in (MessageType.BASIC_ID, MessageType.SYSTEM)
         )
-        return [(decode(one.tobytes()), decode(two.tobytes())) for one, two in zip(basic, system, strict=True)]
+        return [
+            (decode(basic_body.tobytes()), decode(system_body.tobytes()))
+            for basic_body, system_body in zip(basic, system, strict=True)
+        ]
 
     def _update_takeoff(self, rows: Ints, table: Any) -> None:
         """Without a given control station, set the take-off location in the System message once the home position is

@@ -210,27 +210,27 @@ class TrackTable:
         """Take in broadcasts in their order; malformed rows and those with neither identity nor
         position are skipped.
         """
-        said, rid = heard.said, heard.rid
-        keep = np.flatnonzero(rid.valid & (said.has_location | said.has_id))
+        locations, rid = heard.said, heard.rid
+        keep = np.flatnonzero(rid.valid & (locations.has_location | locations.has_id))
         if not keep.size:
             return
         address = np.zeros(len(keep), dtype=np.int64)
         for byte in range(6):
             address = address << 8 | rid.address[keep, byte]
         ids = np.zeros((len(keep), 24), dtype=np.uint8)
-        ids[:, :20] = np.ascontiguousarray(said.uas_id[keep]).view(np.uint8).reshape(-1, 20)
+        ids[:, :20] = np.ascontiguousarray(locations.uas_id[keep]).view(np.uint8).reshape(-1, 20)
         rssi = np.where(rid.rssi_cdbm[keep] == -32768, np.nan, rid.rssi_cdbm[keep] * 0.01)
-        odd = impossible(said)[keep]
+        odd = impossible(locations)[keep]
         broadcasts = _Broadcasts(
             receiver=heard.receiver[keep],
             at_ns=heard.at_ns[keep],
             address=address,
-            named=said.has_id[keep],
+            named=locations.has_id[keep],
             ids=ids.view(np.uint64),
-            located=said.has_location[keep],
-            place=self._local_motion(said, keep),
+            located=locations.has_location[keep],
+            place=self._local_motion(locations, keep),
             rssi=rssi,
-            status=said.status[keep],
+            status=locations.status[keep],
             transport=rid.transport[keep],
             odd=odd,
             ref=heard.ref[keep],
@@ -238,22 +238,22 @@ class TrackTable:
         )
         _update_tracks(self.rows, self.used, self.counts, self.stale_ns, broadcasts)
 
-    def _local_motion(self, said: LocationColumns, keep: Ints) -> Floats:
+    def _local_motion(self, locations: LocationColumns, keep: Ints) -> Floats:
         """(n, 6) east, north, up in m, speed in m/s, course in rad, climb in m/s; NaN if unknown."""
         out = np.empty((len(keep), 6))
-        lat, lon = said.lat_deg[keep], said.lon_deg[keep]
+        lat, lon = locations.lat_deg[keep], locations.lon_deg[keep]
         lat = np.where(np.abs(lat) <= 90.0, lat, np.nan)
         out[:, 0], out[:, 1] = self.origin.to_enu(lat, lon)
-        out[:, 2] = self.origin.msl_of(said.alt_geo_m[keep]) - self.origin.alt_msl_m
-        out[:, 3], out[:, 4] = said.speed_mps[keep], said.track_deg[keep] * (math.pi / 180.0)
-        out[:, 5] = said.vertical_mps[keep]
+        out[:, 2] = self.origin.msl_of(locations.alt_geo_m[keep]) - self.origin.alt_msl_m
+        out[:, 3], out[:, 4] = locations.speed_mps[keep], locations.track_deg[keep] * (math.pi / 180.0)
+        out[:, 5] = locations.vertical_mps[keep]
         return out
 
     def is_live(self, receiver: int, now: Time) -> NDArray[np.bool_]:
         """(most,) which slots hold a track that is not stale."""
         heard = self.rows["heard_ns"][receiver]
-        held: NDArray[np.bool_] = (heard >= 0) & (now - heard <= self.stale_ns)
-        return held
+        live: NDArray[np.bool_] = (heard >= 0) & (now - heard <= self.stale_ns)
+        return live
 
     def ignore(self, receiver: int, ignored: Callable[[int], bool]) -> None:
         """Mark the tracks of a receiver whose sender address (48 bits) is to be ignored, and no others."""
@@ -269,13 +269,13 @@ class TrackTable:
         Without `grounded`, tracks with the status "on the ground" are left out.
         """
         rows = self.rows[receiver]
-        good = self.is_live(receiver, now) & (rows["located_ns"] >= 0) & (now - rows["located_ns"] <= self.stale_ns)
-        good &= ~np.isnan(rows["east"])
+        usable = self.is_live(receiver, now) & (rows["located_ns"] >= 0) & (now - rows["located_ns"] <= self.stale_ns)
+        usable &= ~np.isnan(rows["east"])
         if not include_impossible:
-            good &= (rows["is_impossible"] == 0) & (rows["is_ignored"] == 0)
+            usable &= (rows["is_impossible"] == 0) & (rows["is_ignored"] == 0)
         if not grounded:
-            good &= rows["status"] != Status.GROUND
-        slot = np.flatnonzero(good)
+            usable &= rows["status"] != Status.GROUND
+        slot = np.flatnonzero(usable)
         rows = rows[slot]
         age_s = np.maximum(now - rows["located_ns"], 0) / NS_PER_S
         velocity = np.nan_to_num(np.column_stack((rows["ve"], rows["vn"], rows["vu"])))
@@ -285,15 +285,15 @@ class TrackTable:
         )
 
 
-def impossible(said: LocationColumns) -> NDArray[np.bool_]:
+def impossible(locations: LocationColumns) -> NDArray[np.bool_]:
     """(n,) whether a Location holds impossible values (see `f3411.deviations`), including a saturated
     speed (254.25 m/s).
     """
-    odd = (np.abs(said.lat_deg) > 90.0) | (np.abs(said.lon_deg) > 180.0)
-    odd |= said.status > Status.REMOTE_ID_SYSTEM_FAILURE
-    odd |= (said.speed_mps >= values.SPEED_MAX_MPS) | (np.abs(said.vertical_mps) >= values.VERTICAL_MAX_MPS)
-    odd |= (said.track_deg >= 360.0) | (said.timestamp_s > values.TIME_MAX_S)
-    return odd & said.has_location
+    odd = (np.abs(locations.lat_deg) > 90.0) | (np.abs(locations.lon_deg) > 180.0)
+    odd |= locations.status > Status.REMOTE_ID_SYSTEM_FAILURE
+    odd |= (locations.speed_mps >= values.SPEED_MAX_MPS) | (np.abs(locations.vertical_mps) >= values.VERTICAL_MAX_MPS)
+    odd |= (locations.track_deg >= 360.0) | (locations.timestamp_s > values.TIME_MAX_S)
+    return odd & locations.has_location
 
 
 def _texts(rows: NDArray[Any]) -> NDArray[np.bytes_]:

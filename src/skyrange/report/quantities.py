@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 Quantity = tuple[tuple[str, str], ...]
 """Pairs of number and unit ("" for none), in the order written: `(("3", "min"), ("05", "s"))`."""
 
 MISSING: Final[Quantity] = ()
 """A missing quantity, shown as a dash."""
+
+
+class Linked(NamedTuple):
+    """A text or a quantity that leads somewhere, such as to its moment in the viewer."""
+
+    shown: str | Quantity
+    href: str
+
+
+Shown = str | Quantity | Linked
 
 
 def count(value: int | float) -> str:

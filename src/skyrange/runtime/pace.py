@@ -19,11 +19,11 @@ def resolve_speed(speed: float, engines: Sequence[Engine]) -> float:
 
     Raises `InputError` if two engines on the wall clock, or one and `speed`, contradict each other.
     """
-    found = {engine.name: cast("WallEngine", engine).pace for engine in engines if engine.clock == "wall"}
+    paces = {engine.name: cast("WallEngine", engine).pace for engine in engines if engine.clock == "wall"}
     if speed != 0.0:
-        found["--speed"] = speed
-    if len(set(found.values())) > 1:
-        named = ", ".join(f"{name} {pace:g}" for name, pace in found.items())
+        paces["--speed"] = speed
+    if len(set(paces.values())) > 1:
+        named = ", ".join(f"{name} {pace:g}" for name, pace in paces.items())
         hint = "Programs that run on the machine's clock set the pace: leave --speed out."
         raise InputError.one("speed", "value", named, "one speed", hint)
     walls = [engine for engine in engines if engine.clock == "wall"]
@@ -50,15 +50,24 @@ class Pace:
         self, speed: float, *, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
     ) -> None:
         """`speed` is 0, or finite and at least `MIN_SPEED`; raises `InputError` for any other."""
+        self.change(speed)
+        self._clock = clock
+        self._sleep = sleep
+        self.lag_s = 0.0
+        """The largest delay behind the wall clock, in wall seconds."""
+
+    def change(self, speed: float) -> None:
+        """Hold to another speed from the next `wait` on, or to the same one without the time lost before."""
         if not (speed == 0.0 or self.MIN_SPEED <= speed < math.inf):
             expected = f"0, which is as fast as it goes, or at least {self.MIN_SPEED:g}"
             raise InputError.one("speed", "value", str(speed), expected)
         self._speed = speed
-        self._clock = clock
-        self._sleep = sleep
         self._began: tuple[float, Time] | None = None
-        self.lag_s = 0.0
-        """The largest delay behind the wall clock, in wall seconds."""
+
+    @property
+    def speed(self) -> float:
+        """Simulated seconds per wall second; 0 is as fast as possible."""
+        return self._speed
 
     @property
     def held(self) -> bool:

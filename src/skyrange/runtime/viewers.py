@@ -47,7 +47,37 @@ class Address(NamedTuple):
     port: int
 
 
-class Viewers:
+def _port_numbers(first: int, count: int) -> list[int]:
+    """The ports of `count` aircraft: each next one is 10 higher; 0 for each, any free one, if `first` is 0."""
+    step = PORT_STEP if first else 0
+    return [first + step * place for place in range(count)]
+
+
+class _OpenPorts:
+    """Open viewers' ports: their counts, and a context manager whose end closes them."""
+
+    def __init__(self, numbers: Sequence[int], host: str) -> None:
+        self._ports = ViewerPorts(numbers, host)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def counts(self) -> ViewerCounts:
+        """Events at the ports so far."""
+        return self._ports.counts
+
+    def close(self) -> None:
+        """Close the ports. A second call does nothing."""
+        self._ports.close()
+
+
+class Viewers(_OpenPorts):
     """An `contracts.components.Observer` that serves each aircraft's MAVLink on a TCP port of its own.
 
     A viewer receives every frame that the link `autopilot` delivers from the autopilot, byte for byte, from the time at
@@ -65,35 +95,15 @@ class Viewers:
         With `first_port` 0 any free ports are taken; a sequence has a port for each. `host` is the IP address to listen
         at; whoever reaches it can watch. Raises `InputError` if a port cannot be had.
         """
-        if isinstance(first_port, int):
-            step = PORT_STEP if first_port else 0
-            first_port = [first_port + step * place for place in range(len(vehicles))]
-        self._ports = ViewerPorts(first_port, host)
+        super().__init__(_port_numbers(first_port, len(vehicles)) if isinstance(first_port, int) else first_port, host)
         self._places = {link_name("autopilot", vehicle): place for place, vehicle in enumerate(vehicles)}
         self.addresses = [
             Address(vehicle, host, port) for vehicle, port in zip(vehicles, self._ports.numbers, strict=True)
         ]
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    @property
-    def counts(self) -> ViewerCounts:
-        """Events at the ports so far."""
-        return self._ports.counts
-
     def serve(self) -> None:
         """Accept viewers and send them the frames since the last call; never blocks."""
         self._ports.serve()
-
-    def close(self) -> None:
-        """Close the ports. A second call does nothing."""
-        self._ports.close()
 
     def on_frame(self, frame: Frame) -> None:
         """Show a delivered frame if an autopilot sent it."""
@@ -187,7 +197,7 @@ class _Source:
             raise ComponentError("relay", f"no way to {format_address(self.address)}: {os.strerror(result).lower()}")
 
 
-class ViewerRelay:
+class ViewerRelay(_OpenPorts):
     """Viewers' ports that show what the viewers' ports of a run show. A context manager: its end closes all."""
 
     def __init__(self, source: SocketAddress, listen: SocketAddress, vehicles: int) -> None:
@@ -195,24 +205,10 @@ class ViewerRelay:
 
         With port 0 in `listen` any free ports are taken. Raises `InputError` if a port cannot be had.
         """
-        step = PORT_STEP if listen[1] else 0
-        self._ports = ViewerPorts([listen[1] + step * place for place in range(vehicles)], listen[0])
+        super().__init__(_port_numbers(listen[1], vehicles), listen[0])
         self._sources = [_Source((source[0], source[1] + PORT_STEP * place)) for place in range(vehicles)]
         self.addresses = [(listen[0], port) for port in self._ports.numbers]
         """Where viewers connect, by aircraft."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    @property
-    def counts(self) -> ViewerCounts:
-        """Events at the ports so far."""
-        return self._ports.counts
 
     @property
     def ended(self) -> bool:
@@ -236,13 +232,13 @@ class ViewerRelay:
         """Relay until the run ends. Raises `ComponentError` if it has not begun within `wait_s` seconds."""
         where = format_address(self._sources[0].address)
         on_word(f"waiting for a run with viewers' ports at {where}; viewers: {format_address(self.addresses[0])}")
-        until_s, told = time.monotonic() + wait_s, False
+        until_s, warned = time.monotonic() + wait_s, False
         while not self.ended:
             self.poll()
-            if self.shown and not told:
-                told = True
+            if self.shown and not warned:
+                warned = True
                 on_word(f"relaying {len(self._sources)} aircraft of {where}")
-            if not told and time.monotonic() > until_s:
+            if not warned and time.monotonic() > until_s:
                 hint = "Start it there with --viewer-host, and see that no firewall is between."
                 raise ComponentError("relay", f"no run shows its aircraft at {where} within {wait_s:g} s", hint)
             time.sleep(POLL_S)
@@ -251,4 +247,4 @@ class ViewerRelay:
         """Close all ports and connections. A second call does nothing."""
         for source in self._sources:
             source.close()
-        self._ports.close()
+        super().close()

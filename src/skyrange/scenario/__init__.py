@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from skyrange.scenario.model.defences import DefenceCost, DefenceTable, DetectorTable
     from skyrange.scenario.model.fleet import Autopilots, Fleet, Start, Vehicle
     from skyrange.scenario.model.links import Link, Processing
+    from skyrange.scenario.model.manual_acts import ManualActTable
     from skyrange.scenario.model.operators import Operator
     from skyrange.scenario.model.plan import (
         Fence,
@@ -55,6 +56,7 @@ __all__ = [
     "Grid",
     "Link",
     "Live",
+    "ManualActTable",
     "Operator",
     "Origin",
     "Path",
@@ -93,6 +95,7 @@ if not TYPE_CHECKING:
             "skyrange.scenario.model.defences": "DefenceCost DefenceTable DetectorTable",
             "skyrange.scenario.model.fleet": "Autopilots Fleet Start Vehicle",
             "skyrange.scenario.model.links": "Link Processing",
+            "skyrange.scenario.model.manual_acts": "ManualActTable",
             "skyrange.scenario.model.operators": "Operator",
             "skyrange.scenario.model.plan": (
                 "Fence FenceCircle FencePolygon Path Plan Route Square mission_file path route square"

@@ -34,7 +34,7 @@ def check_file(path: Path, where: str, *, suggest: bool = True) -> Problem | Non
             return Problem(
                 where, str(path), "a file", "It is a folder." if path.is_dir() else "It is a pipe or a device."
             )
-        siblings = [one.name for one in path.parent.iterdir()] if suggest and path.parent.is_dir() else []
+        siblings = [sibling.name for sibling in path.parent.iterdir()] if suggest and path.parent.is_dir() else []
         hint = nearest(path.name, siblings) if len(siblings) <= 1000 else ""
         return Problem(where, str(path), "a file that exists", hint if hint.startswith("Did you") else "")
     except (OSError, ValueError) as error:
@@ -70,14 +70,14 @@ def locate_files(data: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any],
 
 def list_named_files(data: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The key and the value of everything in `data` that names a file, at any depth."""
-    found: list[tuple[str, str]] = []
+    named_files: list[tuple[str, str]] = []
 
     def note(name: str, path: tuple[str | int, ...]) -> str:
-        found.append((str(path[-1]), name))
+        named_files.append((str(path[-1]), name))
         return name
 
     _change_files(data, note)
-    return found
+    return named_files
 
 
 def rename_files(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:

@@ -91,25 +91,25 @@ def _toml(value: Any) -> str:
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{json.dumps(key)} = {_toml(each)}' for key, each in value.items())}}}"
+        return f"{{{', '.join(f'{json.dumps(key)} = {_toml(item)}' for key, item in value.items())}}}"
     # whole numbers and text are the same in both, but TOML has no surrogate pairs, and no unescaped DEL
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def locate_assignment(assignment: str, folder: Path) -> str:
     """`path=value` with the name of a file made absolute from `folder`; any other assignment as it is."""
-    found = read_assignment(assignment)
-    if found is None or found[0] not in FILE_KEYS or not isinstance(found[1], str) or not found[1]:
+    parsed = read_assignment(assignment)
+    if parsed is None or parsed[0] not in FILE_KEYS or not isinstance(parsed[1], str) or not parsed[1]:
         return assignment
-    return set_key(assignment.partition("=")[0], str((folder / expand_user(found[1])).absolute()))
+    return set_key(assignment.partition("=")[0], str((folder / expand_user(parsed[1])).absolute()))
 
 
 def _keys(path: str) -> list[str]:
     """The keys of a dotted path, without quotes; empty if the path is malformed."""
     keys, at = [], 0
-    while (found := _KEY.match(path, at)) is not None:
-        keys.append(found[1] or found[2])
-        at = found.end()
+    while (match := _KEY.match(path, at)) is not None:
+        keys.append(match[1] or match[2])
+        at = match.end()
         if at == len(path):
             return keys
         if path[at] != ".":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from skyrange.city.building_files import load_buildings
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import expand_user
+from skyrange.scenario.model.manual_acts import ManualActTable
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.named_files import locate_files, read_text, rename_files
 from skyrange.scenario.overrides import apply_overrides
@@ -133,9 +134,9 @@ def _check_plain(data: Mapping[str, Any], who: str) -> None:
 def _syntax_fault(message: str, text: str) -> Problem:
     """The place where the parser stopped, from a message with "… (at line 3, column 5)" or "… (at end of document)"."""
     problem, _, place = message.rpartition(" (at ")
-    found = re.match(r"line (\d+), column (\d+)", place)
+    match = re.match(r"line (\d+), column (\d+)", place)
     lines = text.splitlines() or [""]
-    line, column = (int(found[1]), int(found[2])) if found else (len(lines), len(lines[-1]) + 1)
+    line, column = (int(match[1]), int(match[2])) if match else (len(lines), len(lines[-1]) + 1)
     shown = lines[line - 1].strip() if 0 < line <= len(lines) else ""
     return Problem(f"line {line}, column {column}", shown or "(empty)", "valid TOML", f"{problem or message}.")
 
@@ -154,9 +155,14 @@ def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:
         for vehicle in operator["vehicles"]:
             if not vehicle["params"]:
                 del vehicle["params"]
-    for key in ("links", "processing", "attacks", "detectors", "approvals", "hosts"):
+    for key in ("links", "processing", "attacks", "detectors", "approvals", "hosts", "manual_acts"):
         if not data[key]:
             del data[key]
     if "radio" in data and not data["radio"]["params"]:
         del data["radio"]["params"]
     return tomli_w.dumps(rename_files(data, files) if files else data, indent=2)
+
+
+def replace_manual_acts(text: str, acts: Sequence[ManualActTable]) -> str:
+    """The TOML text of a scenario with other `manual_acts`."""
+    return tomli_w.dumps(parse_toml(text) | {"manual_acts": [act.model_dump() for act in acts]}, indent=2)

@@ -22,13 +22,13 @@ from skyrange.scoring.index import NOMINAL_STRATUM, AlertList, StudyIndex, sort_
 
 def trivial_alerts(index: StudyIndex, episode_ns: int) -> dict[str, AlertList]:
     """By name, the alerts of each trivial detector; without `by-time` if no attack of the training is observable."""
-    found = {"always": _alarm_always(index, episode_ns), "never": _list_alerts([])}
+    alerts_by_name = {"always": _alarm_always(index, episode_ns), "never": _list_alerts([])}
     begins = index.attacks.begin_ns[(index.attacks.splits == "train") & index.attacks.observable]
     if begins.size:
         onset = int(np.sort(begins)[(begins.size - 1) // 2])
         flights = np.flatnonzero(index.subjects.duration_ns > 0).tolist()
-        found["by-time"] = _list_alerts([(flight, np.array([onset])) for flight in flights])
-    return dict(sorted(found.items()))
+        alerts_by_name["by-time"] = _list_alerts([(flight, np.array([onset])) for flight in flights])
+    return dict(sorted(alerts_by_name.items()))
 
 
 def _alarm_always(index: StudyIndex, episode_ns: int) -> AlertList:
@@ -79,7 +79,7 @@ def share_hit_by_chance(index: StudyIndex, alerts: AlertList, threshold: float, 
     above = alerts.scores > threshold
     alarms = AlertList(alerts.subjects[above], alerts.times_ns[above], alerts.scores[above])
     attacks, subjects, windows = index.attacks, index.subjects, index.windows
-    found = np.full(len(attacks.runs), math.nan)
+    shares = np.full(len(attacks.runs), math.nan)
     chance = np.random.Generator(np.random.Philox(seed))
     bounds = np.searchsorted(alarms.subjects, np.arange(len(subjects.runs) + 1))
     quiet = subjects.strata == NOMINAL_STRATUM
@@ -96,19 +96,28 @@ def share_hit_by_chance(index: StudyIndex, alerts: AlertList, threshold: float, 
     for number in np.flatnonzero(attacks.observable).tolist():
         affected = windows.subjects[firsts[number] : firsts[number + 1]].tolist()
         split = str(attacks.splits[number])
-        own = [one for subject in affected
-               for one in by_place.get((int(subjects.clusters[subject]), subjects.vehicles[subject]), ())]  # fmt: skip
-        own = own or [one for one in by_split.get(split, ()) if len(affected) > 1 or subjects.vehicles[one]]
-        if not own:
+        nominal_flights = [
+            nominal
+            for subject in affected
+            for nominal in by_place.get((int(subjects.clusters[subject]), subjects.vehicles[subject]), ())
+        ]
+        nominal_flights = nominal_flights or [
+            nominal for nominal in by_split.get(split, ()) if len(affected) > 1 or subjects.vehicles[nominal]
+        ]
+        if not nominal_flights:
             continue
         begins = chance.choice(onsets[split], SHUFFLES)
         ends = begins + (attacks.end_ns[number] - attacks.begin_ns[number])
         flights: dict[str, list[int]] = {}
-        for one in own:
-            name = subjects.runs[one] if len(affected) > 1 else f"{subjects.runs[one]} {subjects.vehicles[one]}"
-            flights.setdefault(name, []).append(one)
-        found[number] = np.mean([_any_hit(alarms, bounds, flight, begins, ends) for flight in flights.values()])
-    return found
+        for nominal in nominal_flights:
+            name = (
+                subjects.runs[nominal]
+                if len(affected) > 1
+                else f"{subjects.runs[nominal]} {subjects.vehicles[nominal]}"
+            )
+            flights.setdefault(name, []).append(nominal)
+        shares[number] = np.mean([_any_hit(alarms, bounds, flight, begins, ends) for flight in flights.values()])
+    return shares
 
 
 def _any_hit(

@@ -191,16 +191,16 @@ def _rank(names: Iterable[str]) -> dict[str, int]:
 
 def index_alerts(index: StudyIndex, alerts: pa.Table, detector: str) -> AlertList:
     """The alerts of `detector` in a checked table of alerts."""
-    mine = alerts.filter(pc.equal(alerts.column("detector"), detector)).combine_chunks()
-    runs = mine.column("run").combine_chunks().dictionary_encode()
-    names = mine.column("subject").combine_chunks().dictionary_encode()
+    detector_alerts = alerts.filter(pc.equal(alerts.column("detector"), detector)).combine_chunks()
+    runs = detector_alerts.column("run").combine_chunks().dictionary_encode()
+    names = detector_alerts.column("subject").combine_chunks().dictionary_encode()
     pairs = np.stack([runs.indices.to_numpy(), names.indices.to_numpy()], axis=1)
     distinct, inverse = np.unique(pairs, axis=0, return_inverse=True)
     run_names, subject_names = runs.dictionary.to_pylist(), names.dictionary.to_pylist()
     known = np.array([index.numbers[run_names[run], subject_names[name]] for run, name in distinct], dtype=np.int64)
     subjects = known[inverse.reshape(-1)] if len(known) else np.zeros(0, dtype=np.int64)
-    times_ns = np.rint(mine.column("time_s").to_numpy() * NS_PER_S).astype(np.int64)
-    return sort_alerts(subjects, times_ns, mine.column("score").to_numpy())
+    times_ns = np.rint(detector_alerts.column("time_s").to_numpy() * NS_PER_S).astype(np.int64)
+    return sort_alerts(subjects, times_ns, detector_alerts.column("score").to_numpy())
 
 
 def sort_alerts(subjects: NDArray[np.int64], times_ns: NDArray[np.int64], scores: NDArray[np.float64]) -> AlertList:
@@ -227,11 +227,11 @@ def _affected(
     whole: dict[str, list[int]] = {run: [] for run in runs}
     for number, row in enumerate(flights):
         whole[str(row["run"])].append(number)
-    found = []
+    affected = []
     for row in acts:
         run, vehicle = str(row["run"]), str(row["vehicle"])
-        found.append([numbers[run, vehicle]] if vehicle else [*whole[run], numbers[run, ""]])
-    return found
+        affected.append([numbers[run, vehicle]] if vehicle else [*whole[run], numbers[run, ""]])
+    return affected
 
 
 def _windows(acts: list[dict[str, object]], affected: list[list[int]], grace_ns: int, end: str, begin: str) -> Windows:
@@ -254,7 +254,7 @@ def _covered_ns(windows: Sequence[Windows], subjects: int) -> NDArray[np.int64]:
     total = np.zeros(subjects, dtype=np.int64)
     reached: dict[int, int] = {}
     who, acts, ends = (
-        np.concatenate([getattr(one, name) for one in windows]) for name in ("subjects", "act_ns", "end_ns")
+        np.concatenate([getattr(group, name) for group in windows]) for name in ("subjects", "act_ns", "end_ns")
     )
     for row in np.lexsort((acts, who)).tolist():
         subject, act, end = int(who[row]), int(acts[row]), int(ends[row])

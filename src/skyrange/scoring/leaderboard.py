@@ -63,25 +63,27 @@ def rank_detectors(files: Sequence[ScoreFile], name: str = "all") -> list[Leader
     if the files differ in settings, so that their numbers do not compare, or if none has the set.
     """
     problems = [
-        Problem(f"file {number + 1}, settings", str(one.settings), f"those of the first file, {files[0].settings}")
-        for number, one in enumerate(files)
-        if one.settings != files[0].settings
+        Problem(
+            f"file {number + 1}, settings", str(score_file.settings), f"those of the first file, {files[0].settings}"
+        )
+        for number, score_file in enumerate(files)
+        if score_file.settings != files[0].settings
     ]
     if problems:
         raise InputError("leaderboard", problems)
-    found = [
+    entries = [
         (number, score, on)
         for number, file in enumerate(files)
         for score in file.detectors
         if (on := score.on(name)) is not None
     ]
-    if not found:
-        known = sorted({one.name for file in files for score in file.detectors for one in score.sets})
+    if not entries:
+        known = sorted({score_set.name for file in files for score in file.detectors for score_set in score.sets})
         raise InputError.one("leaderboard", "set", name, f"one of {', '.join(known)}" if known else "files with scores")
-    found.sort(key=lambda entry: (*_place(entry[2]), entry[1].detector, files[entry[0]].study))
+    entries.sort(key=lambda entry: (*_place(entry[2]), entry[1].detector, files[entry[0]].study))
     rows: list[LeaderboardRow] = []
-    for position, (number, score, on) in enumerate(found):
-        tied = position > 0 and _place(found[position - 1][2]) == _place(on)
+    for position, (number, score, on) in enumerate(entries):
+        tied = position > 0 and _place(entries[position - 1][2]) == _place(on)
         rank = None if on.equal_rate is None else rows[-1].rank if tied else position + 1
         rows.append(_row(rank, files, number, score, on))
     return rows

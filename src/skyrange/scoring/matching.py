@@ -76,8 +76,8 @@ def match_alarms(index: StudyIndex, alerts: AlertList, threshold: float, episode
 def are_about_intrusions(index: StudyIndex, alerts: AlertList) -> NDArray[np.bool_]:
     """Which alerts are in the window of a harmless intrusion, shape (alerts,)."""
     bounds = np.searchsorted(alerts.subjects, np.arange(len(index.subjects.runs) + 1))
-    found, _ = _match_windows(bounds, alerts.times_ns, index.intrusion_windows, len(index.intrusions.runs))
-    return found
+    matched, _ = _match_windows(bounds, alerts.times_ns, index.intrusion_windows, len(index.intrusions.runs))
+    return matched
 
 
 def _match_windows(
@@ -149,9 +149,9 @@ def lower_threshold(
 ) -> ThresholdChoice:
     """The lowest threshold with at most `target_per_h` episodes of alarms per aircraft-hour of the `used` subjects."""
     subjects = index.subjects
-    mine = used[alerts.subjects] & (alerts.times_ns >= subjects.own_from_ns[alerts.subjects])
-    mine &= ~are_about_intrusions(index, alerts)
-    where, times, scores = alerts.subjects[mine], alerts.times_ns[mine], alerts.scores[mine]
+    counted = used[alerts.subjects] & (alerts.times_ns >= subjects.own_from_ns[alerts.subjects])
+    counted &= ~are_about_intrusions(index, alerts)
+    where, times, scores = alerts.subjects[counted], alerts.times_ns[counted], alerts.scores[counted]
 
     def episodes_above(threshold: float) -> NDArray[np.int64]:
         above = scores > threshold

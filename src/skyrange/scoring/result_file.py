@@ -16,7 +16,7 @@ from skyrange.scenario.model.base import Model
 from skyrange.scenario.validation.error_messages import input_error
 
 FORMAT: Final = "skyrange.scores/4"
-"""Value of `format`; the number increases when numbers have another meaning or older versions cannot read the file."""
+"""Value of `format`; the number increases when keys change or numbers have another meaning. No other is read."""
 OpenLimits = tuple[float, float | None]
 """Lower and upper limit of an interval; an upper limit of null is infinite."""
 
@@ -237,11 +237,11 @@ class DetectorScore(Model):
 
     def on(self, name: str) -> SetScore | None:
         """The scores on the set `name`; None if there are none."""
-        return next((one for one in self.sets if one.name == name), None)
+        return next((score_set for score_set in self.sets if score_set.name == name), None)
 
     def effect_on(self, name: str) -> SetScore | None:
         """The scores on the set `name` with windows that last as long as effects; None if there are none."""
-        return next((one for one in self.effect_sets if one.name == name), None)
+        return next((score_set for score_set in self.effect_sets if score_set.name == name), None)
 
 
 class HeldOut(Model):
@@ -276,10 +276,12 @@ def read_scores(path: Path) -> ScoreFile:
     """The scores in a file. Raises InputError if it cannot be read, or is not such a file."""
     who = str(path)
     data: Any = parse_json(read_input(path, who, max_bytes=MAX_TEXT_BYTES, expected="a file of scores"), who, "file")
-    found = data.get("format") if isinstance(data, dict) else None
-    if found != FORMAT:
-        hint = "Score the study again." if str(found).startswith("skyrange.scores/") else ""
-        raise InputError.one(who, "format", "not there" if found is None else repr(found), f'"{FORMAT}"', hint)
+    file_format = data.get("format") if isinstance(data, dict) else None
+    if file_format != FORMAT:
+        hint = "Score the study again." if str(file_format).startswith("skyrange.scores/") else ""
+        raise InputError.one(
+            who, "format", "not there" if file_format is None else repr(file_format), f'"{FORMAT}"', hint
+        )
     try:
         return ScoreFile.model_validate(data)
     except ValidationError as error:

@@ -50,11 +50,13 @@ def score_detectors(
         )
         for name in names
     ]
-    trivial = [trivial_alerts(one, episode_ns) for one in (index, lasting)]  # `always` alarms where windows begin
+    trivial = [
+        trivial_alerts(each_index, episode_ns) for each_index in (index, lasting)
+    ]  # `always` alarms where windows begin
     for name in trivial[0]:
         sets, effect_sets = (
-            _measure_sets(one, alerts[name], -math.inf, selections, settings)
-            for one, alerts in zip((index, lasting), trivial, strict=True)
+            _measure_sets(each_index, alerts[name], -math.inf, selections, settings)
+            for each_index, alerts in zip((index, lasting), trivial, strict=True)
         )
         scores.append(DetectorScore(detector=name, trivial=True, threshold=None, sets=sets, effect_sets=effect_sets))
     return ScoreFile(
@@ -87,28 +89,28 @@ def select_sets(index: StudyIndex, held_out: HeldOut) -> list[Selection]:
     """
     flights, attacks = index.subjects, index.attacks
     test, tests = flights.splits == "test", attacks.splits == "test"
-    found = [Selection("all", test, tests)]
+    selections = [Selection("all", test, tests)]
     for what, values, of in (
         ("kinds", held_out.kinds, attacks.kinds),
         ("families", held_out.families, attacks.families),
     ):
         if values:
             new = np.isin(of, values)
-            found += [
+            selections += [
                 Selection(f"held-out {what}", test, tests & new),
                 Selection(f"seen {what}", test, tests & ~new),
             ]
-    for what, held, of_flights, of_attacks in (
+    for what, held_values, of_flights, of_attacks in (
         ("cities", held_out.cities, flights.cities, attacks.cities),
         ("fleet sizes", held_out.aircraft, flights.aircraft, attacks.aircraft),
     ):
-        if held:
-            new, newly = np.isin(of_flights, held), np.isin(of_attacks, held)
-            found += [
+        if held_values:
+            new, newly = np.isin(of_flights, held_values), np.isin(of_attacks, held_values)
+            selections += [
                 Selection(f"held-out {what}", test & new, tests & newly),
                 Selection(f"seen {what}", test & ~new, tests & ~newly),
             ]
-    return found
+    return selections
 
 
 def _measure_sets(

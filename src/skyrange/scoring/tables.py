@@ -214,8 +214,8 @@ def _flight_problems(flights: pa.Table) -> list[Problem]:
             problems.append(Problem(f"{where}, duration_s", f"{row['duration_s']:g}", "no negative time"))
         if row["aircraft"] < 1:
             problems.append(Problem(f"{where}, aircraft", str(row["aircraft"]), "at least 1"))
-        mine = {name: row[name] for name in _PER_RUN}
-        for name, value in first.setdefault(row["run"], mine).items():
+        shared = {name: row[name] for name in _PER_RUN}
+        for name, value in first.setdefault(row["run"], shared).items():
             if row[name] != value:
                 expected = f"{value!r}, as in the other rows of run {row['run']}"
                 problems.append(Problem(f"{where}, {name}", repr(row[name]), expected))
@@ -273,7 +273,7 @@ def _attack_problems(tables: StudyTables) -> list[Problem]:
 def _intrusion_problems(tables: StudyTables) -> list[Problem]:
     vehicles = vehicles_by_run(tables.flights)
     rows = enumerate(tables.intrusions.to_pylist())
-    return [one for number, row in rows for one in _act_problems(f"intrusions, row {number}", row, vehicles)]
+    return [problem for number, row in rows for problem in _act_problems(f"intrusions, row {number}", row, vehicles)]
 
 
 def _act_problems(where: str, row: Mapping[str, Any], vehicles: Mapping[str, list[str]]) -> Iterator[Problem]:
@@ -309,9 +309,9 @@ def _alert_problems(tables: StudyTables) -> list[Problem]:
 
 def vehicles_by_run(flights: pa.Table) -> dict[str, list[str]]:
     """By run, its aircraft, sorted."""
-    found: dict[str, list[str]] = {}
+    vehicles: dict[str, list[str]] = {}
     for run, vehicle in sorted(
         zip(flights.column("run").to_pylist(), flights.column("vehicle").to_pylist(), strict=True)
     ):
-        found.setdefault(run, []).append(vehicle)
-    return found
+        vehicles.setdefault(run, []).append(vehicle)
+    return vehicles

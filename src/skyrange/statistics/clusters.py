@@ -55,8 +55,8 @@ def find_clusters(shared: Mapping[Name, Iterable[Hashable]]) -> dict[Name, Name]
     for name, things in shared.items():
         for thing in things:
             other = root(first.setdefault(thing, name))
-            mine = root(name)
-            earlier, later = sorted((mine, other), key=place.__getitem__)
+            own_root = root(name)
+            earlier, later = sorted((own_root, other), key=place.__getitem__)
             parent[later] = earlier
     return {name: root(name) for name in shared}
 

@@ -153,11 +153,14 @@ def standardised_effect(samples: Sequence[float], clusters: Sequence[Hashable] |
 
 
 def _average(samples: Sequence[float], clusters: Sequence[Hashable]) -> list[float]:
-    own: dict[Hashable, list[float]] = {}
+    values_by_cluster: dict[Hashable, list[float]] = {}
     for value, cluster in zip(samples, clusters, strict=True):
-        own.setdefault(cluster, []).append(value)
+        values_by_cluster.setdefault(cluster, []).append(value)
     # the mean of equal values is that value, to the last bit
-    return [values[0] if min(values) == max(values) else math.fsum(values) / len(values) for values in own.values()]
+    return [
+        values[0] if min(values) == max(values) else math.fsum(values) / len(values)
+        for values in values_by_cluster.values()
+    ]
 
 
 def _bootstrap_t(values: NDArray[np.float64], mean: float) -> tuple[float, float]:

@@ -52,9 +52,10 @@ def survival_curve(
         return SurvivalCurve(times, np.ones((weights.shape[0], 0)))
     padded = np.concatenate((np.zeros((weights.shape[0], 1)), np.cumsum(weights, axis=1)), axis=1)
     at_risk = padded[:, -1:] - padded[:, np.searchsorted(delays, times, side="left")]
-    found = np.concatenate((np.zeros((weights.shape[0], 1)), np.cumsum(weights * hits, axis=1)), axis=1)
+    cumulated = np.concatenate((np.zeros((weights.shape[0], 1)), np.cumsum(weights * hits, axis=1)), axis=1)
     events = (
-        found[:, np.searchsorted(delays, times, side="right")] - found[:, np.searchsorted(delays, times, side="left")]
+        cumulated[:, np.searchsorted(delays, times, side="right")]
+        - cumulated[:, np.searchsorted(delays, times, side="left")]
     )
     stays = np.where(at_risk > 0.0, 1.0 - events / np.where(at_risk > 0.0, at_risk, 1.0), 1.0)
     return SurvivalCurve(times, np.cumprod(stays, axis=1).astype(np.float64))

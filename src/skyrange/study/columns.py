@@ -29,6 +29,7 @@ def column_of(quantity: str) -> str:
 @cache
 def reserved_names() -> frozenset[str]:
     """All names of columns that are not those of factors and draws."""
-    found = {*HEAD, *RUN, *ALERT, *ACT, "airborne_s", "takeoff_s", *(column_of(one.name) for one in QUANTITIES)}
-    found |= {field.name for field in fields(Measured)} | {column.name for column in EFFECT_COLUMNS}
-    return frozenset(found)
+    names = {*HEAD, *RUN, *ALERT, *ACT, "airborne_s", "takeoff_s"}
+    names |= {column_of(quantity.name) for quantity in QUANTITIES}
+    names |= {field.name for field in fields(Measured)} | {column.name for column in EFFECT_COLUMNS}
+    return frozenset(names)

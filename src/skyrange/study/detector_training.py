@@ -67,9 +67,9 @@ def train(
     return _train_boosting(features[used], attacked[used], seed, window_s)
 
 
-def _require(algorithm: str, what: str, count: int) -> None:
+def _require(algorithm: str, kind: str, count: int) -> None:
     if count < _LEAST_WINDOWS:
-        expected = f"at least {_LEAST_WINDOWS} {what} windows in the training blocks"
+        expected = f"at least {_LEAST_WINDOWS} {kind} windows in the training blocks"
         raise InputError.one("study", f"learned {algorithm}", f"{count} windows", expected, "Fly more seeds.")
 
 
@@ -86,14 +86,14 @@ def _train_forest(features: Floats, seed: int, window_s: float) -> ModelFile:
     forest = IsolationForest(**settings, random_state=seed % 2**32).fit(values.astype(np.float32))
     columns: dict[str, list[Any]] = {name: [] for name in TreeTable.model_fields}
     for tree, chosen in zip(forest.estimators_, forest.estimators_features_, strict=True):
-        own, first = tree.tree_, len(columns["feature"])
+        nodes, first = tree.tree_, len(columns["feature"])
         columns["roots"].append(first)
-        leaf = own.children_left < 0
-        depth = _depths(own.children_left, own.children_right) + mean_path(own.n_node_samples)
-        columns["feature"] += np.where(leaf, LEAF, chosen[np.maximum(own.feature, 0)]).tolist()
-        columns["threshold"] += np.where(leaf, 0.0, own.threshold).tolist()
-        columns["left"] += np.where(leaf, LEAF, own.children_left + first).tolist()
-        columns["right"] += np.where(leaf, LEAF, own.children_right + first).tolist()
+        leaf = nodes.children_left < 0
+        depth = _depths(nodes.children_left, nodes.children_right) + mean_path(nodes.n_node_samples)
+        columns["feature"] += np.where(leaf, LEAF, chosen[np.maximum(nodes.feature, 0)]).tolist()
+        columns["threshold"] += np.where(leaf, 0.0, nodes.threshold).tolist()
+        columns["left"] += np.where(leaf, LEAF, nodes.children_left + first).tolist()
+        columns["right"] += np.where(leaf, LEAF, nodes.children_right + first).tolist()
         columns["missing_left"] += [False] * len(leaf)
         columns["value"] += np.where(leaf, depth, 0.0).tolist()
     training = {"library": f"scikit-learn {version('scikit-learn')}", "settings": settings, "seed": seed}
@@ -140,7 +140,7 @@ def _train_boosting(features: Floats, attacked: NDArray[np.bool_], seed: int, wi
             **training,
             "benign_windows": int((~attacked).sum()),
             "attacked_windows": int(attacked.sum()),
-            "gain": dict(sorted(shares.items(), key=lambda one: -one[1])),
+            "gain": dict(sorted(shares.items(), key=lambda item: -item[1])),
         },
         trees=TreeTable.model_validate(columns),
     )

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -76,8 +76,21 @@ def check_collector(links: Sequence[str], side: str, ends: Iterable[tuple[str, s
         find_ends(MonitorPlacement(COLLECTOR, lambda: WindowCollector(1), links, side), ends)
     except InputError as error:
         prefix = f"monitors.{COLLECTOR}"
-        problems = [replace(one, where=f"learned{one.where.removeprefix(prefix)}") for one in error.problems]
+        problems = [
+            replace(problem, where=f"learned{problem.where.removeprefix(prefix)}") for problem in error.problems
+        ]
         raise InputError("study", problems) from None
+
+
+class CollectedWindows(NamedTuple):
+    """Windows whose features a run collects."""
+
+    window_s: float
+    """Length of a window, in seconds."""
+    links: Sequence[str]
+    """Patterns of the links to listen to."""
+    side: str
+    """End of those links."""
 
 
 def make_collector(window_s: float) -> WindowCollector:
@@ -127,13 +140,13 @@ def label_windows(
     runs, vehicles = windows.column("run").to_pylist(), windows.column("vehicle").to_pylist()
     labels = np.full(len(ends), BENIGN, dtype=np.int64)
     for row, (run, vehicle) in enumerate(zip(runs, vehicles, strict=True)):
-        own = acts.get(run)
-        if own is None:
+        run_acts = acts.get(run)
+        if run_acts is None:
             labels[row] = UNKNOWN if ends[row] > intruded_s.get(run, math.inf) * NS_PER_S else BENIGN
             continue
         labels[row] = UNKNOWN
         end, begin = int(ends[row]), int(ends[row]) - window_ns
-        for act in own:
+        for act in run_acts:
             if (
                 act["vehicle"] in ("", vehicle)
                 and act["first_s"] * NS_PER_S < end

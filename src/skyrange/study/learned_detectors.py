@@ -86,29 +86,29 @@ def _list_settings(model: ModelFile) -> str:
 def _describe_training(model: ModelFile, scores: ScoreFile) -> str:
     training = model.training
     counts = [
-        f"{training[key]:,} {what}"
-        for key, what in (
+        f"{training[key]:,} {label}"
+        for key, label in (
             ("nominal_windows", "nominal windows"),
             ("benign_windows", "benign windows"),
             ("attacked_windows", "attacked windows"),
         )
         if key in training
     ]
-    held = scores.held_out
+    held_out = scores.held_out
     out = [
-        f"- held-out {what}: {_join(values)}"
-        for what, values in (
-            ("families", held.families),
-            ("kinds", held.kinds),
-            ("cities", held.cities),
-            ("fleet sizes", held.aircraft),
+        f"- held-out {axis}: {_join(values)}"
+        for axis, values in (
+            ("families", held_out.families),
+            ("kinds", held_out.kinds),
+            ("cities", held_out.cities),
+            ("fleet sizes", held_out.aircraft),
         )
         if values
     ]
-    told = f"{' and '.join(counts)} of {training.get('blocks')} blocks, the training part of the study."
+    text = f"{' and '.join(counts)} of {training.get('blocks')} blocks, the training part of the study."
     kinds = []
     if model.algorithm != ISOLATION_FOREST:
-        told += (
+        text += (
             " Windows that arms of a block share count once. In an attacked run only windows in which the attack acts "
             "on the aircraft are used."
         )
@@ -117,11 +117,11 @@ def _describe_training(model: ModelFile, scores: ScoreFile) -> str:
         f"- cities: {_join(training.get('cities', ()))}",
         f"- fleet sizes: {_join(training.get('aircraft', ()))}",
     ]
-    return "\n".join(["## Training data", "", told, "", *kinds, *places, *out])
+    return "\n".join(["## Training data", "", text, "", *kinds, *places, *out])
 
 
 def _describe_factors(model: ModelFile) -> str:
-    about = {one.name: one.about for one in FEATURES}
+    about = {feature.name: feature.about for feature in FEATURES}
     gains = model.training.get("gain", {})
     rows = [f"| `{name}` | {about.get(name, '')} | {_share(gains.get(name))} |" for name in model.features]
     head = "## Features\n\nA feature of a message that did not arrive in the window is missing"
@@ -169,17 +169,17 @@ def _describe_scores(score: DetectorScore, scores: ScoreFile) -> str:
     lines += [_score_row(*both) for both in zip(score.sets, score.effect_sets, strict=True)]
     lines += ["", "| kind of attack | attacks | recall | recall, effect |", "|---|---|---|---|"]
     lines += [
-        f"| `{one.name}` | {one.attacks} | {_estimate(one.recall)} | {_estimate(lasting.recall)} |"
-        for one, lasting in zip(score.sets[0].kinds, score.effect_sets[0].kinds, strict=True)
+        f"| `{kind.name}` | {kind.attacks} | {_estimate(kind.recall)} | {_estimate(lasting.recall)} |"
+        for kind, lasting in zip(score.sets[0].kinds, score.effect_sets[0].kinds, strict=True)
     ]
     return "\n".join(lines)
 
 
-def _score_row(one: SetScore, lasting: SetScore) -> str:
-    alarms = one.false_alarms
-    recalls = (_estimate(one.detection.recall), _estimate(lasting.detection.recall))
+def _score_row(score: SetScore, lasting: SetScore) -> str:
+    alarms = score.false_alarms
+    recalls = (_estimate(score.detection.recall), _estimate(lasting.detection.recall))
     numbers = (*recalls, _estimate(alarms.nominal.per_h), _estimate(alarms.fault.per_h))
-    return f"| {one.name} | {one.detection.attacks} | {' | '.join(numbers)} | {one.claim.verdict} |"
+    return f"| {score.name} | {score.detection.attacks} | {' | '.join(numbers)} | {score.claim.verdict} |"
 
 
 def _describe_limits(model: ModelFile) -> str:
@@ -197,11 +197,11 @@ def _describe_limits(model: ModelFile) -> str:
 - The adversaries of the study do not know the model. One who does can stay below its threshold."""
 
 
-def _estimate(one: Estimate | None) -> str:
-    if one is None:
+def _estimate(estimate: Estimate | None) -> str:
+    if estimate is None:
         return ""
-    low, high = one.clustered or one.exact
-    return f"{one.value:.2f} ({low:.2f} to {'∞' if high is None else f'{high:.2f}'})"
+    low, high = estimate.clustered or estimate.exact
+    return f"{estimate.value:.2f} ({low:.2f} to {'∞' if high is None else f'{high:.2f}'})"
 
 
 def _share(value: float | None) -> str:
@@ -209,8 +209,8 @@ def _share(value: float | None) -> str:
 
 
 def _join(values: object) -> str:
-    found = [str(value) or "(open ground)" for value in values]  # type: ignore[attr-defined]
-    return ", ".join(found) or "none"
+    texts = [str(value) or "(open ground)" for value in values]  # type: ignore[attr-defined]
+    return ", ".join(texts) or "none"
 
 
 MODELS: Final = "models"
@@ -252,9 +252,9 @@ def learn_detectors(folder: StudyFolder, tables: StudyTables) -> Learned:
     seed = folder.study.first_seed
     models, alerts = {}, []
     for name, algorithm in learned.names.items():
-        found = train(algorithm, features[training], labels[training], nominal[training], seed, float(learned.window_s))
-        models[name] = found
-        alerts.append(_list_alerts(name, windows, Model(found).predict(features)))
+        model = train(algorithm, features[training], labels[training], nominal[training], seed, float(learned.window_s))
+        models[name] = model
+        alerts.append(_list_alerts(name, windows, Model(model).predict(features)))
     return Learned(models, pa.concat_tables(alerts))
 
 
@@ -275,7 +275,7 @@ def write_models(folder: StudyFolder, learned: Learned, tables: StudyTables, sco
     }
     written = []
     for name, model in learned.models.items():
-        score = next(one for one in scores.detectors if one.detector == name)
+        score = next(detector for detector in scores.detectors if detector.detector == name)
         assert score.threshold is not None
         chosen = score.threshold.value
         threshold = LEAST_ODDS if chosen is None else max(chosen, LEAST_ODDS)
@@ -288,7 +288,7 @@ def write_models(folder: StudyFolder, learned: Learned, tables: StudyTables, sco
 
 def _read_windows(folder: StudyFolder, runs: dict[str, dict[str, Any]]) -> pa.Table:
     """The windows of all runs, with a column of the run's name."""
-    found = []
+    tables = []
     for run in sorted(runs):
         path = folder.path / KEPT / WINDOWS / runs[run]["block"] / f"{runs[run]['arm']}.parquet"
         try:
@@ -296,8 +296,8 @@ def _read_windows(folder: StudyFolder, runs: dict[str, dict[str, Any]]) -> pa.Ta
         except (OSError, pa.ArrowInvalid) as error:
             hint = "Delete the block's file in the folder blocks, and resume the study."
             raise InputError.one("study", "windows", str(path), f"the windows of run {run}: {error}", hint) from error
-        found.append(table.append_column("run", pa.repeat(pa.scalar(run), table.num_rows)))
-    return pa.concat_tables(found)
+        tables.append(table.append_column("run", pa.repeat(pa.scalar(run), table.num_rows)))
+    return pa.concat_tables(tables)
 
 
 def _list_alerts(name: str, windows: pa.Table, odds: Floats) -> pa.Table:

@@ -76,11 +76,11 @@ def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], 
         )
         aloft_s = _airborne_s(outcomes[arm.id])
         rows[AIRCRAFT] += [
-            {**head, **asdict(one), "airborne_s": seconds, "takeoff_s": first}
-            for one, (seconds, first) in zip(outcomes[arm.id].measured, aloft_s, strict=True)
+            {**head, **asdict(aircraft), "airborne_s": seconds, "takeoff_s": first}
+            for aircraft, (seconds, first) in zip(outcomes[arm.id].measured, aloft_s, strict=True)
         ]
-        rows[ALERTS] += [{**head, **one} for one in _alerts(record)]
-        rows[ACTS] += [{**head, **one} for one in measure_acts(record)]
+        rows[ALERTS] += [{**head, **alert} for alert in _alerts(record)]
+        rows[ACTS] += [{**head, **act} for act in measure_acts(record)]
     baseline = outcomes.get(study.against)
     for arm_id, measured in outcomes.items():
         if baseline is None or arm_id == study.against:
@@ -99,11 +99,6 @@ def _describe_failed(arm: StudyArm, record: RunRecord) -> str:
     return str(find_failed_missions(record, arm.id) or "")
 
 
-def failed_rows(study: Study, block: Block, error: str) -> Rows:
-    """The rows of a block of which nothing is known but an error."""
-    return measure_block(study, block, {}, {arm.id: error for arm in study.arms})
-
-
 def _head(block: Block, arm: str) -> dict[str, Any]:
     return {"block": block.name, "point": block.point, "seed": block.seed, "arm": arm, **block.values}
 
@@ -112,12 +107,12 @@ def _airborne_s(outcomes: ArmOutcomes) -> list[tuple[float, float | None]]:
     """How long each aircraft was in the air, at the rate of the recorded truth, and since when: `None` for never."""
     ticks = outcomes.ticks
     seconds = np.diff(ticks.time_ns, prepend=ticks.time_ns[:1]) / NS_PER_S
-    found: list[tuple[float, float | None]] = []
+    times: list[tuple[float, float | None]] = []
     for aloft in ticks.aloft.T:
         flying = np.flatnonzero(aloft)
         first = float(ticks.time_ns[flying[0]]) / NS_PER_S if flying.size else None
-        found.append((round(float((seconds * aloft).sum()), 9), first))
-    return found
+        times.append((round(float((seconds * aloft).sum()), 9), first))
+    return times
 
 
 def _alerts(record: RunRecord) -> Iterator[dict[str, Any]]:
@@ -131,10 +126,10 @@ def measure_acts(record: RunRecord) -> list[dict[str, Any]]:
     """When each attack, fault and harmless intrusion acted on each aircraft first and last, and when the effect ended
     (with the last act, but for attacks); an empty aircraft stands for none in particular.
     """
-    found = read_acts(record, _own_families(record))
+    run_acts = read_acts(record, _own_families(record))
     fleet = {str(row["id"]) for row in record.manifest["vehicles"]}
     spans: dict[tuple[str, str, str], list[int]] = {}
-    for act in found.acts:
+    for act in run_acts.acts:
         if act.role == SHAM:
             continue
         key = act.author, act.owner if act.owner in fleet else "", act.role
@@ -146,8 +141,8 @@ def measure_acts(record: RunRecord) -> list[dict[str, Any]]:
     return [
         {
             "attack": author,
-            "kind": found.kinds.get(author, ""),
-            "family": found.families.get(author) or "",
+            "kind": run_acts.kinds.get(author, ""),
+            "family": run_acts.families.get(author) or "",
             "vehicle": vehicle,
             "fault": role == FAULT,
             "harmless_intrusion": role == INTRUSION,
@@ -162,8 +157,8 @@ def measure_acts(record: RunRecord) -> list[dict[str, Any]]:
 
 def _declared_families(record: RunRecord) -> list[str]:
     """The mechanism families of the attacks of a run, whether they acted or not."""
-    own = _own_families(record)
-    return sorted({family_of(str(row["kind"]), own) for row in record.manifest.get("attacks") or ()})
+    families = _own_families(record)
+    return sorted({family_of(str(row["kind"]), families) for row in record.manifest.get("attacks") or ()})
 
 
 def _own_families(record: RunRecord) -> dict[str, str]:

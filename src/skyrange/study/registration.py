@@ -17,7 +17,9 @@ from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, expand_user, parse_json, read_input
 from skyrange.study.design.blocks import check_blocks, list_blocks
 from skyrange.study.design.model import Registration, Study
-from skyrange.study.folder import MANIFEST, StudyFolder, create_folder, open_folder, require_same, stored_digest
+from skyrange.study.execution.store import MANIFEST
+from skyrange.study.folder import StudyFolder, open_folder, require_same
+from skyrange.study.study_run import create_folder
 
 
 class Quantity(NamedTuple):
@@ -66,7 +68,7 @@ def register_study(study: Study, out: str | Path | None = None) -> tuple[StudyFo
     if table is None:
         hint = "Give it a question, measures and a rule."
         raise InputError.one(who, "registration", "none", "a table [registration] in the study's file", hint)
-    known = [one.name for one in QUANTITIES]
+    known = [quantity.name for quantity in QUANTITIES]
     problems = [
         Problem(f"registration.measures.{place}", name, f"one of {', '.join(known)}", nearest(name, known))
         for place, name in enumerate(table.measures)
@@ -81,7 +83,7 @@ def register_study(study: Study, out: str | Path | None = None) -> tuple[StudyFo
     else:
         check_blocks(study, list_blocks(study))
         folder = create_folder(study, path)
-    with folder.lock():
+    with folder.store.lock():
         return folder, _write(folder, table)
 
 
@@ -95,8 +97,8 @@ def _write(folder: StudyFolder, table: Registration) -> Registered:
     data: dict[str, Any] = {
         "format": FORMAT,
         "registered_utc": datetime.now(UTC).isoformat(timespec="seconds"),
-        "skyrange": folder.version,
-        "digest": stored_digest(folder),
+        "skyrange": folder.store.version,
+        "digest": folder.store.digest,
         "question": table.question,
         "measures": list(table.measures),
         "rule": table.rule,
@@ -121,11 +123,14 @@ def read_registration(folder: StudyFolder) -> Registered | None:
         return None
     who = str(folder.path)
     data: Any = parse_json(read_input(path, who, FILE, max_bytes=MAX_RECORD_BYTES), who, FILE)
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
-        raise InputError.one(who, FILE, "another format", FORMAT)
+    registration_format = data.get("format") if isinstance(data, dict) else type(data).__name__
+    if registration_format != FORMAT:
+        other = str(registration_format).startswith("skyrange.registration/")
+        hint = "It was written by another version of skyrange: register the study again." if other else ""
+        raise InputError.one(who, f"{FILE}: format", repr(registration_format), repr(FORMAT), hint)
     if data.get("hash") != _hash(data):
         raise InputError.one(who, f"{FILE}: hash", str(data.get("hash")), f"{_hash(data)}, that of what it says")
-    stored = stored_digest(folder)
+    stored = folder.store.digest
     if data.get("digest") != stored:
         raise InputError.one(who, f"{FILE}: digest", str(data.get("digest")), f"{stored}, that of the study")
     return _registered(data)
@@ -137,5 +142,5 @@ def _registered(data: dict[str, Any]) -> Registered:
 
 
 def _hash(data: dict[str, Any]) -> str:
-    told = {name: value for name, value in data.items() if name != "hash"}
-    return hashlib.sha256(json.dumps(told, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    hashed = {name: value for name, value in data.items() if name != "hash"}
+    return hashlib.sha256(json.dumps(hashed, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

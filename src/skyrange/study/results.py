@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from skyrange.core.errors import InputError
 from skyrange.statistics.clusters import find_clusters
 from skyrange.study.design.blocks import Block
-from skyrange.study.folder import BLOCKS, StudyFolder, read_block
+from skyrange.study.folder import StudyFolder
 from skyrange.study.measurement import TABLES
 
 RESULTS: Final = "results"
@@ -33,9 +33,9 @@ def write_results(folder: StudyFolder) -> Path:
         rows = _rows_of(folder, finished[start : start + _PART_BLOCKS])
         for table in TABLES:
             for arm in folder.study.arms:
-                own = [row for row in rows[table] if row["arm"] == arm.id]
-                if own:
-                    _write(own, draft / table / f"arm={arm.id}" / f"part-{number:04d}.parquet")
+                arm_rows = [row for row in rows[table] if row["arm"] == arm.id]
+                if arm_rows:
+                    _write(arm_rows, draft / table / f"arm={arm.id}" / f"part-{number:04d}.parquet")
     draft.mkdir(exist_ok=True)
     shutil.rmtree(target, ignore_errors=True)
     draft.replace(target)
@@ -59,9 +59,9 @@ def read_results(folder: Path | str, table: str) -> pa.Table:
 def _rows_of(folder: StudyFolder, blocks: Sequence[Block]) -> dict[str, list[dict[str, Any]]]:
     rows: dict[str, list[dict[str, Any]]] = {table: [] for table in TABLES}
     for block in blocks:
-        _, found = read_block(folder.path / BLOCKS / f"{block.name}.json")
+        block_rows = folder.read_rows(block)
         for table in TABLES:
-            rows[table] += found[table]
+            rows[table] += block_rows[table]
     return rows
 
 
@@ -111,7 +111,7 @@ def cluster_samples(folder: StudyFolder, runs: Iterable[Mapping[str, Any]]) -> d
         flights.setdefault(row["block"], set()).add((row["arm"], row.get("flight") or ""))
     shared: dict[str, list[Hashable]] = {}
     for block in folder.blocks:
-        own = flights.get(block.name, set())
-        whole = len(own) == len(folder.study.arms) and all(flight for _, flight in own)
-        shared[block.name] = [("seed", block.seed), *([("flights", tuple(sorted(own)))] if whole else [])]
+        block_flights = flights.get(block.name, set())
+        all_known = len(block_flights) == len(folder.study.arms) and all(flight for _, flight in block_flights)
+        shared[block.name] = [("seed", block.seed), *([("flights", tuple(sorted(block_flights)))] if all_known else [])]
     return find_clusters(shared)

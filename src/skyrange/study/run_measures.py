@@ -80,9 +80,13 @@ def _inside(record: RunRecord) -> float | None:
     """The share of the flight time in claimed airspace, in percent, over all flights that an approval tracks."""
     if not record.keeps("frames"):  # in which claims are
         return None
-    claims = {vehicle: own for vehicle, own in read_claims(record).items() if is_tracked(own)}
+    claims = {
+        vehicle: vehicle_claims for vehicle, vehicle_claims in read_claims(record).items() if is_tracked(vehicle_claims)
+    }
     tracks = truth_tracks(record) if claims else {}
-    shares = [inside_share(own, tracks[vehicle]) for vehicle, own in claims.items() if vehicle in tracks]
+    shares = [
+        inside_share(vehicle_claims, tracks[vehicle]) for vehicle, vehicle_claims in claims.items() if vehicle in tracks
+    ]
     known = [share for share in shares if share is not None]
     return 100.0 * float(np.mean(known)) if known else None
 
@@ -93,13 +97,15 @@ def _count_collisions(record: RunRecord) -> int:
 
 
 def _of_aircraft(measured: Sequence[Measured]) -> dict[str, float | None]:
-    ends = [one.landed_s for one in measured if one.outcome == "complete" and one.landed_s is not None]
-    apart = [one.min_separation_m for one in measured if one.min_separation_m is not None]
+    ends = [
+        aircraft.landed_s for aircraft in measured if aircraft.outcome == "complete" and aircraft.landed_s is not None
+    ]
+    apart = [aircraft.min_separation_m for aircraft in measured if aircraft.min_separation_m is not None]
     return {
-        "missions complete": float(sum(one.outcome == "complete" for one in measured)),
-        "near misses": sum(one.near_misses for one in measured) / 2.0,
+        "missions complete": float(sum(aircraft.outcome == "complete" for aircraft in measured)),
+        "near misses": sum(aircraft.near_misses for aircraft in measured) / 2.0,
         "least separation": min(apart, default=None),
-        "way flown": math.fsum(one.distance_m for one in measured) / 1e3,
+        "way flown": math.fsum(aircraft.distance_m for aircraft in measured) / 1e3,
         "last mission ends": max(ends, default=None),
     }
 
@@ -116,6 +122,8 @@ def _of_approvals(flights: list[FlightApprovals], delays_s: dict[str, float]) ->
         "all approved": max(approved, default=None),
         "delay, mean": float(np.mean(delays)) if delays else None,
         "delay, longest": max(delays, default=None),
-        "climb, mean": float(np.mean([one.climb_m for one in flights if one.delay_s is not None])) if delays else None,
+        "climb, mean": float(np.mean([flight.climb_m for flight in flights if flight.delay_s is not None]))
+        if delays
+        else None,
         "fairness": fairness(list(delays_s.values())),
     }

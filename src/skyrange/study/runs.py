@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from skyrange.assembly.build import NOTHING_MORE, Additions
 from skyrange.contracts.components import Observer
 from skyrange.contracts.links import Act, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement
@@ -26,69 +28,55 @@ def fly(
     scenario: Scenario,
     out: Path | None = None,
     *,
+    additions: Additions = NOTHING_MORE,
     speed: float | None = None,
-    taps: Sequence[TapPlacement] = (),
-    acts: Sequence[Act] = (),
-    monitors: Sequence[MonitorPlacement] = (),
-    observers: Sequence[Observer] = (),
     viewers: Viewers | None = None,
     on_progress: OnProgress | None = None,
     report: bool = True,
     motion: bool = False,
     cores: int = 1,
     on_notice: Callable[[str], None] | None = None,
+    on_start: Callable[[Run], None] | None = None,
+    real_time: bool = False,
 ) -> RunRecord:
     """Run `scenario` into the folder `out`, or into the first free folder `runs/NAME`, `runs/NAME-2` …, with a report
     unless its record is a summary.
 
-    `speed` is that of `Run.execute`. Without it, a run with viewers runs in real time, or at the pace of engines that
-    have one, and any other run as fast as possible. `taps`, `acts` and `monitors` are placed on the scenario's
-    links. `observers` see everything and alter nothing. `viewers` are served between steps; the caller closes them.
-    `motion` is that of `Run.start`. The run has at most `cores` cores, with the same digests; why it uses fewer is in
-    the manifest, and is told to `on_notice`. Raises the errors of `Run.execute`; after a `ShortfallError` (Ctrl-C) the
-    report is written as well.
+    `speed` is that of `Run.execute`. Without it, a run with viewers or `real_time` runs in real time, or at the pace of
+    engines that have one, and any other run as fast as possible. `viewers` are served between steps; the caller
+    closes them.
+    `additions` and `motion` are those of `Run.start`. The run has at most `cores` cores, with the same digests; why it
+    uses fewer is in the manifest, and is told to `on_notice`. `on_start` gets the run before its first instant. Raises
+    the errors of `Run.execute`; after a
+    `ShortfallError` (Ctrl-C) the report is written as well.
     """
     pace = 0.0 if speed is None else speed
     Pace(pace)  # rejects an invalid speed before a folder is created
     more: dict[str, Any] = {}
     if cores > 1:
-        seen = any((taps, acts, monitors, observers, viewers, motion))
+        observed = additions != NOTHING_MORE or viewers is not None or on_start is not None or motion
         folder, reason = _fly_on_cores(
-            scenario, out, cores, speed=pace, seen=seen, on_progress=on_progress, on_notice=on_notice, report=report
+            scenario,
+            out,
+            cores,
+            speed=pace,
+            observed=observed,
+            on_progress=on_progress,
+            on_notice=on_notice,
+            report=report,
         )
         if folder is not None:
             return _report(folder) if report else load(folder)
         more = {"cores": {"asked": cores, "used": 1, "reason": reason}}
-    if viewers is None:
-        run = Run.start(
-            scenario,
-            out,
-            speed=pace,
-            taps=taps,
-            acts=acts,
-            monitors=monitors,
-            observers=observers,
-            motion=motion,
-            more=more,
-        )
-    else:
-        seeing = [*observers, viewers]
-        run = Run.start(
-            scenario,
-            out,
-            speed=pace,
-            taps=taps,
-            acts=acts,
-            monitors=monitors,
-            observers=seeing,
-            fuse=False,
-            motion=motion,
-            more=more,
-        )
+    if viewers is not None:
+        additions = replace(additions, observers=[*additions.observers, viewers])
         on_progress = _serving(viewers, on_progress)
-    if speed is None and viewers is not None and not run.on_wall_clock:
+    run = Run.start(scenario, out, additions=additions, speed=pace, fuse=viewers is None, motion=motion, more=more)
+    if speed is None and (viewers is not None or real_time) and not run.on_wall_clock:
         pace = 1.0
     folder = run.recorder.path
+    if on_start is not None:
+        on_start(run)
     try:
         run.execute(speed=pace, on_progress=on_progress)
     except ShortfallError:
@@ -99,14 +87,14 @@ def fly(
 
 
 def _fly_on_cores(
-    scenario: Scenario, out: Path | None, cores: int, *, speed: float, seen: bool, on_progress: OnProgress | None,
+    scenario: Scenario, out: Path | None, cores: int, *, speed: float, observed: bool, on_progress: OnProgress | None,
     on_notice: Callable[[str], None] | None, report: bool,
 ) -> tuple[Path | None, str]:  # fmt: skip
-    """Run `scenario` on several cores: its folder, or None and why it has to run on one; `seen` if something that is
-    passed from Python, or a viewer, has to see all of it.
+    """Run `scenario` on several cores: its folder, or None and why it has to run on one; `observed` if something that
+    is passed from Python, or a viewer, has to see all of it.
     """
-    seen_whole = Division((), "what is passed to the run, or watches it, has to see all of it")
-    division = seen_whole if seen else divide(scenario, cores)
+    undivided = Division((), "what is passed to the run, or watches it, has to see all of it")
+    division = undivided if observed else divide(scenario, cores)
     if division.reason and on_notice is not None:
         on_notice(f"using {max(division.cores, 1)} of {cores} cores: {division.reason}")
     if division.cores < 2:
@@ -177,11 +165,8 @@ def run(
     return fly(
         scenario,
         folder,
+        additions=Additions(taps, acts, monitors, observers),
         speed=speed,
-        taps=taps,
-        acts=acts,
-        monitors=monitors,
-        observers=observers,
         viewers=viewers,
         on_progress=on_progress,
         motion=motion,

@@ -20,9 +20,9 @@ from skyrange.study.learned_detectors import learn_detectors, write_models
 from skyrange.study.results import cluster_blocks, read_results, write_results
 
 
-def make_score_tables(folder: StudyFolder, held: HeldOut | None = None) -> StudyTables:
+def make_score_tables(folder: StudyFolder, held_out: HeldOut | None = None) -> StudyTables:
     """The flights, attacks, harmless intrusions and alerts of a study. Blocks with a held-out family, city or number of
-    aircraft are in the test split; without `held` these are those of the study's file.
+    aircraft are in the test split; without `held_out` these are those of the study's file.
 
     An attack is taken to be observable from its first act on an aircraft on, and its effect to begin when the aircraft
     departs from the baseline. Raises `InputError` for results that cannot be scored.
@@ -34,7 +34,7 @@ def make_score_tables(folder: StudyFolder, held: HeldOut | None = None) -> Study
         raise InputError.one(f"study {folder.study.name}", "results", "without flights", "those of this version", hint)
     acts = [row for row in _rows(folder, "acts") if _run(row) in runs]
     clusters = cluster_blocks(folder, runs.values())
-    splits = _assign_splits(folder, runs, clusters, held_out_of(folder.study) if held is None else held)
+    splits = _assign_splits(folder, runs, clusters, held_out_of(folder.study) if held_out is None else held_out)
     own_from_s = _own_from(folder.study, runs, acts)
     attacked = [row for row in acts if not row["fault"] and not row["harmless_intrusion"]]
     hostile = {_run(row) for row in attacked}
@@ -129,11 +129,11 @@ def score_study(
     run of the study has.
     """
     opened = open_folder(Path(folder))
-    held = HeldOut(frozenset(families), frozenset(cities), frozenset(fleet_sizes))
-    tables = make_score_tables(opened, held_out_of(opened.study) if held == HeldOut() else held)
-    check_held_traits(opened, held)
-    names = {one.id for one in opened.study.detectors} | set(tables.detectors())
-    reduced = {one.id: one.plugin.reduced for one in opened.study.detectors}
+    held_out = HeldOut(frozenset(families), frozenset(cities), frozenset(fleet_sizes))
+    tables = make_score_tables(opened, held_out_of(opened.study) if held_out == HeldOut() else held_out)
+    check_held_traits(opened, held_out)
+    names = {detector.id for detector in opened.study.detectors} | set(tables.detectors())
+    reduced = {detector.id: detector.plugin.reduced for detector in opened.study.detectors}
     if opened.study.learned is None:
         return score_detectors(tables, settings, sorted(names), opened.study.name, reduced)
     learned = learn_detectors(opened, tables)
@@ -146,27 +146,30 @@ def score_study(
 
 def held_out_of(study: Study) -> HeldOut:
     """What the file of a study holds out."""
-    held = study.held_out
-    return HeldOut(frozenset(held.families), frozenset(held.cities), frozenset(held.aircraft))
+    held_out = study.held_out
+    return HeldOut(frozenset(held_out.families), frozenset(held_out.cities), frozenset(held_out.aircraft))
 
 
-def check_held_traits(folder: StudyFolder, held: HeldOut) -> None:
+def check_held_traits(folder: StudyFolder, held_out: HeldOut) -> None:
     """Raise `InputError` for a family, city or number of aircraft that no run of the study in a folder has.
 
     It reads the results that were written last.
     """
     traits = [_traits(row) for row in _rows(folder, "runs") if row["status"] == "complete"]
-    families = sorted({name for one in traits for name in one.families})
-    cities, sizes = sorted({one.city for one in traits}), sorted({one.fleet_size for one in traits})
+    families = sorted({name for run_traits in traits for name in run_traits.families})
+    cities, sizes = (
+        sorted({run_traits.city for run_traits in traits}),
+        sorted({run_traits.fleet_size for run_traits in traits}),
+    )
     problems = []
-    for what, wanted, known in (("family", held.families, families), ("city", held.cities, cities)):
+    for axis, wanted, known in (("family", held_out.families, families), ("city", held_out.cities, cities)):
         problems += [
-            Problem(f"held-out {what}", name, f"one of {', '.join(known)}", nearest(name, known))
+            Problem(f"held-out {axis}", name, f"one of {', '.join(known)}", nearest(name, known))
             for name in sorted(wanted - set(known))
         ]
     problems += [
         Problem("held-out fleet", str(size), f"one of {', '.join(map(str, sizes))}")
-        for size in sorted(held.fleet_sizes - set(sizes))
+        for size in sorted(held_out.fleet_sizes - set(sizes))
     ]
     if problems:
         raise InputError(f"study {folder.study.name}", problems)
@@ -218,14 +221,14 @@ def _assign_splits(
     folder: StudyFolder,
     runs: Mapping[str, Mapping[str, Any]],
     clusters: Mapping[str, str],
-    held: HeldOut,
+    held_out: HeldOut,
 ) -> dict[str, str]:
     """The split of each block: that of a data set of the study, except that what is held out is in the test split."""
     traits: dict[str, list[Traits]] = {}
     for row in runs.values():
         traits.setdefault(clusters[row["block"]], []).append(_traits(row))
     seed = folder.study.first_seed
-    splits = {name: split_of(name, traits.get(name, ()), seed, held) for name in dict.fromkeys(clusters.values())}
+    splits = {name: split_of(name, traits.get(name, ()), seed, held_out) for name in dict.fromkeys(clusters.values())}
     parts = {name: "test" if split.startswith(HELD_OUT) else split for name, split in splits.items()}
     return {block: parts[cluster] for block, cluster in clusters.items()}
 
@@ -236,14 +239,14 @@ def _traits(row: Mapping[str, Any]) -> Traits:
 
 def _effects(folder: StudyFolder) -> dict[str, dict[str, float]]:
     """By run: when each aircraft departed from the baseline."""
-    found: dict[str, dict[str, float]] = {}
+    departed_s: dict[str, dict[str, float]] = {}
     for row in _rows(folder, "effects"):
         if row.get("departed_s") is not None:
-            found.setdefault(_run(row), {})[row["vehicle"]] = row["departed_s"]
-    return found
+            departed_s.setdefault(_run(row), {})[row["vehicle"]] = row["departed_s"]
+    return departed_s
 
 
 def _effect_s(departed: Mapping[str, float], vehicle: str, first_s: float) -> float:
     """The first effect of an attack, on its aircraft or on any; NaN for none. One before the attack is not its own."""
-    times = [at for who, at in departed.items() if (not vehicle or who == vehicle) and at >= first_s]
+    times = [at for aircraft, at in departed.items() if (not vehicle or aircraft == vehicle) and at >= first_s]
     return min(times, default=math.nan)

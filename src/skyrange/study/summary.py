@@ -20,6 +20,7 @@ Samples = Mapping[tuple[str, str], Mapping[str, float]]
 class Cell(NamedTuple):
     """One arm at one point."""
 
+    point: int
     arm: str
     values: dict[str, Any]
     """Values of the factors."""
@@ -39,45 +40,48 @@ def summarise_study(folder: StudyFolder) -> list[Cell]:
     for point in dict.fromkeys(block.point for block in folder.blocks):
         blocks = [block for block in folder.blocks if block.point == point]
         for arm in folder.study.arms:
-            own = [rows[block.name, arm.id] for block in blocks if (block.name, arm.id) in rows]
-            if not own:
+            cell_rows = [rows[block.name, arm.id] for block in blocks if (block.name, arm.id) in rows]
+            if not cell_rows:
                 continue
             means = {}
-            for one in QUANTITIES:
-                known = samples.get((one.name, arm.id), {})
+            for quantity in QUANTITIES:
+                known = samples.get((quantity.name, arm.id), {})
                 chosen = [block.name for block in blocks if block.name in known]
                 mean = estimate_mean(
                     [known[name] for name in chosen],
                     [clusters[name] for name in chosen],
-                    yes_or_no=one.name == MISSIONS and all(row.get("vehicles") == 1 for row in own),
+                    yes_or_no=quantity.name == MISSIONS and all(row.get("vehicles") == 1 for row in cell_rows),
                 )
                 if mean is not None:
-                    means[one.name] = mean
-            failed = sum(row["status"] != "complete" for row in own)
-            cells.append(Cell(arm.id, {name: blocks[0].values[name] for name in names}, len(own), failed, means))
+                    means[quantity.name] = mean
+            failed = sum(row["status"] != "complete" for row in cell_rows)
+            cells.append(
+                Cell(point, arm.id, {name: blocks[0].values[name] for name in names}, len(cell_rows), failed, means)
+            )
     return cells
 
 
 def read_samples(folder: Path) -> Samples:
     """A number for each block, by quantity and arm: of the aircraft that is affected most, where it is one of these."""
-    found: dict[tuple[str, str], dict[str, float]] = {}
+    samples: dict[tuple[str, str], dict[str, float]] = {}
     tables: dict[str, Sequence[dict[str, Any]]] = {
-        table: read_results(folder, table).to_pylist() for table in dict.fromkeys(one.table for one in QUANTITIES)
+        table: read_results(folder, table).to_pylist()
+        for table in dict.fromkeys(quantity.table for quantity in QUANTITIES)
     }
     for quantity in QUANTITIES:
         for row in tables[quantity.table]:
             value = row.get(quantity.name)
             if value is None or not math.isfinite(value):
                 continue
-            own = found.setdefault((quantity.name, row["arm"]), {})
-            if row["block"] not in own or abs(value) > abs(own[row["block"]]):
-                own[row["block"]] = float(value)
-    return found
+            arm_samples = samples.setdefault((quantity.name, row["arm"]), {})
+            if row["block"] not in arm_samples or abs(value) > abs(arm_samples[row["block"]]):
+                arm_samples[row["block"]] = float(value)
+    return samples
 
 
 def tells_something(quantity: Quantity, samples: Samples) -> bool:
     """Whether a quantity is not 0 in every run."""
-    return any(any(own.values()) for (name, _), own in samples.items() if name == quantity.name)
+    return any(any(values.values()) for (name, _), values in samples.items() if name == quantity.name)
 
 
 MAX_LEVELS: Final = 8
@@ -103,18 +107,20 @@ class Curve(NamedTuple):
     """At each level that has samples: where it is, and the mean."""
 
 
-def find_levels(blocks: Sequence[Block], factor: str, most: int = MAX_LEVELS) -> list[Level]:
+def find_levels(blocks: Sequence[Block], factor: str, max_levels: int = MAX_LEVELS) -> list[Level]:
     """The levels of a factor, in order."""
     values = [block.values[factor] for block in blocks]
     if is_numeric(blocks, factor):
         ordered = sorted(blocks, key=lambda block: (block.values[factor], block.name))
         different = sorted(set(values))
-        if len(different) <= most:
+        if len(different) <= max_levels:
             return [
                 Level(f"{value:.4g}", float(value), _names(block for block in ordered if block.values[factor] == value))
                 for value in different
             ]
-        groups = [ordered[k * len(ordered) // most : (k + 1) * len(ordered) // most] for k in range(most)]
+        groups = [
+            ordered[k * len(ordered) // max_levels : (k + 1) * len(ordered) // max_levels] for k in range(max_levels)
+        ]
         return [_group(group, factor) for group in groups if group]
     kinds = list(dict.fromkeys(map(str, values)))
     return [
@@ -130,8 +136,8 @@ def trace_response(
     """The response of `samples`, by block, at each level; with `within`, of these blocks alone."""
     points = []
     for level in levels:
-        chosen = [one for one in level.blocks if one in samples and (within is None or one in within)]
-        mean = estimate_mean([samples[one] for one in chosen], [clusters[one] for one in chosen])
+        chosen = [block for block in level.blocks if block in samples and (within is None or block in within)]
+        mean = estimate_mean([samples[block] for block in chosen], [clusters[block] for block in chosen])
         if mean is not None:
             points.append((level.at, mean))
     return Curve(name, colour, tuple(points))

@@ -6,24 +6,35 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from skyrange.assembly.build import build
-from skyrange.core.errors import ComponentError, InputError, Problem, ShortfallError
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write, expand_user
 from skyrange.core.ids import ID_PATTERN
 from skyrange.figures import svg
 from skyrange.figures.palette import OKABE_ITO
 from skyrange.figures.svg import Figure
-from skyrange.record import load as load_run
-from skyrange.record.folder import make_new_folder
+from skyrange.record import RunRecord
 from skyrange.report.rendering import asset, content_policy, render
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
+from skyrange.scenario.toml_files import load_text, to_toml
 from skyrange.statistics.means import Interval, estimate_mean
-from skyrange.study.parallel_runs import OnRunProgress, require_level, run_all
+from skyrange.study.execution.executors import Executor
+from skyrange.study.execution.plan import PlannedBlock, PlannedRun, RunPlan, digest_plan
+from skyrange.study.execution.plan_run import (
+    OnPlanProgress,
+    choose_executor,
+    forget_failures,
+    require_success,
+    run_plan,
+)
+from skyrange.study.execution.store import RunStore, claim_store
+from skyrange.study.pairing import require_level, work_of
 from skyrange.study.run_measures import QUANTITIES, RunMeasures, measure_run
 from skyrange.twins.arms import acting_attacks
 from skyrange.twins.failed_missions import find_failed_missions
@@ -60,11 +71,11 @@ class Comparison:
 
     def delays_s(self, variant: str) -> dict[str, Interval]:
         """The mean delay of each operator's flights over the seeds."""
-        found: dict[str, list[float]] = {}
+        samples: dict[str, list[float]] = {}
         for seed in self.seeds:
             for operator, delay_s in self.measured[variant, seed].delays_s.items():
-                found.setdefault(operator, []).append(delay_s)
-        means = {operator: estimate_mean(delays) for operator, delays in found.items()}
+                samples.setdefault(operator, []).append(delay_s)
+        means = {operator: estimate_mean(delays) for operator, delays in samples.items()}
         return {operator: mean for operator, mean in means.items() if mean is not None}
 
     def describe(self) -> dict[str, Any]:
@@ -79,9 +90,9 @@ class Comparison:
                     "name": variant,
                     "changes": list(changes),
                     "measures": {
-                        one.name: mean._asdict()
-                        for one in QUANTITIES
-                        if (mean := self.interval(variant, one.name)) is not None
+                        quantity.name: mean._asdict()
+                        for quantity in QUANTITIES
+                        if (mean := self.interval(variant, quantity.name)) is not None
                     },
                     "delays_s": {name: mean._asdict() for name, mean in self.delays_s(variant).items()},
                 }
@@ -97,7 +108,7 @@ def folder_of(variant: str, seed: int, seeds: Sequence[int]) -> str:
 
 def read_variants(texts: Sequence[str]) -> dict[str, list[str]]:
     """Variants by name from `NAME:PATH=VALUE`; a name that comes again has another change. Raises `InputError`."""
-    found: dict[str, list[str]] = {}
+    variants: dict[str, list[str]] = {}
     problems = []
     for text in texts:
         name, colon, change = text.partition(":")
@@ -107,12 +118,76 @@ def read_variants(texts: Sequence[str]) -> dict[str, list[str]]:
                 Problem("variant", repr(text), expected, "Such as federated:operators.*.approval=federated.")
             )
         else:
-            found.setdefault(name, []).append(change.strip())
-    if not problems and not 1 <= len(found) <= MAX_VARIANTS:
-        problems.append(Problem("variant", str(len(found)), f"1 to {MAX_VARIANTS} variants"))
+            variants.setdefault(name, []).append(change.strip())
+    if not problems and not 1 <= len(variants) <= MAX_VARIANTS:
+        problems.append(Problem("variant", str(len(variants)), f"1 to {MAX_VARIANTS} variants"))
     if problems:
         raise InputError("compare", problems)
-    return found
+    return variants
+
+
+@dataclass(frozen=True)
+class VariantPlan(RunPlan):
+    """The runs of a comparison: a block for each variant with each seed."""
+
+    scenarios: Mapping[str, Scenario]
+    """By variant; the first is the scenario as it is."""
+    changes: Mapping[str, Sequence[str]]
+    """By variant, in order: the changes of the scenario."""
+    seeds: tuple[int, ...]
+
+    kind = "compare"
+
+    @property
+    def name(self) -> str:
+        """The name of the scenario as it is."""
+        return self.scenarios[UNCHANGED].name
+
+    @property
+    def blocks(self) -> Sequence[PlannedBlock]:
+        """One for each variant with each seed, seed by seed."""
+        return list(self.flights)
+
+    @cached_property
+    def flights(self) -> dict[PlannedBlock, tuple[str, int]]:
+        """The variant and the seed of each block, in order."""
+        return {
+            PlannedBlock(
+                f"seed-{seed}/{variant}",
+                (folder_of(variant, seed, self.seeds),),
+                work_of(scenario),
+                alike=variant,
+            ): (variant, seed)
+            for seed in self.seeds
+            for variant, scenario in self.scenarios.items()
+        }
+
+    def digest(self) -> str:
+        """See `RunPlan.digest`."""
+        return digest_plan(self.kind, self.tell(), self.scenarios.values())
+
+    def tell(self) -> dict[str, Any]:
+        """The scenario of each variant as TOML, what was changed for it, and the number of seeds."""
+        scenarios = {variant: to_toml(scenario) for variant, scenario in self.scenarios.items()}
+        changes = {variant: list(variant_changes) for variant, variant_changes in self.changes.items()}
+        return {"scenarios": scenarios, "changes": changes, "seeds": len(self.seeds)}
+
+    def plan_runs(self, block: PlannedBlock, store: RunStore) -> list[PlannedRun]:
+        """The one run of a block."""
+        variant, seed = self.flights[block]
+        scenario = self.scenarios[variant].model_copy(update={"seed": seed})
+        return [PlannedRun(block.folders[0], scenario, report=True)]
+
+    def measure(
+        self, block: PlannedBlock, records: Mapping[str, RunRecord], errors: Mapping[str, str], store: RunStore
+    ) -> dict[str, Any] | None:
+        """The measures of the run, and the missions that failed in the unchanged scenario if nothing acts in it."""
+        variant, _ = self.flights[block]
+        for record in records.values():
+            watched = variant == UNCHANGED and not acting_attacks(self.scenarios[variant])
+            failed = find_failed_missions(record, UNCHANGED) if watched else None
+            return {"measures": measure_run(record)._asdict(), "failed_missions": str(failed) if failed else None}
+        return None
 
 
 def compare_variants(
@@ -125,49 +200,62 @@ def compare_variants(
     seed: int | None = None,
     buildings: str | Path | None = None,
     changes: Sequence[str] = (),
-    on_progress: OnRunProgress | None = None,
+    executor: Executor | None = None,
+    on_progress: OnPlanProgress | None = None,
 ) -> Comparison:
     """Run a scenario as it is and each of its variants, with the same seeds, and measure the runs.
 
     `name` is a shipped scenario or a file. `variants` has the changes of each, as `--set` has them, in addition to
-    `changes` of all. `out` defaults to the first free folder of `runs/NAME-comparison`, `runs/NAME-comparison-2` …
-    Raises `InputError` before anything is written, `ComponentError` if a run failed, `ShortfallError` after Ctrl-C.
+    `changes` of all. `out` defaults to the first free folder of `runs/NAME-comparison`, `runs/NAME-comparison-2` …; a
+    folder in which the same was begun is gone on with. One of `jobs` is flown in this process; `executor` flies them
+    elsewhere. Raises `InputError` before anything is written, `ComponentError` if a run failed, `ShortfallError` after
+    Ctrl-C.
     """
     jobs = jobs if jobs is not None else os.cpu_count() or 1
-    all_changes = {UNCHANGED: list(changes), **{one: [*changes, *more] for one, more in variants.items()}}
+    for option, value in (("seeds", seeds), ("jobs", jobs)):
+        if value < 1:
+            raise InputError.one("compare", option, value, "1 or more")
+    all_changes = {UNCHANGED: list(changes), **{variant: [*changes, *more] for variant, more in variants.items()}}
     scenarios: dict[str, Scenario] = {}
     for variant, given in all_changes.items():
         scenarios[variant] = load_scenario(str(name), given, seed=seed, buildings=buildings)
         require_level(scenarios[variant], "truth", "compare")
         build(scenarios[variant])  # raises errors in the scenario before a folder is created
-    base = scenarios[UNCHANGED]
-    numbers = tuple(base.seed + k for k in range(seeds))
-    folder = make_new_folder(expand_user(out) if out is not None else free_folder(f"{base.name}-comparison"))
-    flights = [(variant, number) for number in numbers for variant in scenarios]
-    results = run_all(
-        [
-            (scenarios[variant].model_copy(update={"seed": number}), folder / folder_of(variant, number, numbers))
-            for variant, number in flights
-        ],
-        jobs,
-        on_progress,
-    )
-    worst = max(results, key=lambda one: one.exit_code)
-    if worst.exit_code == ShortfallError.exit_code:
-        raise ShortfallError(f"interrupted; the runs so far are in {folder}", folder)
-    if worst.exit_code:
-        variant, number = flights[results.index(worst)]
-        raise ComponentError(f"run {variant}, seed {number}", worst.message)
-    measured = {
-        (variant, number): measure_run(load_run(folder / folder_of(variant, number, numbers)))
-        for variant, number in flights
-    }
+    plan = _plan_variants(scenarios, all_changes, seeds)
+    folder = expand_user(out) if out is not None else free_folder(f"{plan.name}-comparison")
+    store = claim_store(plan, folder)
+    return _fly(plan, store, executor if executor is not None else choose_executor(jobs), on_progress)
+
+
+def resume_comparison(store: RunStore, executor: Executor, on_progress: OnPlanProgress | None = None) -> Comparison:
+    """Go on with the comparison in a folder: `skyrange resume`. Raises the errors of `compare_variants`."""
+    plan = open_plan(store)
+    return _fly(plan, claim_store(plan, store.path), executor, on_progress)
+
+
+def open_plan(store: RunStore) -> VariantPlan:
+    """The plan of the comparison in a folder."""
+    arguments = store.told
+    scenarios = {variant: load_text(text) for variant, text in arguments["scenarios"].items()}
+    return _plan_variants(scenarios, arguments["changes"], arguments["seeds"])
+
+
+def _plan_variants(scenarios: Mapping[str, Scenario], changes: Mapping[str, Sequence[str]], seeds: int) -> VariantPlan:
+    first = scenarios[UNCHANGED].seed
+    return VariantPlan(scenarios, changes, tuple(first + k for k in range(seeds)))
+
+
+def _fly(plan: VariantPlan, store: RunStore, executor: Executor, on_progress: OnPlanProgress | None) -> Comparison:
+    forget_failures(store)
+    require_success(plan, run_plan(plan, store, executor, on_progress))
+    measured: dict[tuple[str, int], RunMeasures] = {}
     failed: list[str] = []
-    if not acting_attacks(base):
-        runs = (load_run(folder / folder_of(UNCHANGED, number, numbers)) for number in numbers)
-        failed = [str(found) for run in runs if (found := find_failed_missions(run, UNCHANGED)) is not None]
-    result = Comparison(folder, base.name, numbers, all_changes, measured, failed)
-    with atomic_write(folder / MANIFEST) as file:
+    for block, flight in plan.flights.items():
+        _, data = store.read(block.name)
+        measured[flight] = RunMeasures(**data["measures"])
+        failed += [data["failed_missions"]] if data["failed_missions"] else []
+    result = Comparison(store.path, plan.name, plan.seeds, plan.changes, measured, failed)
+    with atomic_write(store.path / MANIFEST) as file:
         file.write(f"{json.dumps(result.describe(), indent=2)}\n".encode())
     return result
 
@@ -180,22 +268,50 @@ class Table(NamedTuple):
     rows: list[list[str]]
     notes: list[str]
     """What each row is about, for those who ask."""
+    commands: Sequence[str] = ()
+    """Commands that show the runs of each row."""
+    anchors: Sequence[str] = ()
+    """Ids of the rows."""
+
+
+_FIRST: Final = ("missions complete", "collisions", "near misses", "delay, mean")
+"""Measures that the sentence is about."""
+
+
+def describe_comparison(result: Comparison) -> str:
+    """The comparison in a sentence: missions, mishaps and delays of all variants, or that they are the same."""
+    parts = []
+    for quantity in QUANTITIES:
+        means = {variant: result.interval(variant, quantity.name) for variant in result.changes}
+        known = {variant: mean.mean for variant, mean in means.items() if mean is not None}
+        if quantity.name not in _FIRST or not (any(known.values()) or (known and quantity.name == _FIRST[0])):
+            continue
+        unit = f" {quantity.unit}" if quantity.unit else ""
+        if len(set(known.values())) == 1 and len(known) == len(means):
+            parts.append(f"{quantity.name} {_number(next(iter(known.values())))}{unit} in each variant")
+        else:
+            values = ", ".join(f"{variant} {_number(value)}{unit}" for variant, value in known.items())
+            parts.append(f"{quantity.name}: {values}")
+    text = "; ".join(parts) or "no run has measures"
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def make_tables(result: Comparison) -> list[Table]:
     """The measures that differ somewhere or are not zero, and the delays."""
     variants = list(result.changes)
     rows, notes = [], []
-    for one in QUANTITIES:
-        means = [result.interval(variant, one.name) for variant in variants]
+    for quantity in QUANTITIES:
+        means = [result.interval(variant, quantity.name) for variant in variants]
         if not any(mean is not None and mean.mean for mean in means):
             continue
-        rows.append([f"{one.name} ({one.unit})" if one.unit else one.name, *map(format_interval, means)])
-        notes.append(one.about)
+        rows.append(
+            [f"{quantity.name} ({quantity.unit})" if quantity.unit else quantity.name, *map(format_interval, means)]
+        )
+        notes.append(quantity.about)
     tables = [Table("Measures", ["measure", *variants], rows, notes)]
     delays = {variant: result.delays_s(variant) for variant in variants}
-    operators = list(dict.fromkeys(name for own in delays.values() for name in own))
-    if any(mean.mean for own in delays.values() for mean in own.values()):
+    operators = list(dict.fromkeys(name for variant_delays in delays.values() for name in variant_delays))
+    if any(mean.mean for variant_delays in delays.values() for mean in variant_delays.values()):
         rows = [[name, *(format_interval(delays[variant].get(name)) for variant in variants)] for name in operators]
         title = "Mean delay of the approved flights of each operator (s)"
         tables.append(Table(title, ["operator", *variants], rows, [""] * len(rows)))
@@ -230,12 +346,14 @@ _KEY: Final = 132.0
 def draw_delays(result: Comparison) -> Figure | None:
     """Bars by operator and variant, with lines for the intervals; `None` if nobody was delayed."""
     delays = {variant: result.delays_s(variant) for variant in result.changes}
-    operators = list(dict.fromkeys(name for own in delays.values() for name in own))
-    most = max((mean.high or mean.mean for own in delays.values() for mean in own.values()), default=0.0)
-    if most <= 0.0:
+    operators = list(dict.fromkeys(name for variant_delays in delays.values() for name in variant_delays))
+    longest = max(
+        (mean.high or mean.mean for variant_delays in delays.values() for mean in variant_delays.values()), default=0.0
+    )
+    if longest <= 0.0:
         return None
-    values, step = svg.ticks(0.0, most)
-    scale = _WIDE / most
+    values, step = svg.ticks(0.0, longest)
+    scale = _WIDE / longest
     high = len(delays) * _BAR + _GAP
     height = _TOP + len(operators) * high + 40
     body = []
@@ -253,14 +371,14 @@ def draw_delays(result: Comparison) -> Figure | None:
     for n, operator in enumerate(operators):
         top = _TOP + n * high
         body.append(svg.label(_LEFT - 10, top + (high - _GAP) / 2 + 4, operator, "end"))
-        for k, (variant, own) in enumerate(delays.items()):
-            mean = own.get(operator)
+        for k, (variant, variant_delays) in enumerate(delays.items()):
+            mean = variant_delays.get(operator)
             if mean is None:
                 continue
             y, width = top + k * _BAR, max(mean.mean, 0.0) * scale
-            said = svg.title(f"{operator}, {variant}: {mean.mean:.1f} s")
+            title = svg.title(f"{operator}, {variant}: {mean.mean:.1f} s")
             place: svg.Attributes = {"x": _LEFT, "y": y + 1, "width": max(width, 1.0), "height": _BAR - 2}
-            body.append(svg.element("rect", {**place, "fill": _colour(k)}, said))
+            body.append(svg.element("rect", {**place, "fill": _colour(k)}, title))
             if mean.low is not None and mean.high is not None:
                 line = f"M{_LEFT + mean.low * scale:.1f} {y + _BAR / 2:.1f}H{_LEFT + mean.high * scale:.1f}"
                 body.append(svg.element("path", {"d": line, "stroke": "currentColor", "stroke-width": "1.5"}))
@@ -287,6 +405,7 @@ def write_comparison_report(result: Comparison) -> Path:
         title=f"{result.name} · variants · skyrange",
         style=style,
         name=result.name,
+        verdict=describe_comparison(result),
         failed=result.failed_missions,
         seeds=len(result.seeds),
         variants=[

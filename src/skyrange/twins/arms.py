@@ -48,14 +48,14 @@ class Arm:
 def acting_attacks(scenario: Scenario) -> dict[str, Counterfactual]:
     """The attacks and faults whose effects are asked for, each with its counterfactual.
 
-    Those declared muted, sham or honest are not among them.
+    Those declared muted, sham or honest are not among them, nor those that wait for a start by hand.
     """
-    found: dict[str, Counterfactual] = {
+    counterfactuals: dict[str, Counterfactual] = {
         attack.id: attack.plugin.counterfactual
         for attack in scenario.attacks
-        if not (attack.muted or attack.sham or attack.honest)
+        if not (attack.muted or attack.sham or attack.honest) and scenario.is_started(attack)
     }
-    return found | dict.fromkeys(acting_faults(scenario), "mute")
+    return counterfactuals | dict.fromkeys(acting_faults(scenario), "mute")
 
 
 def claiming_attacks(scenario: Scenario) -> list[str]:
@@ -65,8 +65,8 @@ def claiming_attacks(scenario: Scenario) -> list[str]:
 
 
 def acting_faults(scenario: Scenario) -> list[str]:
-    """The ids of the faults that are not declared muted."""
-    return [fault.id for fault in scenario.faults if not fault.muted]
+    """The ids of the faults that are not declared muted, and do not wait for a start by hand."""
+    return [fault.id for fault in scenario.faults if not fault.muted and scenario.is_started(fault)]
 
 
 def plan_arms(

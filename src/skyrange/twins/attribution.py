@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from skyrange.core.time import NS_PER_S
 from skyrange.metrics.exact_difference import repeats_to_the_byte
-from skyrange.record.schema import NAME, Column, arrow_schema
+from skyrange.record.schema import arrow_schema
 from skyrange.twins.arms import NOMINAL, SHAM, Arm
+from skyrange.twins.columns import PAIR_TABLES
 from skyrange.twins.effects import (
     NAMES,
     PLACEBO_LEVEL,
@@ -59,16 +60,16 @@ def relations(present: Mapping[Attacks, bool]) -> dict[str, Relation]:
         raise ValueError("the effect is not there when all attacks act")
     known = complete(present)
     minimal = _minimal_sets(known)
-    whole = len(known) == 2 ** len(everyone)
+    all_known = len(known) == 2 ** len(everyone)
     relation_of: dict[str, Relation] = {}
     for attack in sorted(everyone):
         alone, without = known.get(frozenset({attack})), known.get(everyone - {attack})
         if alone:
             relation_of[attack] = "both" if without is False else "sufficient" if without is None else "redundant"
         elif without is False:
-            joint = alone is False and whole and len(minimal) == 1 and attack in minimal[0]
+            joint = alone is False and all_known and len(minimal) == 1 and attack in minimal[0]
             relation_of[attack] = "joint" if joint else "necessary"
-        elif whole:
+        elif all_known:
             relation_of[attack] = "redundant" if any(attack in active for active in minimal) else "none"
         else:
             relation_of[attack] = "unknown"
@@ -78,11 +79,14 @@ def relations(present: Mapping[Attacks, bool]) -> dict[str, Relation]:
 def complete(present: Mapping[Attacks, bool]) -> dict[Attacks, bool]:
     """`present` with the empty set and every set that a monotone effect determines; what was run keeps its value."""
     known = {**present, frozenset(): False}
-    there = [active for active, held in known.items() if held]
-    absent = [active for active, held in known.items() if not held]
+    with_effect = [active for active, has_effect in known.items() if has_effect]
+    without_effect = [active for active, has_effect in known.items() if not has_effect]
     for active in subsets(max(present, key=len)):
         if active not in known:
-            with_fewer, with_more = any(other <= active for other in there), any(active <= other for other in absent)
+            with_fewer, with_more = (
+                any(other <= active for other in with_effect),
+                any(active <= other for other in without_effect),
+            )
             if with_fewer != with_more:  # both only where what was run is not monotone: then nothing is determined
                 known[active] = with_fewer
     return known
@@ -96,40 +100,13 @@ def subsets(attacks: Attacks) -> Iterator[Attacks]:
 
 def _minimal_sets(known: Mapping[Attacks, bool]) -> list[Attacks]:
     """The sets with the effect of which no smaller part has it."""
-    there = [active for active, held in known.items() if held]
-    return [active for active in there if not any(other < active for other in there)]
+    with_effect = [active for active, has_effect in known.items() if has_effect]
+    return [active for active in with_effect if not any(other < active for other in with_effect)]
 
 
 Floats = NDArray[np.float64]
 
-COLUMNS: Final[tuple[Column, ...]] = (
-    Column("seed", pa.int64(), "", "seed of the runs"),
-    Column("vehicle", NAME, "", "operator/vehicle"),
-    Column("outcome", NAME, "", "the declared outcome that the attacks changed"),
-    Column("attack", NAME, "", "the id of the attack, or of the fault where `fault` is true"),
-    Column("fault", pa.bool_(), "", "whether `attack` is the id of a benign fault"),
-    Column("relation", NAME, "", "both, necessary, sufficient, joint, redundant, none or unknown"),
-    Column(
-        "shift", NAME, "", "advanced or delayed: the departure begins earlier or later with the attack", nullable=True
-    ),
-    Column("shift_s", pa.float64(), "s", "departure with all attacks minus departure without this one", nullable=True),
-    Column("difference", pa.float64(), "", "distance of the outcome from the baseline when all attacks act"),
-    Column("departed_s", pa.float64(), "s", "of a departure: when it exceeded the limit", nullable=True),
-    Column("limit", pa.float64(), "", "the distance beyond which it is an effect"),
-    Column("placebos", pa.int32(), "", "number of placebos from which the limit is known"),
-    Column("level", pa.float64(), "", "probability with which a difference that is no effect exceeds the limit"),
-    Column("shown", pa.bool_(), "", "whether that is at most 0.05; else there are not enough placebos"),
-    Column(
-        "alone", pa.float64(), "", "the distance when only this attack acts; null if that was not run", nullable=True
-    ),
-    Column(
-        "without",
-        pa.float64(),
-        "",
-        "the distance when all but this attack act; null if that was not run",
-        nullable=True,
-    ),
-)
+COLUMNS: Final = PAIR_TABLES["attribution"]
 """Columns of `attribution.parquet`: one row per seed, aircraft, effect and attack."""
 
 
@@ -287,11 +264,11 @@ def relate(comparison: Comparison, *, has_baseline: bool) -> list[dict[str, Any]
             if not difference > limit:  # NaN is no effect
                 continue
             departed_ns = comparison.departed_ns[everyone][k] if outcome == "departure" else None
-            held = {active: bool(away[outcome][k] > limit) for active, away in comparison.away.items()}
+            present = {active: bool(away[outcome][k] > limit) for active, away in comparison.away.items()}
             level = float(comparison.limits.levels[outcome][k])
             related: Mapping[str, Relation] = dict.fromkeys(everyone, "unknown")
             if has_baseline and level <= PLACEBO_LEVEL:
-                related = relations(held)
+                related = relations(present)
             for attack in sorted(everyone):
                 without = everyone - {attack}
                 shift_s = _shift_s(comparison, without, k) if outcome == "departure" else None

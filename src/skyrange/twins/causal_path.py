@@ -49,13 +49,13 @@ class CausalPath:
     edges: list[tuple[int, int, str]] = field(default_factory=list)
     """From a step, to a step, and by what where that is not plain from both."""
 
-    def add(self, step: Step, after: int | None, how: str = "") -> int:
+    def add(self, step: Step, after: int | None, label: str = "") -> int:
         """Add a step, unless it is there, and an edge to it; returns its number."""
         if step not in self.steps:
             self.steps.append(step)
         number = self.steps.index(step)
-        if after is not None and (after, number, how) not in self.edges and after != number:
-            self.edges.append((after, number, how))
+        if after is not None and (after, number, label) not in self.edges and after != number:
+            self.edges.append((after, number, label))
         return number
 
 
@@ -75,8 +75,8 @@ def find_causal_path(run: RunRecord, propagation: Sequence[Row]) -> CausalPath:
     uas_ids = {vehicle["uas_id"]: vehicle["id"] for vehicle in run.manifest["vehicles"]}
     for effect in departures:
         vehicle = effect["vehicle"]
-        own = [row for row in rows if row["vehicle"] == vehicle and row["at_ns"] <= effect["at_ns"]]
-        last = _last(own, "event.") or _last(own, "decision.")
+        vehicle_rows = [row for row in rows if row["vehicle"] == vehicle and row["at_ns"] <= effect["at_ns"]]
+        last = _last(vehicle_rows, "event.") or _last(vehicle_rows, "decision.")
         if last is None:
             continue
         chain = _backwards(last, by_frame)
@@ -84,9 +84,9 @@ def find_causal_path(run: RunRecord, propagation: Sequence[Row]) -> CausalPath:
         at = _begin(path, run, chain, decision, stages=stages, uas_ids=uas_ids, reached=reached)
         grouped = _grouped(chain, decision)
         if at is not None and path.steps[at].layer == "radio":  # it was another aircraft's true broadcast that counted
-            grouped = [one for one in grouped if one[0] != "radio"]
-        for layer, what, when in grouped:
-            at = path.add(Step(to_seconds(when), layer, vehicle, what), at)
+            grouped = [step for step in grouped if step[0] != "radio"]
+        for layer, action, when in grouped:
+            at = path.add(Step(to_seconds(when), layer, vehicle, action), at)
         text = f"leaves its twin's track, by up to {effect['departure_m']:.0f} m"
         reached[vehicle] = path.add(Step(to_seconds(effect["at_ns"]), "flight", vehicle, text), at)
     _add_near_misses(path, rows, reached)
@@ -94,8 +94,8 @@ def find_causal_path(run: RunRecord, propagation: Sequence[Row]) -> CausalPath:
 
 
 def _last(rows: Sequence[Row], prefix: str) -> Row | None:
-    found = [row for row in rows if row["phase"] == "propagation" and row["kind"].startswith(prefix)]
-    return found[-1] if found else None
+    matches = [row for row in rows if row["phase"] == "propagation" and row["kind"].startswith(prefix)]
+    return matches[-1] if matches else None
 
 
 def _backwards(last: Row, by_frame: Mapping[str, Row]) -> list[Row]:
@@ -112,7 +112,7 @@ def _decision(decisions: Sequence[RecordedNote], vehicle: str, chain: Sequence[R
     sent = [row for row in chain if row["kind"] == "frame" and str(row["source"]).endswith(".companion.own")]
     if not sent:
         return None
-    at = [one for one in decisions if one.about == vehicle and one.time_ns == sent[0]["at_ns"]]
+    at = [decision for decision in decisions if decision.about == vehicle and decision.time_ns == sent[0]["at_ns"]]
     return at[0] if at else None
 
 
@@ -137,51 +137,51 @@ def _begin(
     root = chain[0]
     if root["phase"] not in ("onset", "act"):
         return None
-    before, layer = None, "fault" if root.get("fault") else "adversary"
+    before, layer = None, "fault" if root["fault"] else "adversary"
     for note in stages:
         if note.about == root["attack"] and note.time_ns <= root["at_ns"]:
             step = Step(to_seconds(note.time_ns), layer, root["attack"], f"stage {note.data.get('stage')}")
             before = path.add(step, before)
     role = str(root["link"]).partition(":")[0]
-    what = f"{_ACTS.get(root['kind'], root['kind'])} {role if root['kind'] in ('sensor', 'body') else root['link']}"
-    return path.add(Step(to_seconds(root["at_ns"]), layer, root["attack"], what), before)
+    action = f"{_ACTS.get(root['kind'], root['kind'])} {role if root['kind'] in ('sensor', 'body') else root['link']}"
+    return path.add(Step(to_seconds(root["at_ns"]), layer, root["attack"], action), before)
 
 
 def _heard_from(run: RunRecord, causes: Sequence[str], vehicle: str) -> int | None:
     """When the first of some received frames was sent that forwards a broadcast of an aircraft; `None` if none does."""
     wanted = {FrameId.parse(cause) for cause in causes}
     links = pa.array(sorted({frame.link for frame in wanted}))
-    found = []
+    sent_times_ns = []
     for batch in run.batches("frames", ["link", "direction", "sender", "serial", "sent_ns", "parent"]):
         for row in batch.filter(pc.is_in(batch.column(0), links)).to_pylist():
             id_ = FrameId(row["link"], row["direction"], row["sender"], row["serial"])
             if id_ in wanted and str(row["parent"] or "").startswith(f"rid_up:{vehicle}|"):
-                found.append(int(row["sent_ns"]))
-    return min(found, default=None)
+                sent_times_ns.append(int(row["sent_ns"]))
+    return min(sent_times_ns, default=None)
 
 
 def _grouped(chain: Sequence[Row], decision: RecordedNote | None) -> list[tuple[str, str, int]]:
     """Layer, text and time of the steps of an aircraft; frames of one layer in a row are one step."""
-    found: list[tuple[str, str, int]] = []
+    steps: list[tuple[str, str, int]] = []
     links: list[str] = []
     for row in chain:
         if row["phase"] in ("onset", "act"):
             continue
         if row["kind"] != "frame":
-            found.append(("autopilot", _describe(row["kind"], row["data"]), row["at_ns"]))
+            steps.append(("autopilot", _describe(row["kind"], row["data"]), row["at_ns"]))
             continue
         role = str(row["link"]).partition(":")[0]
         layer = _LAYER_OF_LINK.get(role, "MAVLink")
         decided = decision is not None and row["at_ns"] == decision.time_ns and layer == "MAVLink"
-        if decision is not None and decided and not any(one[0] == "companion" for one in found):
-            found.append(("companion", _describe(decision.kind, decision.data), decision.time_ns))
-        if found and found[-1][0] == layer:
+        if decision is not None and decided and not any(step[0] == "companion" for step in steps):
+            steps.append(("companion", _describe(decision.kind, decision.data), decision.time_ns))
+        if steps and steps[-1][0] == layer:
             links.append(role)
-            found[-1] = (layer, f"frames on {', '.join(dict.fromkeys(links))}", found[-1][2])
+            steps[-1] = (layer, f"frames on {', '.join(dict.fromkeys(links))}", steps[-1][2])
             continue
         links = [role]
-        found.append((layer, f"frames on {role}" if layer == "MAVLink" else "receives the broadcast", row["at_ns"]))
-    return found
+        steps.append((layer, f"frames on {role}" if layer == "MAVLink" else "receives the broadcast", row["at_ns"]))
+    return steps
 
 
 def _describe(kind: str, data: Any) -> str:
@@ -206,9 +206,9 @@ def _add_near_misses(path: CausalPath, rows: Sequence[Row], reached: Mapping[str
         if frozenset((row["vehicle"], other)) in seen:
             continue
         seen.add(frozenset((row["vehicle"], other)))
-        what = "near miss" if row["kind"] == "near_miss" else "collision"
+        mishap = "near miss" if row["kind"] == "near_miss" else "collision"
         away = f" at {data['distance_m']:.2f} m" if "distance_m" in data else ""
-        step = Step(to_seconds(row["at_ns"]), "flight", f"{row['vehicle']} and {other}", f"{what}{away}")
-        for one in (row["vehicle"], other):
-            if one in reached:
-                path.add(step, reached[one])
+        step = Step(to_seconds(row["at_ns"]), "flight", f"{row['vehicle']} and {other}", f"{mishap}{away}")
+        for vehicle in (row["vehicle"], other):
+            if vehicle in reached:
+                path.add(step, reached[vehicle])

@@ -128,12 +128,12 @@ class _InForce:
 
     def find(self, vehicle: str, states: Sequence[str]) -> dict[str, tuple[Origin, str]]:
         """By attack, the first of the states that leads back to it."""
-        found: dict[str, tuple[Origin, str]] = {}
-        own = self.states.get(vehicle, {})
+        origins: dict[str, tuple[Origin, str]] = {}
+        origins_by_state = self.states.get(vehicle, {})
         for state in states:
-            for attack, origin in own.get(state, {}).items():
-                found.setdefault(attack, (origin, state))
-        return found
+            for attack, origin in origins_by_state.get(state, {}).items():
+                origins.setdefault(attack, (origin, state))
+        return origins
 
 
 def follow(
@@ -154,14 +154,14 @@ def follow(
         while waiting and waiting[-1].at_ns <= note.time_ns:
             _take_act(in_force, waiting.pop())
         vehicle = note.about.split(".", 1)[0]
-        found = in_force.find(vehicle, _states_before(note))
+        indirect_origins = in_force.find(vehicle, _states_before(note))
         if note.kind == "event.collision" or note.kind == "near_miss":
             other = in_force.find(str(note.data.get("with", "")), _FOLLOWS[note.kind])
-            found = {**other, **found}
+            indirect_origins = {**other, **indirect_origins}
         if note.kind == "event.track_lost":
-            found = _silence(note, lost, owners)
+            indirect_origins = _silence(note, lost, owners)
         reached = dict(origins)
-        for attack, (origin, way) in found.items():
+        for attack, (origin, way) in indirect_origins.items():
             if attack not in origins:
                 reached[attack] = Origin(origin.frame, origin.depth + 1)
                 yield Consequence(note, attack, reached[attack], way)
@@ -196,11 +196,11 @@ def _silence(
     """The last broadcast of a track that its operator's receivers lost to load between its last report and now."""
     since_ns = float(note.data.get("last_s", 0.0)) * 1e9
     vehicle = owners.get(str(note.data.get("uas_id", "")))
-    found: dict[str, tuple[Origin, str]] = {}
-    for one in lost:
-        if since_ns < one.at_ns <= note.time_ns and one.sender == vehicle:
-            found[one.attack] = (Origin(one.frame, 1), "silence")
-    return found
+    origins: dict[str, tuple[Origin, str]] = {}
+    for reception in lost:
+        if since_ns < reception.at_ns <= note.time_ns and reception.sender == vehicle:
+            origins[reception.attack] = (Origin(reception.frame, 1), "silence")
+    return origins
 
 
 def act_of(at_ns: int, attack: str, action: str, frame: str) -> Act:
@@ -220,9 +220,9 @@ def lost_receptions(record: RunRecord, labels: Sequence[Mapping[str, Any]]) -> l
     been decoded without the burst is what the comparison of runs tells, not this.
     """
     begins_ns, ends_ns, bursts, attacks = _bursts(record, labels)
-    found: list[LostReception] = []
+    receptions: list[LostReception] = []
     if not len(bursts):
-        return found
+        return receptions
     for batch in record.batches("receptions", ["time_ns", *_FRAME, "receiver", "outcome"]):
         outcome = batch.column("outcome")
         undecoded = pc.and_(pc.not_equal(outcome, "decoded"), pc.not_equal(outcome, "elsewhere"))
@@ -233,8 +233,10 @@ def lost_receptions(record: RunRecord, labels: Sequence[Mapping[str, Any]]) -> l
         for row, burst in zip(rows.filter(pa.array(during)).to_pylist(), latest[during].tolist(), strict=True):
             frame = str(FrameId(row["link"], row["direction"], row["sender"], row["serial"]))
             sender = str(row["link"]).partition(":")[2]
-            found.append(LostReception(row["time_ns"], attacks[burst], row["receiver"], sender, frame, bursts[burst]))
-    return sorted(found, key=lambda one: one.at_ns)
+            receptions.append(
+                LostReception(row["time_ns"], attacks[burst], row["receiver"], sender, frame, bursts[burst])
+            )
+    return sorted(receptions, key=lambda reception: reception.at_ns)
 
 
 def _bursts(record: RunRecord, labels: Sequence[Mapping[str, Any]]) -> tuple[Ints, Ints, list[str], list[str]]:
@@ -243,8 +245,8 @@ def _bursts(record: RunRecord, labels: Sequence[Mapping[str, Any]]) -> tuple[Int
     links = sorted({FrameId.parse(frame).link for frame in sent})
     rows: list[tuple[int, int, str, str]] = []
     for table in record.tables.frames_with_payloads([*_FRAME]) if links else ():
-        own = table.filter(pc.is_in(table.column("link"), value_set=pa.array(links, pa.string())))
-        for row in own.to_pylist():
+        on_links = table.filter(pc.is_in(table.column("link"), value_set=pa.array(links, pa.string())))
+        for row in on_links.to_pylist():
             frame = str(FrameId(row["link"], row["direction"], row["sender"], row["serial"]))
             if frame not in sent:
                 continue
@@ -299,18 +301,18 @@ def find_absent_decisions(attacked: RunRecord, baseline: RunRecord, departed: De
 def senders_of(record: RunRecord, causes: Collection[str]) -> dict[str, tuple[str, int]]:
     """Of received broadcasts, by their ids: the vehicle that sent it, and when."""
     ids = [FrameId.parse(cause) for cause in causes]
-    links = pa.array(sorted({one.link for one in ids if one.link.startswith("rid_down:")}), pa.string())
-    serials = pa.array(sorted({one.serial for one in ids}), pa.int64())
-    found: dict[str, tuple[str, int]] = {}
+    links = pa.array(sorted({frame_id.link for frame_id in ids if frame_id.link.startswith("rid_down:")}), pa.string())
+    serials = pa.array(sorted({frame_id.serial for frame_id in ids}), pa.int64())
+    senders: dict[str, tuple[str, int]] = {}
     for batch in record.batches("frames", _COLUMNS) if len(links) else ():
-        own = pc.and_(
+        matches = pc.and_(
             pc.is_in(batch.column("link"), value_set=links), pc.is_in(batch.column("serial"), value_set=serials)
         )
-        for row in batch.filter(own).to_pylist():
+        for row in batch.filter(matches).to_pylist():
             frame = str(FrameId(row["link"], row["direction"], row["sender"], row["serial"]))
             if frame in causes and row["parent"] is not None:
-                found[frame] = FrameId.parse(row["parent"]).link.partition(":")[2], row["sent_ns"]
-    return found
+                senders[frame] = FrameId.parse(row["parent"]).link.partition(":")[2], row["sent_ns"]
+    return senders
 
 
 def _avoidances(record: RunRecord) -> list[RecordedNote]:

@@ -5,9 +5,10 @@ aircraft's outcome differs between two runs by a distance of zero or more. It co
 beyond the largest that placebos make of it: the sham of all attacks, compared with the nominal run, over all seeds.
 
 Of K placebos and one more, each is the largest as likely as another: without any effect, the limit is exceeded with a
-probability of 1/(K + 1). An effect is shown if that is at most `PLACEBO_LEVEL`, which takes 19 placebos. Where all runs
-repeat to the byte none is needed: two runs without the attack are the same, so what differs is due to it. That holds
-as long as the shams themselves change no outcome; where they do, their number counts as well.
+probability of 1/(K + 1). An effect is shown if that is at most `PLACEBO_LEVEL`, which takes 19 placebos; a claim takes
+`CLAIM_PLACEBOS`, because each aircraft has a limit for each outcome. Where all runs repeat to the byte none is needed:
+two runs without the attack are the same, so what differs is due to it. That holds as long as the shams themselves
+change no outcome; where they do, their number counts as well.
 """
 
 from __future__ import annotations
@@ -27,12 +28,17 @@ from skyrange.metrics.aircraft import Measured, Ticks, departures, measure, read
 from skyrange.metrics.safety import WALLS_M
 from skyrange.metrics.time_series import read_notes
 from skyrange.record.read.run import RunRecord
-from skyrange.record.schema import NAME, Column, arrow_schema
+from skyrange.record.schema import arrow_schema
+from skyrange.twins.columns import PAIR_TABLES
 
 PLACEBO_LEVEL: Final = 0.05
 """The largest probability with which a difference that is no effect may exceed its limit."""
 ENOUGH_PLACEBOS: Final = math.ceil(1.0 / PLACEBO_LEVEL) - 1
 """Placebos from which a limit has this level: the largest of K is exceeded in 1 of K + 1 cases."""
+CLAIM_PLACEBOS: Final = 300
+"""Placebos on which a claim rests: a difference that is no effect exceeds the largest of them in 1 of 301 cases. With
+fewer, a run of many aircraft and outcomes has differences beyond a limit by chance.
+"""
 SEPARATION_M: Final = WALLS_M
 """Separations above this count as equal: aircraft that are far apart anyway have no effect on each other's safety."""
 ENERGY_SHARE: Final = 0.01
@@ -86,11 +92,11 @@ class ArmOutcomes:
     @cached_property
     def decisions(self) -> list[dict[str, int]]:
         """How often each kind of decision was made about each aircraft."""
-        counts: dict[str, dict[str, int]] = {one.vehicle: {} for one in self.measured}
+        counts: dict[str, dict[str, int]] = {aircraft.vehicle: {} for aircraft in self.measured}
         for row in read_notes(self.record, "decisions"):
-            own = counts.get(row.about.split(".", 1)[0])
-            if own is not None:
-                own[row.kind] = own.get(row.kind, 0) + 1
+            vehicle_counts = counts.get(row.about.split(".", 1)[0])
+            if vehicle_counts is not None:
+                vehicle_counts[row.kind] = vehicle_counts.get(row.kind, 0) + 1
         return list(counts.values())
 
 
@@ -100,22 +106,28 @@ def distances(a: ArmOutcomes, b: ArmOutcomes) -> dict[str, Floats]:
     return {
         "departure": departures(a.ticks, b.ticks)[0],
         "delay": _between(
-            [one.landed_s if one.outcome == "complete" else None for one in a.measured],
-            [one.landed_s if one.outcome == "complete" else None for one in b.measured],
+            [aircraft.landed_s if aircraft.outcome == "complete" else None for aircraft in a.measured],
+            [aircraft.landed_s if aircraft.outcome == "complete" else None for aircraft in b.measured],
         ),
         "separation": _between(
-            [_capped(one.min_separation_m) for one in a.measured], [_capped(one.min_separation_m) for one in b.measured]
+            [_capped(aircraft.min_separation_m) for aircraft in a.measured],
+            [_capped(aircraft.min_separation_m) for aircraft in b.measured],
         ),
-        "mission": np.array([float(one.outcome != other.outcome) for one, other in pairs]),
+        "mission": np.array([float(first.outcome != second.outcome) for first, second in pairs]),
         "mishaps": np.array(
-            [abs(one.near_misses - other.near_misses) + abs(one.collisions - other.collisions) for one, other in pairs],
+            [
+                abs(first.near_misses - second.near_misses) + abs(first.collisions - second.collisions)
+                for first, second in pairs
+            ],
             dtype=np.float64,
         ),
-        "energy": _between([one.energy_j for one in a.measured], [one.energy_j for one in b.measured]),
+        "energy": _between(
+            [aircraft.energy_j for aircraft in a.measured], [aircraft.energy_j for aircraft in b.measured]
+        ),
         "decisions": np.array(
             [
-                float(sum(abs(mine.get(kind, 0) - other.get(kind, 0)) for kind in {*mine, *other}))
-                for mine, other in zip(a.decisions, b.decisions, strict=True)
+                float(sum(abs(first.get(kind, 0) - second.get(kind, 0)) for kind in {*first, *second}))
+                for first, second in zip(a.decisions, b.decisions, strict=True)
             ]
         ),
     }
@@ -135,7 +147,7 @@ def floors(baseline: ArmOutcomes, threshold_m: float) -> dict[str, Floats]:
     """
     count = len(baseline.measured)
     period_s = float(np.diff(baseline.ticks.time_ns[:2]).sum()) / NS_PER_S
-    energy_j = np.array([ENERGY_SHARE * (one.energy_j or 0.0) for one in baseline.measured])
+    energy_j = np.array([ENERGY_SHARE * (aircraft.energy_j or 0.0) for aircraft in baseline.measured])
     given = {"departure": threshold_m, "separation": threshold_m, "delay": period_s}
     return {name: np.full(count, given.get(name, 0.0)) for name in NAMES} | {"energy": energy_j}
 
@@ -172,76 +184,15 @@ def _capped(separation_m: float | None) -> float | None:
     return None if separation_m is None else min(separation_m, SEPARATION_M)
 
 
-def _between(mine: Sequence[float | None], others: Sequence[float | None]) -> Floats:
-    values = [[np.nan if one is None else one for one in row] for row in (mine, others)]
-    found: Floats = np.abs(np.array(values[0], dtype=np.float64) - np.array(values[1], dtype=np.float64))
-    return found
+def _between(first: Sequence[float | None], second: Sequence[float | None]) -> Floats:
+    values = [[np.nan if value is None else value for value in row] for row in (first, second)]
+    differences: Floats = np.abs(np.array(values[0], dtype=np.float64) - np.array(values[1], dtype=np.float64))
+    return differences
 
 
 Floats = NDArray[np.float64]
 
-_F64, _I64 = pa.float64(), pa.int64()
-
-COLUMNS: Final[tuple[Column, ...]] = (
-    Column("seed", _I64, "", "seed of both runs"),
-    Column("against", NAME, "", "the twin with which it is compared: nominal or sham"),
-    Column("vehicle", NAME, "", "operator/vehicle"),
-    Column("outcome", NAME, "", "outcome of the mission in the attacked run: complete, failed or unfinished"),
-    Column("outcome_twin", NAME, "", "the same in the twin"),
-    Column(
-        "landed_s", _F64, "s", "when it touched down to end the mission, in truth, in the attacked run", nullable=True
-    ),
-    Column("landed_twin_s", _F64, "s", "the same in the twin", nullable=True),
-    Column(
-        "delay_s",
-        _F64,
-        "s",
-        "arrival delay: `landed_s` of attacked minus twin, if both missions are complete",
-        nullable=True,
-    ),
-    Column(
-        "finished_s",
-        _F64,
-        "s",
-        "when the ground station reported the end of the mission, by the heartbeats that it gets, about one a second; "
-        "in the attacked run",
-        nullable=True,
-    ),
-    Column("finished_twin_s", _F64, "s", "the same in the twin, by its heartbeats", nullable=True),
-    Column("distance_m", _F64, "m", "length of the path flown in the attacked run"),
-    Column("distance_twin_m", _F64, "m", "the same in the twin"),
-    Column("extra_distance_m", _F64, "m", "attacked minus twin"),
-    Column("energy_j", _F64, "J", "energy drawn from the battery over the whole attacked run", nullable=True),
-    Column("energy_twin_j", _F64, "J", "the same in the twin", nullable=True),
-    Column("extra_energy_j", _F64, "J", "attacked minus twin", nullable=True),
-    Column(
-        "min_separation_m", _F64, "m", "least distance to another aircraft in the air, centre to centre", nullable=True
-    ),
-    Column("min_separation_twin_m", _F64, "m", "the same in the twin", nullable=True),
-    Column("nearest", NAME, "", "the other aircraft of that least distance, in the attacked run", nullable=True),
-    Column(
-        "near_misses", _I64, "", "number of times that another aircraft came nearer than the limit, in the attacked run"
-    ),
-    Column("near_misses_twin", _I64, "", "the same in the twin"),
-    Column("collisions", _I64, "", "collisions with aircraft and buildings in the attacked run"),
-    Column("collisions_twin", _I64, "", "the same in the twin"),
-    Column(
-        "min_wall_m", _F64, "m", "least distance to a building in the attacked run; null beyond 30 m", nullable=True
-    ),
-    Column("min_wall_twin_m", _F64, "m", "the same in the twin", nullable=True),
-    Column("departure_m", _F64, "m", "largest distance from its position in the twin at the same time"),
-    Column("departed_s", _F64, "s", "when that distance first exceeded the threshold; null for never", nullable=True),
-    Column("attacks", pa.list_(pa.string()), "", "ids of the attacks that caused the effect; empty if none did"),
-    Column("faults", pa.list_(pa.string()), "", "ids of the benign faults that caused the effect; empty if none did"),
-    Column(
-        "attribution",
-        NAME,
-        "",
-        "how: necessary, sufficient, both, joint or redundant; none for an effect without an author, unknown where the "
-        "arms were not run; null without an effect",
-        nullable=True,
-    ),
-)
+COLUMNS: Final = PAIR_TABLES["effects"]
 """The columns of `effects.parquet`, which has a row per seed, twin and aircraft."""
 
 MEASURES: Final = ("delay_s", "extra_distance_m", "extra_energy_j", "departure_m")

@@ -14,7 +14,7 @@ from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
 
 REJECTIONS: Final = (
-    *(f"{name} {how}" for name in LIST_NAMES.values() for how in ("upload refused", "read-back differs")),
+    *(f"{name} {failure}" for name in LIST_NAMES.values() for failure in ("upload refused", "read-back differs")),
     "mode AUTO: ", "mission start: ",
 )  # fmt: skip
 """How the ground station's reason begins where an autopilot rejected the mission (`gcs.flight`)."""
@@ -50,9 +50,9 @@ def rejected_missions(record: RunRecord) -> dict[str, str]:
 def require_missions(record: RunRecord) -> None:
     """Raise `ShortfallError` if a mission was rejected for which the run's scenario does not expect it."""
     expecting = _expectations(record)
-    found = [f"{name}: {reason}" for name, reason in rejected_missions(record).items() if not expecting.get(name)]
-    if found:
-        raise ShortfallError(f"missions were rejected: {_join(found)}", record.path)
+    rejections = [f"{name}: {reason}" for name, reason in rejected_missions(record).items() if not expecting.get(name)]
+    if rejections:
+        raise ShortfallError(f"missions were rejected: {_join(rejections)}", record.path)
 
 
 def find_failed_missions(record: RunRecord, arm: str) -> FailedMissions | None:
@@ -71,9 +71,9 @@ def find_failed_missions(record: RunRecord, arm: str) -> FailedMissions | None:
     return FailedMissions(arm, int(record.manifest["seed"]), reasons, len(fleet)) if reasons else None
 
 
-def require_baseline(found: Iterable[str], folder: Path) -> None:
+def require_baseline(failures: Iterable[str], folder: Path) -> None:
     """Raise `ShortfallError` if missions failed in arms in which nothing acts: effects are differences from these."""
-    lines = list(found)
+    lines = list(failures)
     if lines:
         hint = "an aircraft that is meant to fail says so with plan.failure_expected"
         raise ShortfallError(f"missions failed without an attack: {_join(lines)} ({hint})", folder)

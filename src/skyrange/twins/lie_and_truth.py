@@ -102,7 +102,7 @@ def format_reaction(row: Mapping[str, Any], shown_as: Reaction) -> str:
 
 def truth_name(name: str) -> str:
     """The name of the honest run's column beside that of the attacked run."""
-    column = next(place for place, one in enumerate(COLUMNS) if one.name == name)
+    column = next(place for place, declared in enumerate(COLUMNS) if declared.name == name)
     return COLUMNS[column + 1].name
 
 
@@ -121,11 +121,11 @@ def compare_with_truth(
         row: dict[str, Any] = {"seed": seed, "vehicle": vehicle, "apart_m": between["departure_m"]}
         for name in _MEASURED:
             row[name], row[truth_name(name)] = lie[name], truth[name]
-        for column, found in zip(("avoids_s", truth_name("avoids_s")), avoided, strict=True):
+        for column, avoidances in zip(("avoids_s", truth_name("avoids_s")), avoided, strict=True):
             known = set(usual.get(vehicle, ()))
-            new = [at_ns for at_ns in found.get(vehicle, ()) if at_ns not in known]
+            new = [at_ns for at_ns in avoidances.get(vehicle, ()) if at_ns not in known]
             row[column] = min(new) / NS_PER_S if new else None
-        row["avoidances"], row[truth_name("avoidances")] = (len(found.get(vehicle, ())) for found in avoided)
+        row["avoidances"], row[truth_name("avoidances")] = (len(avoidances.get(vehicle, ())) for avoidances in avoided)
         rows.append(row)
     return rows
 
@@ -137,8 +137,8 @@ def lie_and_truth_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
 
 def _avoidances(record: RunRecord) -> dict[str, list[int]]:
     """The times of the decisions to avoid, by aircraft."""
-    found: dict[str, list[int]] = {}
+    times_ns: dict[str, list[int]] = {}
     for row in read_notes(record, "decisions"):
         if row.kind == AVOIDS:
-            found.setdefault(row.about.split(".", 1)[0], []).append(row.time_ns)
-    return found
+            times_ns.setdefault(row.about.split(".", 1)[0], []).append(row.time_ns)
+    return times_ns

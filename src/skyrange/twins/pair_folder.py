@@ -16,17 +16,13 @@ from skyrange.core.files import MAX_RECORD_BYTES, expand_user, parse_json, read_
 from skyrange.record import RunRecord, load
 from skyrange.statistics.means import Interval, estimate_mean
 from skyrange.twins.arms import NOMINAL, SHAM
-from skyrange.twins.attribution import attribution_table
 from skyrange.twins.effects import CHANGES, MEASURES
 from skyrange.twins.failed_missions import FailedMissions, find_failed_missions
 from skyrange.twins.lie_and_truth import lie_and_truth_table
 
 FORMAT: Final = "skyrange.pair/4"
-"""The format of a pair's folder. `skyrange.pair/3` and older have no `landed_s`: their `delay_s` is between reports of
-ground stations, by heartbeats. Before it there was no `ATTRIBUTION`; `skyrange.pair/1` calls `PROPAGATION`
-`labels.parquet`."""
+"""The format of a pair's folder, and the only one that is read."""
 
-READABLE: Final = (FORMAT, "skyrange.pair/3", "skyrange.pair/2", "skyrange.pair/1")
 MANIFEST: Final = "pair.json"
 EFFECTS: Final = "effects.parquet"
 PROPAGATION: Final = "propagation.parquet"
@@ -64,12 +60,13 @@ class Pair:
     @property
     def faults(self) -> list[str]:
         """The ids of the benign faults that act in the attacked run; the other authors are attacks."""
-        return list(self.manifest.get("faults", ()))
+        return list(self.manifest["faults"])
 
     @property
     def baseline(self) -> str | None:
-        """The arm against which effects are attributed; `None` if it was not run, or for an older folder."""
-        return self.manifest.get("baseline")
+        """The arm against which effects are attributed; `None` if it was not run."""
+        baseline: str | None = self.manifest["baseline"]
+        return baseline
 
     @property
     def reference(self) -> str:
@@ -91,15 +88,13 @@ class Pair:
 
     @property
     def attribution(self) -> pa.Table:
-        """The table of `attribution.parquet`: how each attack relates to each effect. Empty for an older folder."""
-        path = self.path / ATTRIBUTION
-        return pq.read_table(path) if path.exists() else attribution_table([])
+        """The table of `attribution.parquet`: how each attack relates to each effect."""
+        return pq.read_table(self.path / ATTRIBUTION)
 
     @property
     def propagation(self) -> pa.Table:
         """The table of `propagation.parquet`: every hostile act and its consequences."""
-        path = self.path / PROPAGATION
-        return pq.read_table(path if path.exists() else self.path / "labels.parquet")
+        return pq.read_table(self.path / PROPAGATION)
 
     @property
     def lie_and_truth(self) -> pa.Table:
@@ -110,8 +105,8 @@ class Pair:
     @cached_property
     def failed_missions(self) -> list[FailedMissions]:
         """Missions that failed in runs without an attack or fault that acts, on which all effects rest."""
-        found = (find_failed_missions(self.run(arm, seed), arm) for seed in self.seeds for arm in self.twins)
-        return [one for one in found if one is not None]
+        failures = (find_failed_missions(self.run(arm, seed), arm) for seed in self.seeds for arm in self.twins)
+        return [failure for failure in failures if failure is not None]
 
     def intervals(self, against: str | None = None) -> dict[str, dict[str, Interval]]:
         """By aircraft and measure, the mean effect over the seeds with its 95 % confidence interval."""
@@ -124,13 +119,16 @@ class Pair:
 
 
 def load_pair(path: Path | str) -> Pair:
-    """Open a pair's folder; raises `InputError` if it is not one."""
+    """Open a pair's folder; raises `InputError` if it is not one, or is of another format."""
     folder = expand_user(path)
     who = str(folder)
     data = read_input(folder / MANIFEST, who, MANIFEST, max_bytes=MAX_RECORD_BYTES, expected="the file of a pair")
     manifest = parse_json(data, who, MANIFEST)
-    if not isinstance(manifest, dict) or manifest.get("format") not in READABLE:
-        raise InputError.one(str(folder), MANIFEST, "another format", FORMAT)
+    pair_format = manifest.get("format") if isinstance(manifest, dict) else type(manifest).__name__
+    if pair_format != FORMAT:
+        other = str(pair_format).startswith("skyrange.pair/")
+        hint = "It was made by another version of skyrange: fly the pair again." if other else ""
+        raise InputError.one(who, f"{MANIFEST}: format", repr(pair_format), repr(FORMAT), hint)
     return Pair(folder, manifest)
 
 
@@ -145,16 +143,20 @@ def intervals(rows: Sequence[Mapping[str, Any]], against: str) -> dict[str, dict
     for row in rows:
         if row["against"] != against:
             continue
-        own = samples.setdefault(row["vehicle"], {})
+        vehicle_samples = samples.setdefault(row["vehicle"], {})
         for name in MEASURES:
             if row[name] is not None:
-                own.setdefault(name, []).append(row[name])
+                vehicle_samples.setdefault(name, []).append(row[name])
         for name in CHANGES:
             stem, _, unit = name.rpartition("_")
             twin = row[f"{stem}_twin_{unit}" if unit == "m" else f"{name}_twin"]
             if row[name] is not None and twin is not None:
-                own.setdefault(name, []).append(row[name] - twin)
+                vehicle_samples.setdefault(name, []).append(row[name] - twin)
     return {
-        vehicle: {name: found for name, values in own.items() if (found := estimate_mean(values)) is not None}
-        for vehicle, own in samples.items()
+        vehicle: {
+            name: interval
+            for name, values in vehicle_samples.items()
+            if (interval := estimate_mean(values)) is not None
+        }
+        for vehicle, vehicle_samples in samples.items()
     }

@@ -22,7 +22,8 @@ from skyrange.metrics.aircraft import near_misses
 from skyrange.metrics.safety import NEAR_M
 from skyrange.metrics.time_series import RecordedNote, read_notes, vehicles
 from skyrange.record.read.run import RunRecord
-from skyrange.record.schema import NAME, TEXT, Column, arrow_schema
+from skyrange.record.schema import arrow_schema
+from skyrange.twins.columns import PAIR_TABLES
 from skyrange.twins.consequences import (
     Departed,
     Origin,
@@ -35,59 +36,7 @@ from skyrange.twins.consequences import (
 
 PHASES: Final = ("onset", "act", "propagation", "effect")
 
-COLUMNS: Final[tuple[Column, ...]] = (
-    Column("seed", pa.int64(), "", "seed of the run"),
-    Column("phase", NAME, "", "onset, act, propagation or effect"),
-    Column("at_ns", pa.int64(), "ns", "when, since the scenario's start"),
-    Column(
-        "attack",
-        NAME,
-        "",
-        "the id of the attack, or of the fault where `fault` is true; null for an effect without an author",
-        nullable=True,
-    ),
-    Column(
-        "fault", pa.bool_(), "", "whether `attack` is the id of a benign fault; null if there is no id", nullable=True
-    ),
-    Column("vehicle", NAME, "", "the aircraft concerned; null if none", nullable=True),
-    Column(
-        "kind", NAME, "", "what was done (inject, send, …), `frame`, the decision's or event's kind, or `departure`"
-    ),
-    Column("source", NAME, "", "who acted, sent or decided"),
-    Column("link", NAME, "", "of a frame: the link that it crossed", nullable=True),
-    Column("frame", TEXT, "", "of a frame: its id", nullable=True),
-    Column("origin", TEXT, "", "of a propagation: the frame before it on the path to the hostile act", nullable=True),
-    Column("depth", pa.int32(), "", "of a propagation: number of steps from the hostile act", nullable=True),
-    Column(
-        "way",
-        NAME,
-        "",
-        "of a propagation: `frame` if ids lead to the act; `silence` for what did not arrive; else the state in force "
-        "that it follows from: link, mode, mission, target, parameters, fence, estimate or battery; `position` for a "
-        "decision on the honest broadcast of an aircraft that had departed; `absent` for a decision of the baseline "
-        "that was not made because such an aircraft was elsewhere",
-        nullable=True,
-    ),
-    Column("data", TEXT, "", "of a decision or event: its details, a JSON object", nullable=True),
-    Column(
-        "departure_m",
-        pa.float64(),
-        "m",
-        "of an effect: largest distance of the aircraft from the baseline",
-        nullable=True,
-    ),
-    Column(
-        "relation", NAME, "", "of an effect: how the attack relates to it, as in `attribution.parquet`", nullable=True
-    ),
-    Column(
-        "path",
-        pa.bool_(),
-        "",
-        "of an effect: whether the record leads from the attack to the aircraft before it departed; if so, `origin` is "
-        "the last step",
-        nullable=True,
-    ),
-)
+COLUMNS: Final = PAIR_TABLES["propagation"]
 """Columns of `propagation.parquet`: one row per hostile act, per consequence of one, and per departed aircraft."""
 
 
@@ -104,7 +53,7 @@ def trace(
     """
     fleet = {vehicle.id for vehicle in vehicles(record)}
     table = record.table("labels").sort_by([("at_ns", "ascending"), ("frame", "ascending")])
-    labels = [label for label in table.to_pylist() if not label.get("benign")]  # older records have no such column
+    labels = [label for label in table.to_pylist() if not label["benign"]]
     if not labels:
         return []
     known: Known = {}

@@ -63,11 +63,13 @@ def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limit
     most_ns = from_seconds(limits.delay_s)
     (delay_ns,) = search([Query(volumes, most_ns)])
     most_s = math.inf if delay_ns is None else to_seconds(delay_ns)
-    found = [] if delay_ns is None else [(most_s, 0, Alternative(tuple(volumes), delay_ns))]
-    changes = [one for one in _changes(volumes, limits) if _cost_s(one) < most_s]
-    spare_ns = [from_seconds(min(limits.delay_s, most_s - _cost_s(one))) for one in changes]
+    priced = [] if delay_ns is None else [(most_s, 0, Alternative(tuple(volumes), delay_ns))]
+    changes = [candidate for candidate in _changes(volumes, limits) if _cost_s(candidate) < most_s]
+    spare_ns = [from_seconds(min(limits.delay_s, most_s - _cost_s(candidate))) for candidate in changes]
     scales = _scales_of(volumes)
-    queries = [Query(_changed(volumes, one, scales), spare) for one, spare in zip(changes, spare_ns, strict=True)]
+    queries = [
+        Query(_changed(volumes, candidate, scales), spare) for candidate, spare in zip(changes, spare_ns, strict=True)
+    ]
     best: dict[tuple[bool, bool], float] = {}
     for number, (change, query, delay_ns) in enumerate(zip(changes, queries, search(queries), strict=True), 1):
         if delay_ns is None:
@@ -77,17 +79,19 @@ def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limit
         if cost_s < best.get(kind, math.inf):
             best[kind] = cost_s
             offered = Alternative(tuple(query.volumes), delay_ns, change.climb_m, change.east_m, change.north_m)
-            found.append((cost_s, number, offered))
-    found.sort(key=lambda one: one[:2])
-    offers = found[: limits.count]
+            priced.append((cost_s, number, offered))
+    priced.sort(key=lambda entry: entry[:2])
+    offers = priced[: limits.count]
     if offers and math.isfinite(most_s) and all(number > 0 for _, number, _ in offers):
-        offers[-1] = next(one for one in found if one[1] == 0)
-    return [replace(one, volumes=delayed(one.volumes, one.delay_ns)) for _, _, one in offers]
+        offers[-1] = next(entry for entry in priced if entry[1] == 0)
+    return [
+        replace(alternative, volumes=delayed(alternative.volumes, alternative.delay_ns)) for _, _, alternative in offers
+    ]
 
 
 def reach(volumes: Sequence[Volume4D], limits: Limits) -> Volume4D:
     """The volume that encloses an intent and all alternatives to it."""
-    lats, lngs = zip(*(corner for one in _unwrapped(volumes) for corner in one), strict=True)
+    lats, lngs = zip(*(corner for outline in _unwrapped(volumes) for corner in outline), strict=True)
     aside_deg = (max(map(abs, limits.aside_m), default=0.0) + 1.0) / _M_PER_DEG
     south, north = max(min(lats) - aside_deg, -90.0), min(max(lats) + aside_deg, 90.0)
     wide_deg = aside_deg / max(math.cos(math.radians(max(abs(south), abs(north)))), 1e-6)
@@ -100,24 +104,24 @@ def reach(volumes: Sequence[Volume4D], limits: Limits) -> Volume4D:
     climb_m = max(limits.climbs_m, default=0.0)
     return Volume4D(
         ((south, west), (south, east), (north, east), (north, west)),
-        min(one.lower_m for one in volumes),
-        max(one.upper_m for one in volumes) + climb_m,
-        min(one.start_ns for one in volumes) - spare_ns,
-        max(one.end_ns for one in volumes) + spare_ns + from_seconds(limits.delay_s + _LATER_S_PER_M * climb_m),
+        min(volume.lower_m for volume in volumes),
+        max(volume.upper_m for volume in volumes) + climb_m,
+        min(volume.start_ns for volume in volumes) - spare_ns,
+        max(volume.end_ns for volume in volumes) + spare_ns + from_seconds(limits.delay_s + _LATER_S_PER_M * climb_m),
     )
 
 
 def _unwrapped(volumes: Sequence[Volume4D]) -> list[list[tuple[float, float]]]:
     """The outlines with longitudes that all are within half a turn of the first one."""
     first = volumes[0].outline[0][1]
-    return [[(lat, longitude_near(lng, first)) for lat, lng in one.outline] for one in volumes]
+    return [[(lat, longitude_near(lng, first)) for lat, lng in volume.outline] for volume in volumes]
 
 
 def delayed(volumes: Sequence[Volume4D], delay_ns: Time) -> tuple[Volume4D, ...]:
     """The volumes that much later."""
     return tuple(
-        Volume4D(one.outline, one.lower_m, one.upper_m, one.start_ns + delay_ns, one.end_ns + delay_ns)
-        for one in volumes
+        Volume4D(volume.outline, volume.lower_m, volume.upper_m, volume.start_ns + delay_ns, volume.end_ns + delay_ns)
+        for volume in volumes
     )
 
 
@@ -129,8 +133,8 @@ class _Change(NamedTuple):
 
 def _changes(volumes: Sequence[Volume4D], limits: Limits) -> Iterator[_Change]:
     """Higher and beside, the least change of each kind first."""
-    ground_m = min(one.lower_m for one in volumes)
-    top_m = max(one.upper_m for one in volumes) - ground_m
+    ground_m = min(volume.lower_m for volume in volumes)
+    top_m = max(volume.upper_m for volume in volumes) - ground_m
     for climb_m in limits.climbs_m:
         if top_m + climb_m <= limits.ceiling_m:
             yield _Change(climb_m=climb_m)
@@ -144,15 +148,15 @@ def _cost_s(change: _Change) -> float:
 
 
 def _changed(volumes: Sequence[Volume4D], change: _Change, scales: Sequence[Sequence[float]]) -> tuple[Volume4D, ...]:
-    ground_m = min(one.lower_m for one in volumes)
+    ground_m = min(volume.lower_m for volume in volumes)
     if change.climb_m:
-        return tuple(_raised(one, change.climb_m, ground_m) for one in volumes)
+        return tuple(_raised(volume, change.climb_m, ground_m) for volume in volumes)
     return _shifted(volumes, change.east_m, change.north_m, ground_m, scales)
 
 
 def _scales_of(volumes: Sequence[Volume4D]) -> list[list[float]]:
     """By how much a degree of longitude is shorter at each corner than at the equator."""
-    return [[max(math.cos(math.radians(lat)), 1e-6) for lat, _ in one.outline] for one in volumes]
+    return [[max(math.cos(math.radians(lat)), 1e-6) for lat, _ in volume.outline] for volume in volumes]
 
 
 def _raised(volume: Volume4D, climb_m: float, ground_m: float) -> Volume4D:
@@ -170,9 +174,9 @@ def _shifted(
     volumes: Sequence[Volume4D], east_m: float, north_m: float, ground_m: float, scales: Sequence[Sequence[float]]
 ) -> tuple[Volume4D, ...]:
     """The volumes beside; those at the ground stay, and their neighbours reach from the old place to the new one."""
-    at_ground = [one.lower_m <= ground_m + _GROUND_M for one in volumes]
+    at_ground = [volume.lower_m <= ground_m + _GROUND_M for volume in volumes]
     spare_ns = from_seconds(_SPARE_S_PER_M * math.hypot(east_m, north_m))
-    found = []
+    shifted = []
     for place, volume in enumerate(volumes):
         outline = volume.outline
         if not at_ground[place]:
@@ -180,8 +184,8 @@ def _shifted(
             if any(at_ground[max(place - 1, 0) : place + 2]):
                 outline = _hull(outline + volume.outline)
         start_ns, end_ns = volume.start_ns - spare_ns, volume.end_ns + spare_ns
-        found.append(Volume4D(outline, volume.lower_m, volume.upper_m, start_ns, end_ns))
-    return tuple(found)
+        shifted.append(Volume4D(outline, volume.lower_m, volume.upper_m, start_ns, end_ns))
+    return tuple(shifted)
 
 
 def _moved(outline: Outline, scales: Sequence[float], east_m: float, north_m: float) -> Outline:
@@ -205,8 +209,8 @@ def _right_of(volumes: Sequence[Volume4D]) -> tuple[float, float]:
     """The direction (east, north) to the right of the way from the first volume to the farthest one."""
     lat, lng = _middle(volumes[0])
     scale = math.cos(math.radians(lat))
-    ways = [((longitude_near(there[1], lng) - lng) * scale, there[0] - lat) for there in map(_middle, volumes)]
-    east, north = max(ways, key=lambda way: math.hypot(*way))
+    ways = [((longitude_near(point[1], lng) - lng) * scale, point[0] - lat) for point in map(_middle, volumes)]
+    east, north = max(ways, key=lambda direction: math.hypot(*direction))
     length = math.hypot(east, north)
     return (north / length, -east / length) if length > 1e-9 else (1.0, 0.0)
 

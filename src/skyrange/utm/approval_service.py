@@ -90,19 +90,19 @@ class FlightApproval:
         return out
 
     def _answer(self, turn: Turn, arrival: Arrival) -> None:
-        asked = self._book.read(arrival, turn.out)
-        if asked is None:
+        open_request = self._book.read(arrival, turn.out)
+        if open_request is None:
             return
         if self._queue is not None:
-            earlier = self._queue.take_earlier(asked.request.body.id)
+            earlier = self._queue.take_earlier(open_request.request.body.id)
             if earlier is not None:
                 self._decide(turn, earlier)
-            if self._queue.add(turn.now, asked):
+            if self._queue.add(turn.now, open_request):
                 return
-        self._decide(turn, asked)
+        self._decide(turn, open_request)
 
-    def _decide(self, turn: Turn, asked: OpenRequest) -> None:
-        decide_request(turn, asked, self._policy, self._book, self._epoch)
+    def _decide(self, turn: Turn, open_request: OpenRequest) -> None:
+        decide_request(turn, open_request, self._policy, self._book, self._epoch)
 
 
 def apply_constraint(
@@ -116,45 +116,58 @@ def apply_constraint(
     tell_overruled(turn, decision, book, epoch)
 
 
-def decide_request(turn: Turn, asked: OpenRequest, policy: ApprovalPolicy, book: RequestBook, epoch: Epoch) -> None:
+def decide_request(
+    turn: Turn, open_request: OpenRequest, policy: ApprovalPolicy, book: RequestBook, epoch: Epoch
+) -> None:
     """Have a policy decide a request, and answer it; tell those whose intents it overrules."""
-    body = asked.request.body
+    body = open_request.request.body
     if isinstance(body, EndBody):
         policy.end(turn.now, body.id)
-        answer_end(turn, asked, book)
+        answer_end(turn, open_request, book)
     else:
-        answer_intent(turn, asked, policy.decide(turn.now, asked.request.intent(epoch)), book, epoch)
+        answer_intent(turn, open_request, policy.decide(turn.now, open_request.request.intent(epoch)), book, epoch)
 
 
-def answer_end(turn: Turn, asked: OpenRequest, book: RequestBook) -> None:
+def answer_end(turn: Turn, open_request: OpenRequest, book: RequestBook) -> None:
     """Answer a request that has ended an intent."""
-    body = asked.request.body
-    turn.caused_by(asked.cause).note("decision.approval_ended", body.vehicle, {"intent": body.id})
-    book.answer(asked, encode(Response.ended(body.id)), turn.out)
+    body = open_request.request.body
+    turn.caused_by(open_request.cause).note("decision.approval_ended", body.vehicle, {"intent": body.id})
+    book.answer(open_request, encode(Response.ended(body.id)), turn.out)
 
 
-def answer_intent(turn: Turn, asked: OpenRequest, decision: ApprovalDecision, book: RequestBook, epoch: Epoch) -> None:
+def answer_intent(
+    turn: Turn, open_request: OpenRequest, decision: ApprovalDecision, book: RequestBook, epoch: Epoch
+) -> None:
     """Answer a request for an intent, and tell those whose intents the decision overrules."""
-    turn = turn.caused_by(asked.cause)
-    note_decision(turn, asked, decision)
+    turn = turn.caused_by(open_request.cause)
+    note_decision(turn, open_request, decision)
     tell_overruled(turn, decision, book, epoch)
-    body = asked.request.body
+    body = open_request.request.body
     version = None if isinstance(body, EndBody) else body.version
-    book.answer(asked, encode_decision(body.id, decision, epoch, version), turn.out, accepted=decision.accepted)
+    book.answer(open_request, encode_decision(body.id, decision, epoch, version), turn.out, accepted=decision.accepted)
 
 
 def tell_overruled(turn: Turn, overruling: ApprovalDecision, book: RequestBook, epoch: Epoch) -> None:
     """Tell the operators of `book` whose intents a decision has overruled."""
-    for one in overruling.overruled:
-        if one.operator in book.operators:
-            decision = ApprovalDecision(accepted=one.in_flight, reason=one.reason, tracked=one.in_flight)
-            turn.note("decision.approval_overruled", one.vehicle, {"intent": one.id, "reason": one.reason})
-            book.retract(turn, one.operator, one.id, encode_decision(one.id, decision, epoch, overruled=one))
+    for overruled in overruling.overruled:
+        if overruled.operator in book.operators:
+            decision = ApprovalDecision(
+                accepted=overruled.in_flight, reason=overruled.reason, tracked=overruled.in_flight
+            )
+            turn.note(
+                "decision.approval_overruled", overruled.vehicle, {"intent": overruled.id, "reason": overruled.reason}
+            )
+            book.retract(
+                turn,
+                overruled.operator,
+                overruled.id,
+                encode_decision(overruled.id, decision, epoch, overruled=overruled),
+            )
 
 
-def note_decision(turn: Turn, asked: OpenRequest, decision: ApprovalDecision) -> None:
+def note_decision(turn: Turn, open_request: OpenRequest, decision: ApprovalDecision) -> None:
     """Record a decision on a request."""
-    body = asked.request.body
+    body = open_request.request.body
     data: dict[str, Scalar] = {"intent": body.id, "reason": decision.reason}
     if decision.tracked and not isinstance(body, EndBody):
         data["state"] = body.state.value

@@ -106,27 +106,27 @@ class Authority:
         for forgotten in self._register.forget(now):
             del self._decisions[forgotten]
             self._journal.delete(forgotten)
-        held = self._register.get(request.id)
-        if held == request:
+        known_intent = self._register.get(request.id)
+        if known_intent == request:
             return self._decisions[request.id]
-        if held is not None and held.operator != request.operator:
+        if known_intent is not None and known_intent.operator != request.operator:
             return ApprovalDecision(accepted=False, reason="the intent belongs to another operator")
-        problem = find_problem(now, request, held.state if held is not None else None)
+        problem = find_problem(now, request, known_intent.state if known_intent is not None else None)
         if problem:
             return ApprovalDecision(accepted=False, reason=problem)
         if request.state in OFF_NOMINAL:
             return self._accept(request, ())
         if is_constraint(request):
             return self._accept(request, self._register.find_lower(request))
-        found = self._register.examine(request, offers=offers)
-        if found.reason:
-            return ApprovalDecision(accepted=False, reason=found.reason, alternatives=found.alternatives)
-        return self._accept(request, found.outranked)
+        examination = self._register.examine(request, offers=offers)
+        if examination.reason:
+            return ApprovalDecision(accepted=False, reason=examination.reason, alternatives=examination.alternatives)
+        return self._accept(request, examination.outranked)
 
     def owner_of(self, intent: str) -> str | None:
         """The operator of an intent that is known."""
-        held = self._register.get(intent)
-        return None if held is None else held.operator
+        known_intent = self._register.get(intent)
+        return None if known_intent is None else known_intent.operator
 
     def end(self, now: Time, intent: str) -> None:
         """Release the airspace of an intent."""
@@ -147,10 +147,10 @@ class Authority:
     def _accept(self, request: OperationalIntent, outranked: Sequence[OperationalIntent]) -> ApprovalDecision:
         overruled = []
         for other in outranked:
-            one = overruled_by(request, other)
-            if not one.in_flight:
+            overruling = overruled_by(request, other)
+            if not overruling.in_flight:
                 self._remove(other.id)
-            overruled.append(one)
+            overruled.append(overruling)
         return replace(self._put(request, len(outranked)), overruled=tuple(overruled))
 
 

@@ -226,7 +226,7 @@ class Publication:
     """Constraints in the order of their publication. Deep-copyable."""
 
     def __init__(self, constraints: Sequence[Constraint] = ()) -> None:
-        self._waiting = sorted(constraints, key=lambda one: (one.published_ns, one.name))
+        self._waiting = sorted(constraints, key=lambda constraint: (constraint.published_ns, constraint.name))
 
     @property
     def due(self) -> Time | None:
@@ -235,6 +235,6 @@ class Publication:
 
     def take(self, now: Time) -> list[Constraint]:
         """Those that are published by `now`, each once."""
-        count = sum(one.published_ns <= now for one in self._waiting)
-        taken, self._waiting = self._waiting[:count], self._waiting[count:]
-        return taken
+        count = sum(constraint.published_ns <= now for constraint in self._waiting)
+        published, self._waiting = self._waiting[:count], self._waiting[count:]
+        return published

@@ -53,7 +53,7 @@ class IntentRegister:
         """Add an intent, or its next version."""
         self._airspace.put(intent.id, intent.volumes, _rank_of(intent))
         self._intents[intent.id] = intent
-        heappush(self._ends, (max(one.end_ns for one in intent.volumes) + KEPT_NS, intent.id))
+        heappush(self._ends, (max(volume.end_ns for volume in intent.volumes) + KEPT_NS, intent.id))
 
     def remove(self, intent: str) -> None:
         """Release the airspace of an intent, if it is known."""
@@ -66,22 +66,22 @@ class IntentRegister:
         while self._ends and self._ends[0][0] < now:
             _, id_ = heappop(self._ends)
             intent = self._intents.get(id_)
-            if intent is not None and max(one.end_ns for one in intent.volumes) + KEPT_NS < now:
+            if intent is not None and max(volume.end_ns for volume in intent.volumes) + KEPT_NS < now:
                 self.remove(id_)
                 forgotten.append(id_)
         return forgotten
 
     def overlapping(self, volumes: Sequence[Volume4D], ignored: str = "") -> list[str]:
         """The ids of the intents that some volumes overlap, in order."""
-        return sorted({one.intent for one in self._airspace.find_overlaps(volumes, ignored=ignored)})
+        return sorted({overlap.intent for overlap in self._airspace.find_overlaps(volumes, ignored=ignored)})
 
     def examine(self, request: OperationalIntent, *, offers: bool = True) -> Examination:
         """What is in the way of `request`, and with `offers` alternatives to it, which take time to find."""
         overlaps = self._airspace.find_overlaps(request.volumes, ignored=request.id)
-        blocking = [one for one in overlaps if self._blocks(one, request)]
+        blocking = [overlap for overlap in overlaps if self._blocks(overlap, request)]
         if blocking and request.state is IntentState.ACTIVATED:
             present = self._conflicts_of(request.id)
-            blocking = [one for one in blocking if one.intent not in present]
+            blocking = [overlap for overlap in blocking if overlap.intent not in present]
         if blocking:
             return Examination(self._describe(blocking), tuple(self._offer(request)) if offers else ())
         return Examination(outranked=tuple(self._lower(overlaps, request)))
@@ -91,7 +91,7 @@ class IntentRegister:
         return self._lower(self._airspace.find_overlaps(intent.volumes, ignored=intent.id), intent)
 
     def _lower(self, overlaps: Sequence[Overlap], request: OperationalIntent) -> list[OperationalIntent]:
-        lower = sorted({one.intent for one in overlaps if not self._blocks(one, request)})
+        lower = sorted({overlap.intent for overlap in overlaps if not self._blocks(overlap, request)})
         return [self._intents[id_] for id_ in lower]
 
     def _blocks(self, overlap: Overlap, request: OperationalIntent) -> bool:
@@ -99,10 +99,10 @@ class IntentRegister:
 
     def _conflicts_of(self, id_: str) -> Container[str]:
         """The intents that an activated one overlaps as it is."""
-        held = self._intents.get(id_)
-        if held is None or held.state is not IntentState.ACTIVATED:
+        intent = self._intents.get(id_)
+        if intent is None or intent.state is not IntentState.ACTIVATED:
             return ()
-        return self.overlapping(held.volumes, ignored=id_)
+        return self.overlapping(intent.volumes, ignored=id_)
 
     def _offer(self, request: OperationalIntent) -> list[Alternative]:
         def search(queries: Sequence[Query]) -> list[Time | None]:
@@ -111,7 +111,7 @@ class IntentRegister:
         return find_alternatives(request.volumes, search, self._limits)
 
     def _describe(self, blocking: Sequence[Overlap]) -> str:
-        vehicles = list(dict.fromkeys(self._intents[one.intent].vehicle for one in blocking))
+        vehicles = list(dict.fromkeys(self._intents[overlap.intent].vehicle for overlap in blocking))
         others = f" and {len(vehicles) - 1} others" if len(vehicles) > 1 else ""
         return f"volume {blocking[0].place + 1} overlaps a volume of {vehicles[0]}{others}"
 
@@ -130,11 +130,11 @@ def find_problem(now: Time, request: OperationalIntent, state: IntentState | Non
     """What is wrong with a request by itself, whatever others claim; `state` is that of the intent so far."""
     if not may_follow(state, request.state):
         return f"an intent that is {state.value if state else 'unknown'} cannot become {request.state.value}"
-    if max(one.end_ns for one in request.volumes) <= now:
+    if max(volume.end_ns for volume in request.volumes) <= now:
         return "all its volumes are over"
-    if max(one.end_ns for one in request.volumes) > now + MAX_HORIZON_NS:
+    if max(volume.end_ns for volume in request.volumes) > now + MAX_HORIZON_NS:
         return f"it ends more than {MAX_HORIZON_NS // (86_400 * NS_PER_S)} days ahead"
-    vertices = sum(len(one.outline) for one in request.volumes)
+    vertices = sum(len(volume.outline) for volume in request.volumes)
     if vertices > MAX_VERTICES:
         return f"its outlines have {vertices} vertices, at most {MAX_VERTICES} are allowed"
     invalid = find_invalid(request.volumes)

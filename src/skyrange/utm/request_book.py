@@ -84,35 +84,35 @@ class RequestBook:
             self._refuse(operator, arrival, Response.error(403, request.path, message), out)
             return None
         digest = blake2b(arrival.payload, digest_size=16).digest()
-        asked = OpenRequest(operator, request, arrival.payload, digest, arrival.ref)
+        open_request = OpenRequest(operator, request, arrival.payload, digest, arrival.ref)
         known = self._answers[operator].get(body.id)
-        if known is not None and known[0] == asked.digest:
+        if known is not None and known[0] == open_request.digest:
             out.send(arrival.port, known[1], (arrival.ref,))
             return None
-        if self._open.get((operator, body.id)) == asked.digest:
+        if self._open.get((operator, body.id)) == open_request.digest:
             return None
-        self._open[operator, body.id] = asked.digest
+        self._open[operator, body.id] = open_request.digest
         self._owners[body.id] = operator
-        return asked
+        return open_request
 
-    def answer(self, asked: OpenRequest, payload: bytes, out: Outbox, *, accepted: bool = False) -> None:
+    def answer(self, open_request: OpenRequest, payload: bytes, out: Outbox, *, accepted: bool = False) -> None:
         """Send the frame of an answer, and remember it. `accepted` says whether the intent is held now."""
-        operator, intent = asked.operator, asked.request.body.id
-        if self._open.get((operator, intent)) == asked.digest:
+        operator, intent = open_request.operator, open_request.request.body.id
+        if self._open.get((operator, intent)) == open_request.digest:
             del self._open[operator, intent]
         if accepted:
             self._hold(operator, intent)
-        elif isinstance(asked.request.body, EndBody):
+        elif isinstance(open_request.request.body, EndBody):
             self._held.discard(intent)
         if intent not in self._held and (operator, intent) not in self._open:
             self._owners.pop(intent, None)  # whoever asks for it next may have it
         answers = self._answers[operator]
         answers.pop(intent, None)
-        answers[intent] = (asked.digest, payload)
+        answers[intent] = (open_request.digest, payload)
         if len(answers) > REMEMBERED:
             forgotten = next(iter(answers))
             del answers[forgotten]
-        out.send(self._port_of[operator], payload, (asked.cause,))
+        out.send(self._port_of[operator], payload, (open_request.cause,))
 
     def _hold(self, operator: str, intent: str) -> None:
         if intent not in self._held:
@@ -165,32 +165,35 @@ class RequestQueue:
         self.due: Time | None = None
         """When the window ends."""
 
-    def add(self, now: Time, asked: OpenRequest) -> bool:
+    def add(self, now: Time, open_request: OpenRequest) -> bool:
         """Let a request wait; False for one that does not claim airspace for a later flight, which cannot wait."""
-        body = asked.request.body
+        body = open_request.request.body
         if isinstance(body, EndBody) or body.state is not IntentState.ACCEPTED:
             return False
         if not self._waiting:
             self.due = now + self._window_ns
-        self._waiting.append((now, asked))
+        self._waiting.append((now, open_request))
         return True
 
     def take(self, now: Time, accepted: Mapping[str, int]) -> OpenRequest | None:
         """The next request, if the window is over. `accepted`: how many intents of each operator were accepted."""
         if self.due is None or now < self.due:
             return None
-        rows = [WaitingRequest(one.operator, at, accepted[one.operator], one.digest) for at, one in self._waiting]
+        rows = [
+            WaitingRequest(open_request.operator, at, accepted[open_request.operator], open_request.digest)
+            for at, open_request in self._waiting
+        ]
         return self._remove(self._order(rows))
 
     def take_earlier(self, intent: str) -> OpenRequest | None:
         """The request for an intent that waits while another one for it arrives."""
-        for row, (_, one) in enumerate(self._waiting):
-            if one.request.body.id == intent:
+        for row, (_, open_request) in enumerate(self._waiting):
+            if open_request.request.body.id == intent:
                 return self._remove(row)
         return None
 
     def _remove(self, row: int) -> OpenRequest:
-        _, taken = self._waiting.pop(row)
+        _, open_request = self._waiting.pop(row)
         if not self._waiting:
             self.due = None
-        return taken
+        return open_request

@@ -2,7 +2,7 @@
 
 A claimed track has a constant velocity, so the poses that it imposes are exact: at every tick from the start of the
 attack the body is where a broadcast of that time says. A body does not exist before the start nor after the stop: it is
-in no truth, and this engine keeps it `PARKED_M` above all others. Nothing of it depends on what happens in the range.
+in no truth, and this engine keeps it far above all others. Nothing of it depends on what happens in the range.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from skyrange.contracts.claims import ClaimedTrack
 from skyrange.contracts.components import EngineBase, Finished, Poses, Sensors, Source
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.core.ids import Port
+from skyrange.core.ids import Port, qualify
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world.airframes import MOTORS
 
 NAME: Final = "honest"
 PARKED_M: Final = 20_000.0
-"""Height of a body that does not exist; the next one is `SPACING_M` higher."""
+"""Height of the first body of a run that does not exist; the next one is `SPACING_M` higher."""
 SPACING_M: Final = 100.0
 
 
@@ -37,6 +37,10 @@ class HonestBody:
     track: ClaimedTrack
     schedule: Schedule
     """When its attack acts."""
+    parked_m: float = PARKED_M
+    """Its height while it does not exist."""
+    run: int = 0
+    """The number of its run in a batch."""
 
 
 class ClaimedTracks(EngineBase):
@@ -51,7 +55,7 @@ class ClaimedTracks(EngineBase):
 
     def __init__(self, bodies: Sequence[HonestBody], quantum_ns: Time) -> None:
         """`quantum_ns` is the world's: a body appears in the tick in which its attack starts, if that is known."""
-        self.vehicles: Sequence[str] = [body.vehicle for body in bodies]
+        self.vehicles: Sequence[str] = [qualify(body.run, body.vehicle) for body in bodies]
         self.moves: Sequence[str] = self.vehicles
         self.service_ns: Time = quantum_ns
         self._bodies = bodies
@@ -70,7 +74,7 @@ class ClaimedTracks(EngineBase):
         """Impose the poses of the bodies that exist; the world takes each to where it is one tick later."""
         n = len(self._bodies)
         soon = tick + self.service_ns
-        exists = np.array([one.schedule.start_ns <= soon < one.schedule.stop_ns for one in self._bodies])
+        exists = np.array([body.schedule.start_ns <= soon < body.schedule.stop_ns for body in self._bodies])
         changed = exists != self._present
         if not exists.any() and not changed.any():
             return Finished(self._motors, Outbox())
@@ -79,7 +83,7 @@ class ClaimedTracks(EngineBase):
             if exists[row]:
                 position[row] = body.track.at((tick - body.schedule.start_ns) / NS_PER_S)
             else:
-                position[row] = *body.track.start_enu_m[:2], PARKED_M + row * SPACING_M
+                position[row] = *body.track.start_enu_m[:2], body.parked_m
         self._present = exists
         velocity = np.where(exists[:, None], self._velocity, 0.0)
         poses = Poses(exists | changed, position, velocity, self._attitude, np.zeros((n, 3)), exists)

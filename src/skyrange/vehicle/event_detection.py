@@ -334,8 +334,8 @@ class EventDetector:
         east = (lon - before[2]) * _DEGREE_M * math.cos(math.radians(lat))
         seconds = (now - before[0]) / NS_PER_S
         jump = [
-            way - 0.5 * seconds * (speed + was)
-            for way, speed, was in zip((north, east, up - before[3]), velocity, before[4:], strict=True)
+            moved_m - 0.5 * seconds * (speed + was)
+            for moved_m, speed, was in zip((north, east, up - before[3]), velocity, before[4:], strict=True)
         ]
         if math.hypot(*jump) >= JUMP_M:
             yield "event.estimator", {"reset": "position", "east_m": jump[1], "north_m": jump[0], "up_m": jump[2]}

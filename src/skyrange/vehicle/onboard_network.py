@@ -62,8 +62,8 @@ class _ForRemoteId:
 
     def rows(self, payloads: Payloads) -> NDArray[np.bool_]:
         """The same for many frames."""
-        found: NDArray[np.bool_] = _IS_RID[np.minimum(message_ids(payloads), len(_IS_RID) - 1)]
-        return found
+        is_remote_id: NDArray[np.bool_] = _IS_RID[np.minimum(message_ids(payloads), len(_IS_RID) - 1)]
+        return is_remote_id
 
     def __deepcopy__(self, memo: object) -> _ForRemoteId:
         return self

@@ -60,16 +60,28 @@ class Body:
     charge: float = 1.0
     present: bool = True
     """Whether it exists; if not, it is in no truth until an engine that imposes its pose says so."""
+    run: int = 0
+    """The run of a batch that it belongs to; bodies of different runs never meet, and each has the names of its own
+    run."""
+    seed: int = 0
+    """Of the chance of its sensors and of the turbulence around it; the low 64 bits count."""
 
 
 def check_bodies(bodies: Sequence[Body], quantum_ns: Time, wind: Wind, city: City | None) -> None:
     """Raise one `InputError` with all problems of a world's arguments."""
     problems = []
-    seen: set[str] = set()
+    seen: set[tuple[int, str]] = set()
+    last = 0
     for body in bodies:
-        if body.vehicle in seen:
+        if (body.run, body.vehicle) in seen:
             problems.append(Problem(f"{body.vehicle}.vehicle", repr(body.vehicle), "an id not used by another vehicle"))
-        seen.add(body.vehicle)
+        seen.add((body.run, body.vehicle))
+        allowed = (last, last + 1) if len(seen) > 1 else (0,)
+        if body.run not in allowed:
+            expected = " or ".join(map(str, allowed))
+            hint = "Number the runs from 0 without a gap, and put the bodies of a run side by side."
+            problems.append(Problem(f"{body.vehicle}.run", repr(body.run), expected, hint))
+        last = body.run
         if body.airframe not in AIRFRAMES:
             problems.append(
                 Problem(

@@ -32,6 +32,8 @@ class BodyState(NamedTuple):
     """(airframes, numbers): `broad_phase.shape_row`."""
     airframe: Ints
     """(n,) rows of these tables."""
+    run: Ints
+    """(n,) the run of a batch that each belongs to: 0… in ascending order."""
     expo: Floats
     """(n, motors) thrust curves, as the next two of `multirotor.motor_rows`."""
     lag_up: Floats
@@ -74,7 +76,7 @@ class BodyState(NamedTuple):
     odometer_m: Floats
     """(n,) an upper bound of the distance moved: the sum over the axes, which needs no root."""
     max_step2_m2: Floats
-    """(1,) square of the longest distance that any aircraft moved in the last quantum."""
+    """(runs,) square of the longest distance that any aircraft of a run moved in the last quantum."""
     impulse: Floats
     """(n, 6) impulses for the simulator, in the local frame: linear, and angular about the centre of gravity."""
     # batteries

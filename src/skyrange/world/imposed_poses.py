@@ -298,7 +298,8 @@ def follow(step_s: float, rows: Ints, reported: Reported, bodies: BodyState) -> 
 
         dx, dy, dz = nx - px, ny - py, nz - pz
         bodies.odometer_m[i] += abs(dx) + abs(dy) + abs(dz)
-        max_step2_m2[0] = max(max_step2_m2[0], dx * dx + dy * dy + dz * dz)
+        run = bodies.run[i]
+        max_step2_m2[run] = max(max_step2_m2[run], dx * dx + dy * dy + dz * dz)
         position[i, 0], position[i, 1], position[i, 2] = nx, ny, nz
         if jumped:
             bodies.before[i, 0], bodies.before[i, 1], bodies.before[i, 2] = nx, ny, nz

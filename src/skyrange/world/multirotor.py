@@ -329,6 +329,7 @@ def advance(step_s: float, bodies: BodyState) -> int:
     position, velocity, attitude, rates = bodies.position, bodies.velocity, bodies.attitude, bodies.rates
     rotor_radps, accel, flags, height = bodies.rotor_radps, bodies.accel, bodies.flags, bodies.height
     limit, alive, impact_mps = bodies.limit, bodies.alive, bodies.impact_mps
+    runs, max_step2_m2 = bodies.run, bodies.max_step2_m2
     work_j, before, odometer_m, is_imposed = bodies.work_j, bodies.before, bodies.odometer_m, bodies.is_imposed
     spin_rotors(
         bodies.expo.reshape(-1),
@@ -339,6 +340,7 @@ def advance(step_s: float, bodies: BodyState) -> int:
         rotor_radps.reshape(-1),
     )
     events = 0
+    run = 0
     longest = 0.0
     count = position.shape[0]
     s = np.zeros(_COLUMNS)
@@ -363,6 +365,10 @@ def advance(step_s: float, bodies: BodyState) -> int:
         _move_lanes(step_s, s)
         for lane in range(used):
             i = first + lane
+            if runs[i] != run:
+                max_step2_m2[run] = longest
+                run = runs[i]
+                longest = 0.0
             px, py, pz = s[_PX + lane], s[_PY + lane], s[_PZ + lane]
             before[i, 0], before[i, 1], before[i, 2] = px, py, pz
             work_j[i] += s[_WORK + lane]
@@ -392,7 +398,7 @@ def advance(step_s: float, bodies: BodyState) -> int:
             dx, dy, dz = nx - px, ny - py, nz - pz
             odometer_m[i] += abs(dx) + abs(dy) + abs(dz)
             longest = max(longest, dx * dx + dy * dy + dz * dz)
-    bodies.max_step2_m2[0] = longest
+    max_step2_m2[run] = longest
     return events
 
 

@@ -94,7 +94,8 @@ def _step_chain(first: float, second: float, a: float, d: float, n1: float, n2: 
 class Gusts(NamedTuple):
     """The gusts of n aircraft, and what they are drawn by."""
 
-    seed: np.uint64
+    seeds: Words
+    """(n,) those of the aircraft's runs."""
     stream: np.uint64
     who: Words
     """(n,) their addresses in chance."""
@@ -111,12 +112,12 @@ def gust(when: np.uint64, step_s: float, gusts: Gusts, velocity: Floats, height:
 
     Shapes, n aircraft: `velocity` (n, 3), `height` (n,) above the floor, `air` (n, 3) east-north-up.
     """
-    seed, stream, who, steady_enu_mps, w20_mps, state = gusts
+    seeds, stream, who, steady_enu_mps, w20_mps, state = gusts
     start = step_s < 0.0
     mean = math.sqrt(steady_enu_mps[0] * steady_enu_mps[0] + steady_enu_mps[1] * steady_enu_mps[1])
     along_e, along_n = (steady_enu_mps[0] / mean, steady_enu_mps[1] / mean) if mean > 0.0 else (1.0, 0.0)
     for i in range(state.shape[0]):
-        word0, word1, word2, _ = philox(seed, stream, who[i], when, _ZERO, _ZERO)
+        word0, word1, word2, _ = philox(seeds[i], stream, who[i], when, _ZERO, _ZERO)
         n0, n1 = _normal_pair(word0)
         n2, n3 = _normal_pair(word1)
         n4, _ = _normal_pair(word2)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,6 @@ from numpy.typing import NDArray
 from skyrange.contracts.components import BodyInputs, Contacts, Floats, Poses, Sensors, Source
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.arrays import as_read_only
-from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world import battery, multirotor, turbulence
@@ -23,8 +23,9 @@ from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
 from skyrange.world.bodies import CALM, Body, Wind, check_bodies
 from skyrange.world.body_state import BodyState
 from skyrange.world.collision.broad_phase import shape_row
-from skyrange.world.collision.contact_tracker import ContactTracker, apply_contacts
+from skyrange.world.collision.contact_tracker import ContactSearch, ContactTracker, apply_contacts
 from skyrange.world.imposed_poses import ImposedPoses
+from skyrange.world.run_view import RunView
 from skyrange.world.sensing.sensor_errors import SensingArrays
 from skyrange.world.sensing.sensors import IDEAL, SensorSpec, SensorSuite
 
@@ -32,16 +33,18 @@ if TYPE_CHECKING:
     from skyrange.city.city import City
 
 DEFAULT_QUANTUM_NS: Time = 2_500_000
-_NO_NOTES: tuple[Note, ...] = ()
-_NO_CHANCE = Chance(0)
+RunNote = tuple[int, Note]
+"""A note, and the run that it is of."""
+_NO_NOTES: tuple[RunNote, ...] = ()
 
 
-def make_state(airframes: Sequence[Airframe], step_s: float) -> BodyState:
+def make_state(airframes: Sequence[Airframe], step_s: float, runs: Sequence[int] | None = None) -> BodyState:
     """Bodies at rest in calm air at the origin, one of each airframe of the list, with full batteries.
 
-    `step_s` is the quantum, on which the lag of motors depends.
+    `step_s` is the quantum, on which the lag of motors depends. `runs` has the run of each; without it, all are of one.
     """
     n = len(airframes)
+    run = np.array([0] * n if runs is None else runs, dtype=np.int64)
     kinds = list(dict.fromkeys(sorted(airframes, key=lambda airframe: airframe.name)))
     motors = np.array([multirotor.motor_rows(airframe, step_s) for airframe in airframes])
     expo, lag_up, lag_down = (np.repeat(motors[:, k : k + 1], MOTORS, axis=1) for k in range(3))
@@ -50,6 +53,7 @@ def make_state(airframes: Sequence[Airframe], step_s: float) -> BodyState:
         batteries=np.array([battery.battery_row(airframe) for airframe in kinds]),
         shape=np.array([shape_row(airframe) for airframe in kinds]),
         airframe=np.array([kinds.index(airframe) for airframe in airframes], dtype=np.int64),
+        run=run,
         expo=expo,
         lag_up=lag_up,
         lag_down=lag_down,
@@ -71,7 +75,7 @@ def make_state(airframes: Sequence[Airframe], step_s: float) -> BodyState:
         flags=np.zeros((n, 4), dtype=np.uint8),
         impact_mps=np.zeros(n),
         odometer_m=np.zeros(n),
-        max_step2_m2=np.zeros(1),
+        max_step2_m2=np.zeros(run[-1] + 1),
         impulse=np.zeros((n, 6)),
         work_j=np.zeros(n),
         charge=np.ones(n),
@@ -85,6 +89,9 @@ class World:
 
     The first `advance` sets the time of the initial state and moves nothing. Deep copies are independent and continue
     identically; the immutable city is shared between them.
+
+    A world may have the bodies of several runs (`Body.run`): each run moves as in a world of its own, to the bit. Time,
+    wind, city and the quality of sensors are the same for all.
     """
 
     def __init__(
@@ -93,10 +100,9 @@ class World:
         quantum_ns: Time = DEFAULT_QUANTUM_NS,
         wind: Wind = CALM,
         city: City | None = None,
-        chance: Chance = _NO_CHANCE,
         sensors: SensorSpec = IDEAL,
     ) -> None:
-        """`chance` is the source of turbulence. Raises `InputError` with every problem of the bodies at once."""
+        """Raises `InputError` with every problem of the bodies at once."""
         check_bodies(bodies, quantum_ns, wind, city)
         n = len(bodies)
         step_s = quantum_ns / NS_PER_S
@@ -106,7 +112,12 @@ class World:
         self.city = city
         self._now: Time | None = None
         self._step_s = step_s
-        self._bodies = state = make_state(self.airframes, step_s)
+        self._bodies = state = make_state(self.airframes, step_s, [body.run for body in bodies])
+        self.runs: int = len(state.max_step2_m2)
+        """Number of runs whose bodies it has."""
+        bounds = np.searchsorted(state.run, np.arange(self.runs + 1)).tolist()
+        self._rows = tuple(slice(start, stop) for start, stop in pairwise(bounds))
+        self._truth: Mapping[str, Floats] | None = None  # the columns, until something changes them
         self._arrays = tuple(state)
         state.position[:] = [(body.east_m, body.north_m, body.up_m) for body in bodies]
         state.before[:] = state.position
@@ -114,10 +125,12 @@ class World:
         self._wind = wind
         steady = np.array(wind.steady_enu_mps, dtype=np.float64)
         state.air[:] = steady
+        seeds = np.array([body.seed & 0xFFFFFFFFFFFFFFFF for body in bodies], dtype=np.uint64)
+        who = np.array([hash64(body.vehicle) for body in bodies], dtype=np.uint64)
         self._gusts = turbulence.Gusts(
-            seed=np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF),
+            seeds=seeds,
             stream=np.uint64(hash64(turbulence.STREAM)),
-            who=np.array([hash64(vehicle) for vehicle in self.vehicles], dtype=np.uint64),
+            who=who,
             steady_enu_mps=steady,
             w20_mps=float(wind.turbulence_mps),
             state=np.zeros((n, turbulence.STATES)),
@@ -132,8 +145,8 @@ class World:
         self._present = np.array([body.present for body in bodies], dtype=np.bool_)
         self._soon_present = self._present.copy()
         self._appearing = np.zeros(n, dtype=np.bool_)
-        self._contact_tracker = ContactTracker(self.vehicles, city)
-        self._sensing = SensorSuite(sensors, self.vehicles, state)
+        self._contact_tracker = ContactTracker(self.vehicles, self._rows, city)
+        self._sensing = SensorSuite(sensors, seeds, who, state)
         self._contact_tracker.begin(state)
         battery.discharge(0.0, state)
         for i, body in enumerate(bodies):
@@ -146,6 +159,7 @@ class World:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
+        self._truth = None
         self._sensing.bind(self._bodies)
 
     def advance(self, now: Time) -> Sequence[Note]:
@@ -157,6 +171,10 @@ class World:
         it (see `collision.contact_tracker`); `event.jump` {distance_m} where an imposed pose was far away, of a
         body that has not just appeared. Raises `ValueError` if `now` is before the last tick.
         """
+        return [note for _, note in self.advance_runs(now)]
+
+    def advance_runs(self, now: Time) -> Sequence[RunNote]:
+        """`advance`, with the run of each note; the names in a note are those of its run."""
         if self._now is None:
             self._now = self._discharged_ns = now
             self._sensing.sample(now)
@@ -164,19 +182,20 @@ class World:
         steps = (now - self._now) // self.quantum_ns
         if steps < 0:
             raise ValueError(f"world: asked to advance to {now} ns from {self._now} ns; time only runs forward")
-        notes: list[Note] = []
+        notes: list[RunNote] = []
         for _ in range(steps):
             notes += self._tick(self._now)
         self._sensing.sample(self._now)
         return notes
 
-    def _tick(self, start: Time) -> Sequence[Note]:
+    def _tick(self, start: Time) -> Sequence[RunNote]:
         """One quantum from `start`."""
+        self._truth = None
         end = self._now = start + self.quantum_ns
         if self._gust_due(start):
             self._gust(start)
         events = multirotor.advance_arrays(self._step_s, self._arrays)
-        touched: Sequence[Note] = _NO_NOTES
+        touched: Sequence[RunNote] = _NO_NOTES
         if len(self._imposed.rows):
             self._present[:] = self._soon_present
             touched = self._take_contacts(end)
@@ -189,12 +208,12 @@ class World:
             self._discharged_ns = end
         return [*touched, *self._resolve(end, events)]
 
-    def _take_contacts(self, end: Time) -> Sequence[Note]:
+    def _take_contacts(self, end: Time) -> Sequence[RunNote]:
         """Apply the contacts of simulated bodies in the tick that ends at `end`; returns their notes."""
-        notes: list[Note] = []
+        notes: list[RunNote] = []
         for rows, contacts, after_mps in self._reported:
             hits = apply_contacts(rows, contacts, after_mps, self._bodies)
-            notes += self._contact_tracker.note_contacts(end, hits)
+            notes += self._contact_tracker.note_contacts(end, hits, self._bodies)
         self._reported.clear()
         return notes
 
@@ -206,11 +225,9 @@ class World:
             self._bodies.alive[rows] = 0
             self._bodies.limit[rows] = 0.0
 
-    def _resolve(self, end: Time, events: int) -> Sequence[Note]:
+    def _resolve(self, end: Time, events: int) -> Sequence[RunNote]:
         """Resolve the collisions of the tick that ended; returns notes of these and of the bodies' events."""
-        collided = self._contact_tracker.resolve_tick(
-            end, self._step_s, float(self._bodies.max_step2_m2[0]), self._bodies
-        )
+        collided = self._contact_tracker.resolve_tick(end, self._step_s, self._bodies)
         if events == 0:
             return collided
         return [*collided, *self._notes()]
@@ -225,8 +242,25 @@ class World:
         return self._sensing.arrays
 
     def lost_motors(self, vehicle: str) -> list[int]:
-        """The motors of an aircraft that turn no more, counted from 0. Raises `ValueError` for an unknown aircraft."""
-        return np.flatnonzero(self._bodies.alive[self.vehicles.index(vehicle)] == 0).tolist()
+        """The motors of an aircraft that turn no more, counted from 0. Raises `ValueError` for an unknown aircraft.
+
+        Of several runs, it is the aircraft of the first that has one of this name; see `of_run`.
+        """
+        return self.lost_motors_of(self.vehicles.index(vehicle))
+
+    def lost_motors_of(self, row: int) -> list[int]:
+        """`lost_motors`, of the aircraft of a row."""
+        return np.flatnonzero(self._bodies.alive[row] == 0).tolist()
+
+    def rows_of(self, run: int) -> slice:
+        """The rows of a run. Raises `IndexError` for one that the world does not have."""
+        if not 0 <= run < self.runs:
+            raise IndexError(f"run {run} of a world with {self.runs}")
+        return self._rows[run]
+
+    def of_run(self, run: int) -> RunView:
+        """The world as a run alone would have it. Raises `IndexError` for a run that it does not have."""
+        return RunView(self, self.rows_of(run))
 
     @property
     def discharged_ns(self) -> Time:
@@ -234,24 +268,29 @@ class World:
         return self._discharged_ns
 
     @property
-    def contact_search(self) -> tuple[bool, float, float, Floats, Floats]:
-        """`ContactTracker.search`."""
+    def contact_search(self) -> ContactSearch:
+        """`ContactTracker.search`, in which a batch of ticks updates how far aircraft have travelled."""
         return self._contact_tracker.search
 
-    def end_batch(self, ticks: int, travelled: float, discharged_ns: Time) -> None:
-        """Take over what `ticks` complete ticks of a batch have done: `travelled` is what they found for contacts,
-        `discharged_ns` when batteries were discharged.
+    def end_batch(self, ticks: int, discharged_ns: Time) -> None:
+        """Take over what `ticks` complete ticks of a batch have done: `discharged_ns` is when batteries were
+        discharged.
         """
         assert self._now is not None
+        self._truth = None
         self._discharged_ns = discharged_ns
         if ticks:
             self._now += ticks * self.quantum_ns
             self._sensing.end_batch(self._now)
-        self._contact_tracker.end_batch(travelled)
 
     def complete_tick(self, events: int) -> Sequence[Note]:
         """Do the rest of a tick whose bodies a batch has moved, with this number of `events`; returns its notes."""
+        return [note for _, note in self.complete_tick_runs(events)]
+
+    def complete_tick_runs(self, events: int) -> Sequence[RunNote]:
+        """`complete_tick`, with the run of each note."""
         assert self._now is not None
+        self._truth = None
         self._now += self.quantum_ns
         notes = self._resolve(self._now, events)
         self._sensing.sample(self._now)
@@ -276,21 +315,21 @@ class World:
         if self._mean_air is not None:
             self._blow(self._mean_air)
 
-    def _notes(self) -> list[Note]:
+    def _notes(self) -> list[RunNote]:
         """The events that the last step of the dynamics flagged, in vehicle order; clears them."""
         notes = []
         for i in np.flatnonzero(self._bodies.flags[:, multirotor.EVENTS]).tolist():
-            vehicle = self.vehicles[i]
+            vehicle, run = self.vehicles[i], int(self._bodies.run[i])
             event = int(self._bodies.flags[i, multirotor.EVENTS])
             speed = float(self._bodies.impact_mps[i])
             if event & multirotor.TOUCHED:
-                notes.append(Note("event.contact", vehicle, {"speed_mps": speed}))
+                notes.append((run, Note("event.contact", vehicle, {"speed_mps": speed})))
             if event & (multirotor.TIPPED | multirotor.BROKEN):
                 _, x, y, _ = self._bodies.attitude[i].tolist()
                 tilt = math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
-                notes.append(Note("event.crash", vehicle, {"tilt_deg": tilt, "speed_mps": speed}))
+                notes.append((run, Note("event.crash", vehicle, {"tilt_deg": tilt, "speed_mps": speed})))
             if event & multirotor.JUMPED and not self._appearing[i]:
-                notes.append(Note("event.jump", vehicle, {"distance_m": float(self._imposed.jump_m[i])}))
+                notes.append((run, Note("event.jump", vehicle, {"distance_m": float(self._imposed.jump_m[i])})))
             if event & multirotor.JUMPED:
                 self._appearing[i] = False
             self._bodies.flags[i, multirotor.EVENTS] = 0
@@ -306,6 +345,7 @@ class World:
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: Floats) -> None:
         """Set motor commands, (rows, motors) in 0…1; values beyond are clipped by the motors, a NaN stops one."""
+        self._truth = None
         self._bodies.commands[rows] = actuators
 
     def disturb(self, rows: NDArray[np.int64], thrust_share: Floats, wind_enu_mps: Floats) -> None:
@@ -314,6 +354,7 @@ class World:
         `thrust_share` (rows, motors) 0 to 1 of a sound motor's thrust, `wind_enu_mps` (rows, 3) on top of the wind.
         A motor with a share s of its thrust turns at √s of its speed at every command, because thrust is k·ω².
         """
+        self._truth = None
         share = np.sqrt(thrust_share)
         if (share != self._bodies.speed_share[rows]).any():
             self._bodies.speed_share[rows] = share
@@ -341,6 +382,7 @@ class World:
 
     def set_source(self, rows: NDArray[np.int64], source: Source) -> None:
         """Set what moves some bodies from now on; each continues from where it is, with motors at rest."""
+        self._truth = None
         kind = multirotor.SIMULATED if source is Source.SIMULATOR else multirotor.IMPOSED
         self._imposed.set_imposed(rows, 0 if source is Source.DYNAMIC else kind, self._bodies.velocity)
         self._bodies.commands[rows] = 0.0
@@ -387,6 +429,15 @@ class World:
 
     def truth(self) -> Mapping[str, Floats]:
         """The true state as (n,) columns; `throttle` is the mean motor command, flags are 0 or 1."""
+        return self._compute_truth()
+
+    def shared_truth(self) -> Mapping[str, Floats]:
+        """`truth`, computed once for all runs while nothing changes it: its columns are read-only."""
+        if self._truth is None:
+            self._truth = {name: as_read_only(column) for name, column in self._compute_truth().items()}
+        return self._truth
+
+    def _compute_truth(self) -> dict[str, Floats]:
         columns: dict[str, Floats] = {}
         for names, table in (
             (("east_m", "north_m", "up_m"), self._bodies.position),

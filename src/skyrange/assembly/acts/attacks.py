@@ -52,6 +52,8 @@ class MadeAttacks:
     problems: list[Problem] = field(default_factory=list)
     aircraft: list[HonestAircraft] = field(default_factory=list)
     """The real aircraft of honest arms."""
+    exclusive: list[Acting] = field(default_factory=list)
+    """What those that are not muted alter as the only ones."""
 
 
 def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: City | None) -> AttackContext:
@@ -74,7 +76,7 @@ def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: Cit
         schedule=Schedule(),
         city=city,
         over_air=describe_to_attackers(links),
-        receivers={one.id: GroundReceiver(one.operator, one.place) for one in receivers},
+        receivers={receiver.id: GroundReceiver(receiver.operator, receiver.place) for receiver in receivers},
         signed=[operator.id for operator in scenario.operators if operator.signing != "off"],
         keys=AdversaryKeys(scenario),
         anchors=partial(find_anchors, scenario),
@@ -88,44 +90,46 @@ def make_attacks(scenario: Scenario, context: AttackContext, own_sensors: Sequen
     not fly by the range's sensors.
     """
     made = MadeAttacks()
-    exclusive: list[Acting] = []
     for attack in scenario.acts:
         is_fault = isinstance(attack, FaultTable)
-        own = replace(context, id=attack.id, schedule=Schedule(), sham=_is_sham(attack), honest=is_honest(attack))
+        own_context = replace(
+            context, id=attack.id, schedule=Schedule(), sham=_is_sham(attack), honest=is_honest(attack)
+        )
         where = f"{'faults' if is_fault else 'attacks'}.{attack.id}"
         try:
-            found = attack.plugin(_anchored(attack, context), own)
+            made_attack = attack.plugin(_anchored(attack, context), own_context)
         except InputError as error:
             made.problems += [Problem(f"{where}.params.{f.where}", f.value, f.expected, f.hint) for f in error.problems]
             continue
-        if found.body_hooks and not is_fault:
+        if made_attack.body_hooks and not is_fault:
             made.problems.append(Problem(where, "parts that act on bodies", "a fault: no attack acts on bodies"))
             continue
         if (
             isinstance(attack, AttackTable)
             and attack.plugin.from_start
-            and (attack.start_s > 0 or attack.when is not None)
+            and (attack.start_s > 0 or attack.when is not None or attack.manual)
         ):
-            value = f"{attack.start_s:g}" if attack.when is None else "a trigger"
-            expected = f"0 without a trigger: {attack.kind} alters what is loaded at the start"
+            value = "a start by hand" if attack.manual else "a trigger" if attack.when else f"{attack.start_s:g}"
+            expected = f"0 without a trigger or a start by hand: {attack.kind} alters what is loaded at the start"
             made.problems.append(Problem(f"{where}.start_s", value, expected))
-        made.problems += find_unread(found.sensor_hooks, own_sensors, f"{where}.params.vehicles")
-        names = [*context.links, *(spec.name for spec in found.links)]
-        for tap in found.taps:
+        made.problems += find_unread(made_attack.sensor_hooks, own_sensors, f"{where}.params.vehicles")
+        names = [*context.links, *(spec.name for spec in made_attack.links)]
+        for tap in made_attack.taps:
             if not any(fnmatchcase(name, tap.match) for name in names):
                 hint = nearest(tap.match, names)
                 made.problems.append(Problem(f"{where}.params", tap.match, "a link of the scenario", hint))
         if not attack.muted:
-            exclusive.append((where, window_of(attack, context.duration_ns), found.exclusive))
-        made.plans.append(_plan(attack, found, own.schedule, _anchor(attack, context)))
-        made.taps += [replace(tap, attack=attack.id) for tap in found.taps]
-        made.links += found.links
+            window = window_of(attack, context.duration_ns, scenario.manual_acts)
+            made.exclusive.append((where, window, made_attack.exclusive))
+        made.plans.append(_plan(attack, made_attack, own_context.schedule, _anchor(attack, context)))
+        made.taps += [replace(tap, attack=attack.id) for tap in made_attack.taps]
+        made.links += made_attack.links
         if isinstance(attack, AttackTable) and attack.honest:
-            made.problems += find_claim_problems(where, attack, found, scenario, context.city)
-            made.aircraft += aircraft_of(attack, found, own.schedule)
-        made.radios += carried(found.radios, found.claims) if own.honest else found.radios
-        (made.fault_rows if is_fault else made.rows).append(_row(attack, found))
-    made.problems += find_exclusions(exclusive)
+            made.problems += find_claim_problems(where, attack, made_attack, scenario, context.city)
+            made.aircraft += aircraft_of(attack, made_attack, own_context.schedule)
+        made.radios += carried(made_attack.radios, made_attack.claims) if own_context.honest else made_attack.radios
+        (made.fault_rows if is_fault else made.rows).append(_row(attack, made_attack))
+    made.problems += find_exclusions(made.exclusive)
     return made
 
 
@@ -167,6 +171,7 @@ def _plan(attack: ActTable, made: Attack, schedule: Schedule, anchor: Place) -> 
         one_process=made.one_process,
         lasts_ns=NEVER if attack.for_s is None else from_seconds(attack.for_s),
         schedule=schedule,
+        manual=attack.manual,
     )
 
 

@@ -21,6 +21,7 @@ from skyrange.core.time import NEVER, NS_PER_US, from_seconds
 from skyrange.defence.contract import Defence
 from skyrange.defence.path_rules import Compares, ExpectsOrder, Holds, Passes, PathEnd, PathRule, Sends, Signs
 from skyrange.scenario.model.defences import DefenceTable
+from skyrange.scenario.model.scenario import Scenario
 
 
 @dataclass(slots=True)
@@ -33,10 +34,14 @@ class MadeDefences:
     rows: list[dict[str, Any]] = field(default_factory=list)
     """What the manifest says of each."""
     problems: list[Problem] = field(default_factory=list)
+    exclusive: list[Acting] = field(default_factory=list)
+    """What those that are not muted decide as the only ones."""
+    declared: list[Declared] = field(default_factory=list)
+    """Those that are not muted, as far as they disturb each other, in the order of declaration."""
 
 
 def make_defences(
-    tables: Sequence[DefenceTable], context: AttackContext, over_air: LinksOverAir, own_sensors: Sequence[str]
+    scenario: Scenario, context: AttackContext, over_air: LinksOverAir, own_sensors: Sequence[str]
 ) -> MadeDefences:
     """Make every defence; what is wrong with them is in `problems`.
 
@@ -45,33 +50,36 @@ def make_defences(
     defences; id and schedule are filled in for each.
     """
     made = MadeDefences()
-    exclusive: list[Acting] = []
-    declared: list[Declared] = []
-    for table in tables:
-        own = replace(context, id=table.id, schedule=Schedule(), sham=False, honest=False, keys=None)
+    for table in scenario.defences:
+        own_context = replace(context, id=table.id, schedule=Schedule(), sham=False, honest=False, keys=None)
         where = f"defences.{table.id}"
         try:
-            found = table.plugin(table.settings, own)
+            made_defence = table.plugin(table.settings, own_context)
         except InputError as error:
             made.problems += [
-                Problem(f"{where}.params.{one.where}", one.value, one.expected, one.hint) for one in error.problems
+                Problem(f"{where}.params.{problem.where}", problem.value, problem.expected, problem.hint)
+                for problem in error.problems
             ]
             continue
-        for tap in found.taps:
+        for tap in made_defence.taps:
             if not any(fnmatchcase(name, tap.match) for name in context.links):
                 hint = nearest(tap.match, context.links)
                 made.problems.append(Problem(f"{where}.params", tap.match, "a link of the scenario", hint))
-        made.problems += find_unread(found.checks, own_sensors, f"{where}.params.vehicles")
-        wrong = list(find_wrong_ends(found.path_rules, context.links))
-        made.problems += [Problem(f"{where}.params", one, "an end of a gcs, log or autopilot link") for one in wrong]
+        made.problems += find_unread(made_defence.checks, own_sensors, f"{where}.params.vehicles")
+        wrong = list(find_wrong_ends(made_defence.path_rules, context.links))
+        made.problems += [Problem(f"{where}.params", end, "an end of a gcs, log or autopilot link") for end in wrong]
         if not table.muted and not wrong:
-            window = window_of(table, context.duration_ns)
-            exclusive.append((where, window, found.exclusive))
-            declared.append(Declared(table.id, window, found.path_rules, found.takes, found.needs))
-        agents = [make_channel_agent(table.id, found.channel_plans, over_air)] if found.channel_plans else []
-        made.plans.append(plan_of(table, found, own.schedule, agents))
+            window = window_of(table, context.duration_ns, scenario.manual_acts)
+            made.exclusive.append((where, window, made_defence.exclusive))
+            made.declared.append(
+                Declared(table.id, window, made_defence.path_rules, made_defence.takes, made_defence.needs)
+            )
+        agents = (
+            [make_channel_agent(table.id, made_defence.channel_plans, over_air)] if made_defence.channel_plans else []
+        )
+        made.plans.append(plan_of(table, made_defence, own_context.schedule, agents))
         cost_ns = 0 if table.cost is None else table.cost.ns_per_frame
-        if cost_ns and not found.taps:
+        if cost_ns and not made_defence.taps:
             made.problems.append(
                 Problem(
                     f"{where}.cost",
@@ -80,10 +88,10 @@ def make_defences(
                     "Time for checks of sensors and of channels is not modelled.",
                 )
             )
-        made.taps = [*(replace(tap, attack=table.id, cost_ns=cost_ns) for tap in found.taps), *made.taps]
-        made.rows.append(_row(table, found))
-    made.problems += find_exclusions(exclusive, "a defence", "decide")
-    made.problems += check_paths(declared, context.signed)
+        made.taps = [*(replace(tap, attack=table.id, cost_ns=cost_ns) for tap in made_defence.taps), *made.taps]
+        made.rows.append(_row(table, made_defence))
+    made.problems += find_exclusions(made.exclusive, "a defence", "decide")
+    made.problems += check_paths(made.declared, context.signed)
     return made
 
 
@@ -99,6 +107,7 @@ def plan_of(table: DefenceTable, made: Defence, schedule: Schedule, agents: Sequ
         sensor_hooks=made.checks,
         one_process=made.one_process,
         schedule=schedule,
+        manual=table.manual,
     )
 
 
@@ -162,25 +171,25 @@ def check_paths(declared: Sequence[Declared], signing: Sequence[str]) -> Iterato
             continue
         yield from _find_taken(first, second)
         works = not any(_both_ways(_Placed(second, 0), _Placed(first, 1)))
-        for one, other in ((_Placed(first, 0), _Placed(second, 1)), (_Placed(second, 1), _Placed(first, 0))):
-            found = next(_find_conflicts(one, other), None)
-            if found is None:
+        for disturbed, other in ((_Placed(first, 0), _Placed(second, 1)), (_Placed(second, 1), _Placed(first, 0))):
+            conflict = next(_find_conflicts(disturbed, other), None)
+            if conflict is None:
                 continue
-            order = "before" if one.later else "after"
-            hints = [f"Declare {one.defence.id} {order} {other.defence.id}."] if works else []
-            hints += [found.hint] if found.hint else []
-            yield Problem(f"defences.{one.defence.id}", found.what, found.expected, " Or: ".join(hints))
+            order = "before" if disturbed.later else "after"
+            hints = [f"Declare {disturbed.defence.id} {order} {other.defence.id}."] if works else []
+            hints += [conflict.hint] if conflict.hint else []
+            yield Problem(f"defences.{disturbed.defence.id}", conflict.what, conflict.expected, " Or: ".join(hints))
     for defence in declared:
         yield from _find_unsigned(defence, signing)
 
 
 def _find_taken(first: Declared, second: Declared) -> Iterator[Problem]:
     """Readings that one check takes away, and whose absence a later one would blame on the sensor."""
-    taken = sorted(set(first.takes) & set(second.needs))
-    if taken:
+    taken_readings = sorted(set(first.takes) & set(second.needs))
+    if taken_readings:
         both = set(second.takes) & set(first.needs)
         hint = "Have one of them raise alarms only." if both else f"Declare {second.id} before {first.id}."
-        what = f"judges whether there are {taken[0]}, which {first.id} takes away"
+        what = f"judges whether there are {taken_readings[0]}, which {first.id} takes away"
         yield Problem(f"defences.{second.id}", what, "readings as the sensor has them", hint)
 
 
@@ -192,73 +201,73 @@ def find_wrong_ends(rules: Sequence[PathRule], links: Sequence[str]) -> Iterator
                 yield f"{end.side} of {end.link}"
 
 
-def _both_ways(one: _Placed, other: _Placed) -> Iterator[_Conflict]:
-    yield from _find_conflicts(one, other)
-    yield from _find_conflicts(other, one)
+def _both_ways(first: _Placed, second: _Placed) -> Iterator[_Conflict]:
+    yield from _find_conflicts(first, second)
+    yield from _find_conflicts(second, first)
 
 
-def _find_conflicts(one: _Placed, other: _Placed) -> Iterator[_Conflict]:
-    """What `other` disturbs of what `one` does."""
+def _find_conflicts(disturbed: _Placed, other: _Placed) -> Iterator[_Conflict]:
+    """What `other` disturbs of what `disturbed` does."""
     others: dict[tuple[str, str], list[PathRule]] = {}
     for rule in other.defence.rules:
         others.setdefault((_owner(rule), rule.direction), []).append(rule)
-    for mine in one.defence.rules:
-        for its in others.get((_owner(mine), mine.direction), ()):
-            found = None
-            if isinstance(mine, Sends):
-                found = _find_lost(one, mine, other, its)
-            elif isinstance(mine, Compares) and isinstance(its, Signs):
-                found = _find_changed(one, mine, other, its)
-            elif isinstance(mine, Holds) and isinstance(its, ExpectsOrder):
-                found = _find_overtaken(one, mine, other, its)
-            if found is not None:
-                yield found
+    for own_rule in disturbed.defence.rules:
+        for other_rule in others.get((_owner(own_rule), own_rule.direction), ()):
+            conflict = None
+            if isinstance(own_rule, Sends):
+                conflict = _find_lost(disturbed, own_rule, other, other_rule)
+            elif isinstance(own_rule, Compares) and isinstance(other_rule, Signs):
+                conflict = _find_changed(disturbed, own_rule, other, other_rule)
+            elif isinstance(own_rule, Holds) and isinstance(other_rule, ExpectsOrder):
+                conflict = _find_overtaken(disturbed, own_rule, other, other_rule)
+            if conflict is not None:
+                yield conflict
 
 
-def _find_lost(one: _Placed, mine: Sends, other: _Placed, its: PathRule) -> _Conflict | None:
-    """Frames of `mine` that do not pass `its`."""
-    start = one.place(mine.at)
-    end = one.place(mine.until) if mine.until is not None else _far_end(mine.direction)
+def _find_lost(disturbed: _Placed, rule: Sends, other: _Placed, other_rule: PathRule) -> _Conflict | None:
+    """Frames of `rule` that do not pass `other_rule`."""
+    start = disturbed.place(rule.at)
+    end = disturbed.place(rule.until) if rule.until is not None else _far_end(rule.direction)
     name = other.defence.id
-    if isinstance(its, Signs):
-        signed, verified = other.place(its.at), other.place(its.until)
+    if isinstance(other_rule, Signs):
+        signed, verified = other.place(other_rule.at), other.place(other_rule.until)
         if not (_between(start, verified, end) and _between(signed, start, verified)):
             return None
-        what = f"sends {_messages(mine.messages)} on {mine.at.link} behind the end where {name} signs"
+        what = f"sends {_messages(rule.messages)} on {rule.at.link} behind the end where {name} signs"
         return _Conflict(what, f"frames that {name} signs before it verifies them", "")
-    if not isinstance(its, Passes) or not _between(start, other.place(its.at), end):
+    if not isinstance(other_rule, Passes) or not _between(start, other.place(other_rule.at), end):
         return None
-    lost = mine.messages & its.drops
-    if its.messages is not None:
-        lost |= mine.messages - its.messages
+    lost = rule.messages & other_rule.drops
+    if other_rule.messages is not None:
+        lost |= rule.messages - other_rule.messages
     if lost:
-        what = f"sends {_messages(lost)}, which {name} drops at {its.at.side} of {its.at.link}"
-        hint = "" if its.messages is None else f"Add {_messages(lost)} to the messages of {name}."
+        what = f"sends {_messages(lost)}, which {name} drops at {other_rule.at.side} of {other_rule.at.link}"
+        hint = "" if other_rule.messages is None else f"Add {_messages(lost)} to the messages of {name}."
         return _Conflict(what, f"messages that {name} lets pass", hint)
-    commands = mine.commands - its.commands if its.commands is not None else frozenset()
+    commands = rule.commands - other_rule.commands if other_rule.commands is not None else frozenset()
     if commands:
-        what = f"commands {_commands(commands)}, which {name} drops at {its.at.side} of {its.at.link}"
+        what = f"commands {_commands(commands)}, which {name} drops at {other_rule.at.side} of {other_rule.at.link}"
         hint = f"Add {_commands(commands)} to the commands of {name}."
         return _Conflict(what, f"commands that {name} lets pass", hint)
     return None
 
 
-def _find_changed(one: _Placed, mine: Compares, other: _Placed, its: Signs) -> _Conflict | None:
-    """Frames that `its` has signed at one of the ends of `mine` and not at the other."""
-    ends = (one.place(mine.at), one.place(mine.until))
-    inside = [_between(other.place(its.at), end, other.place(its.until)) for end in ends]
+def _find_changed(disturbed: _Placed, rule: Compares, other: _Placed, other_rule: Signs) -> _Conflict | None:
+    """Frames that `other_rule` has signed at one of the ends of `rule` and not at the other."""
+    ends = (disturbed.place(rule.at), disturbed.place(rule.until))
+    inside = [_between(other.place(other_rule.at), end, other.place(other_rule.until)) for end in ends]
     if inside[0] == inside[1]:
         return None
-    what = f"compares frames at {mine.at.side} and {mine.until.side}, of which {other.defence.id} has signed one only"
+    what = f"compares frames at {rule.at.side} and {rule.until.side}, of which {other.defence.id} has signed one only"
     return _Conflict(what, "the same bytes at both ends", "")
 
 
-def _find_overtaken(one: _Placed, mine: Holds, other: _Placed, its: ExpectsOrder) -> _Conflict | None:
-    """Frames that wait at `mine` and are late at `its`."""
-    if not _between(one.place(mine.at), other.place(its.at), _far_end(mine.direction)):
+def _find_overtaken(disturbed: _Placed, rule: Holds, other: _Placed, other_rule: ExpectsOrder) -> _Conflict | None:
+    """Frames that wait at `rule` and are late at `other_rule`."""
+    if not _between(disturbed.place(rule.at), other.place(other_rule.at), _far_end(rule.direction)):
         return None
     name = other.defence.id
-    what = f"holds frames at {mine.at.side} of {mine.at.link} before {name}, which takes late frames for forged ones"
+    what = f"holds frames at {rule.at.side} of {rule.at.link} before {name}, which takes late frames for forged ones"
     return _Conflict(what, f"{name} nearer to the sender than what holds frames", "")
 
 
@@ -293,10 +302,12 @@ def _owner(rule: PathRule) -> str:
 
 def _messages(numbers: frozenset[int]) -> str:
     return ", ".join(
-        sorted(str(mav.mavlink_map[one].msgname) if one in mav.mavlink_map else str(one) for one in numbers)
+        sorted(str(mav.mavlink_map[number].msgname) if number in mav.mavlink_map else str(number) for number in numbers)
     )
 
 
 def _commands(numbers: frozenset[int]) -> str:
     known = mav.enums["MAV_CMD"]
-    return ", ".join(sorted(known[one].name.removeprefix("MAV_CMD_") if one in known else str(one) for one in numbers))
+    return ", ".join(
+        sorted(known[number].name.removeprefix("MAV_CMD_") if number in known else str(number) for number in numbers)
+    )

@@ -13,11 +13,9 @@ from skyrange.city.city import City
 from skyrange.contracts.claims import ClaimedTrack
 from skyrange.core.errors import Problem
 from skyrange.core.ids import owner_of, vehicle_id
-from skyrange.core.time import Time
-from skyrange.kernel import EngineMount
 from skyrange.scenario.model.attacks import ActTable, AttackTable
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.vehicle.claimed_tracks import PARKED_M, SPACING_M, ClaimedTracks, HonestBody
+from skyrange.vehicle.claimed_tracks import PARKED_M, SPACING_M, HonestBody
 from skyrange.world import Body
 from skyrange.world.airframes import AIRFRAMES
 
@@ -106,33 +104,40 @@ def carried(radios: Sequence[Transmitter], claims: Sequence[ClaimedTrack]) -> li
     return [replace(radio, at_enu_m=None) if radio.endpoint in aboard else radio for radio in radios]
 
 
-def park(aircraft: Sequence[HonestAircraft], scenario: Scenario) -> list[Body]:
-    """The bodies before their attacks start."""
-    bodies = []
-    for row, one in enumerate(aircraft):
-        east_m, north_m, _ = one.body.track.start_enu_m
+def park(aircraft: Sequence[HonestAircraft], scenario: Scenario, run: int) -> tuple[list[Body], list[HonestBody]]:
+    """The bodies before their attacks start, as those of run number `run` of a batch, and what moves each."""
+    bodies, moved = [], []
+    for row, honest_aircraft in enumerate(aircraft):
+        east_m, north_m, _ = honest_aircraft.body.track.start_enu_m
         up_m = PARKED_M + row * SPACING_M
-        bodies.append(Body(one.vehicle, airframe_of(one.body.track, scenario), east_m, north_m, up_m, present=False))
-    return bodies
-
-
-def mount(aircraft: Sequence[HonestAircraft], rows: slice, quantum_ns: Time) -> EngineMount:
-    """The engine that moves them; `rows` are theirs in the world."""
-    return EngineMount(ClaimedTracks([one.body for one in aircraft], quantum_ns), rows)
+        bodies.append(
+            Body(
+                vehicle=honest_aircraft.vehicle,
+                airframe=airframe_of(honest_aircraft.body.track, scenario),
+                east_m=east_m,
+                north_m=north_m,
+                up_m=up_m,
+                present=False,
+                run=run,
+                seed=scenario.seed,
+            )
+        )
+        moved.append(replace(honest_aircraft.body, parked_m=up_m, run=run))
+    return bodies, moved
 
 
 def describe_aircraft(aircraft: Sequence[HonestAircraft], scenario: Scenario) -> list[Mapping[str, Any]]:
     """What the manifest says of them as `honest`."""
     return [
         {
-            "id": one.vehicle,
-            "attack": one.attack,
-            "uas_id": one.body.track.uas_id,
-            "airframe": airframe_of(one.body.track, scenario),
-            "start_enu_m": list(one.body.track.start_enu_m),
-            "velocity_mps": list(one.body.track.velocity_mps),
+            "id": honest_aircraft.vehicle,
+            "attack": honest_aircraft.attack,
+            "uas_id": honest_aircraft.body.track.uas_id,
+            "airframe": airframe_of(honest_aircraft.body.track, scenario),
+            "start_enu_m": list(honest_aircraft.body.track.start_enu_m),
+            "velocity_mps": list(honest_aircraft.body.track.velocity_mps),
         }
-        for one in aircraft
+        for honest_aircraft in aircraft
     ]
 
 

@@ -181,7 +181,7 @@ def _receivers_placed(scenario: Scenario, city: City | None) -> Scenario:
     radio = scenario.radio
     if radio is None or all(receiver.placing == "exact" for receiver in radio.receivers):
         return scenario
-    found = [_outside(receiver, city) for receiver in radio.receivers]
+    placed = [_outside(receiver, city) for receiver in radio.receivers]
     problems = [
         Problem(
             f"radio.receivers.{index}.placing",
@@ -190,11 +190,11 @@ def _receivers_placed(scenario: Scenario, city: City | None) -> Scenario:
             "Put it higher up, or elsewhere.",
         )
         for index, receiver in enumerate(radio.receivers)
-        if found[index] is None
+        if placed[index] is None
     ]
     if problems:
         raise InputError("scenario", problems)
-    receivers = tuple(receiver for receiver in found if receiver is not None)
+    receivers = tuple(receiver for receiver in placed if receiver is not None)
     return scenario.model_copy(update={"radio": radio.model_copy(update={"receivers": receivers})})
 
 

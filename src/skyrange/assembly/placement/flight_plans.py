@@ -44,9 +44,9 @@ def make_flight_plan(origin: Origin, vehicle: Vehicle) -> FlightPlan:
     """
     made = _make_flight_plan(origin, vehicle)
     fence, rally = _make_fence(origin, vehicle), _make_rally(origin, vehicle)
-    for name, declared, own in (("fence", fence, made.fence), ("rally", rally, made.rally)):
-        if declared and own:
-            problem = f"{len(own)} items in the file, {len(declared)} in the scenario"
+    for name, declared, from_file in (("fence", fence, made.fence), ("rally", rally, made.rally)):
+        if declared and from_file:
+            problem = f"{len(from_file)} items in the file, {len(declared)} in the scenario"
             raise InputError.one(made.name, name, problem, f"one {name}, of the plan file or of the scenario")
     return replace(made, fence=fence or made.fence, rally=rally or made.rally)
 
@@ -78,13 +78,15 @@ def _make_fence(origin: Origin, vehicle: Vehicle) -> Items:
     if fence is None:
         return ()
     at = partial(_place, origin, vehicle)
-    found = [
+    items = [
         item
-        for one in fence.polygons
-        for item in polygon([at(*point) for point in one.points], inclusion=one.inclusion)
+        for shape in fence.polygons
+        for item in polygon([at(*point) for point in shape.points], inclusion=shape.inclusion)
     ]
-    found += [item for one in fence.circles for item in circle(at(*one.center), one.radius_m, inclusion=one.inclusion)]
-    return tuple(found)
+    items += [
+        item for shape in fence.circles for item in circle(at(*shape.center), shape.radius_m, inclusion=shape.inclusion)
+    ]
+    return tuple(items)
 
 
 def _make_rally(origin: Origin, vehicle: Vehicle) -> Items:
@@ -155,5 +157,5 @@ def _planned(scenario: Scenario, name: str, vehicle: Vehicle, city: City | None,
         (round(east - start[0], _ROUNDED), round(north - start[1], _ROUNDED), round(up, _ROUNDED))
         for east, north, up in find_route(city, places, limits, sampling)
     ]
-    own = {name: getattr(plan, name) for name in Plan.model_fields.keys() - _REPLACED}
-    return vehicle.model_copy(update={"plan": Plan(path=PlanPath(points=tuple(points)), **own)})
+    kept_fields = {name: getattr(plan, name) for name in Plan.model_fields.keys() - _REPLACED}
+    return vehicle.model_copy(update={"plan": Plan(path=PlanPath(points=tuple(points)), **kept_fields)})

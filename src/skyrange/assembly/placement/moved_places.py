@@ -44,21 +44,21 @@ def _aircraft(before: Scenario, after: Scenario) -> list[dict[str, Any]]:
     (rows, nearest), apart_m = shapely.STRtree(points).query_nearest(
         points[moved], exclusive=True, return_distance=True, all_matches=False
     )
-    found = dict(zip(rows.tolist(), zip(nearest.tolist(), apart_m.tolist(), strict=True), strict=True))
-    told = []
+    nearest_by_row = dict(zip(rows.tolist(), zip(nearest.tolist(), apart_m.tolist(), strict=True), strict=True))
+    entries = []
     for row, place in enumerate(moved.tolist()):
-        said: dict[str, Any] = {"vehicle": names[place], **_move(old[place].tolist(), new[place].tolist())}
-        if row in found:
-            other, distance_m = found[row]
-            said |= {
+        entry: dict[str, Any] = {"vehicle": names[place], **_move(old[place].tolist(), new[place].tolist())}
+        if row in nearest_by_row:
+            other, distance_m = nearest_by_row[row]
+            entry |= {
                 "nearest": names[other],
                 "nearest_m": round(distance_m, 3),
                 "declared_m": round(math.dist(old[place].tolist(), old[other].tolist()), 3),
             }
             kept_m = max(protected_m[place], protected_m[other])
-            said |= {"protected_m": kept_m} if distance_m < kept_m else {}
-        told.append(said)
-    return told
+            entry |= {"protected_m": kept_m} if distance_m < kept_m else {}
+        entries.append(entry)
+    return entries
 
 
 def _protected_m(avoidance: Avoidance | None) -> float:

@@ -43,9 +43,9 @@ def check_starts(scenario: Scenario, city: City | None, plans: Mapping[str, Flig
                     Problem(f"{where}.plan.file: {f.where}", f.value, f.expected, f.hint) for f in plan.problems
                 ]
                 continue
-            found = check_plan(plan, f"{where}.plan")
-            problems += found
-            if not found and not vehicle.plan.rejection_expected:
+            plan_problems = check_plan(plan, f"{where}.plan")
+            problems += plan_problems
+            if not plan_problems and not vehicle.plan.rejection_expected:
                 problems += _rejected_items(vehicle.autopilot, plan, f"{where}.plan")
     return [*problems, *_crowded(scenario)]
 
@@ -87,7 +87,7 @@ def _crowded(scenario: Scenario) -> Iterator[Problem]:
             east_m, north_m = vehicle.start.east_m, vehicle.start.north_m
             column, row = math.floor(east_m / APART_M), math.floor(north_m / APART_M)
             around = [(column + i, row + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
-            for name, other_east_m, other_north_m in (one for cell in around for one in cells.get(cell, ())):
+            for name, other_east_m, other_north_m in (start for cell in around for start in cells.get(cell, ())):
                 if math.hypot(east_m - other_east_m, north_m - other_north_m) < APART_M:
                     yield Problem(
                         f"{spell_path(('operators', o, 'vehicles', v), scenario)}.start",

@@ -44,5 +44,5 @@ class Corridor(ByzantineMember, CorridorClaim):
     def send(self, now: sky.Time) -> sky.Verdicts:
         """The second event after the member's first; the sham tells of none, with as many bytes."""
         request = self.make_request(self.make_intent(self.flight, now))
-        told = tell(make_second_event(self.operator, self.members[0], now, request, self.chance.seed))
-        return [self.inject(tell().ljust(len(told)) if self.sham else told)]
+        payload = tell(make_second_event(self.operator, self.members[0], now, request, self.chance.seed))
+        return [self.inject(tell().ljust(len(payload)) if self.sham else payload)]

@@ -12,8 +12,8 @@ from skyrange.codec.f3548.frames import UssRequest, UssResponse, encode
 from skyrange.codec.f3548.operations import path_of
 
 _NOTIFICATIONS: Final = frozenset(
-    path_of(one)
-    for one in (OperationID.NotifyOperationalIntentDetailsChanged, OperationID.NotifyConstraintDetailsChanged)
+    path_of(operation)
+    for operation in (OperationID.NotifyOperationalIntentDetailsChanged, OperationID.NotifyConstraintDetailsChanged)
 )
 
 

@@ -58,9 +58,9 @@ def delay(delay_s: str | float, jitter_s: str | float = 0.0) -> Any:
     def act(self: Any, now: Time, frame: Frame) -> Sequence[Verdict]:
         delay_ns, jitter_ns = _find_times(self, delay_s, jitter_s)
         until = now + delay_ns + (int(self.draw(frame)[0] * jitter_ns) if jitter_ns else 0)
-        way = (frame.link, frame.direction)
-        until = max(until, self.delayed_until.get(way, until))
-        self.delayed_until[way] = until
+        flow = (frame.link, frame.direction)
+        until = max(until, self.delayed_until.get(flow, until))
+        self.delayed_until[flow] = until
         return (Delay(until),)
 
     def columns(self: Any, now: Time, block: FrameBlock) -> RowVerdicts:
@@ -68,9 +68,9 @@ def delay(delay_s: str | float, jitter_s: str | float = 0.0) -> Any:
         until = np.full(len(block), now + delay_ns, dtype=np.int64)
         if jitter_ns:
             until += (self.draws(block)[:, 0] * jitter_ns).astype(np.int64)
-        for way, rows in _find_ways(block):
-            until[rows] = np.maximum.accumulate(np.maximum(until[rows], self.delayed_until.get(way, now)))
-            self.delayed_until[way] = int(until[rows[-1]])
+        for flow, rows in _find_ways(block):
+            until[rows] = np.maximum.accumulate(np.maximum(until[rows], self.delayed_until.get(flow, now)))
+            self.delayed_until[flow] = int(until[rows[-1]])
         return _verdicts(block)._replace(until_ns=until)
 
     return _with_columns(act, columns, delay_s, jitter_s)
@@ -138,8 +138,8 @@ def _find_ways(block: FrameBlock) -> Iterator[tuple[tuple[str, str], Ints]]:
     """Link and direction of the rows of a block, with these rows in order."""
     numbers, places = np.unique(block.link_numbers, return_inverse=True)
     ways = [block.link_table.names[number][:2] for number in numbers.tolist()]
-    first = {way: place for place, way in reversed(list(enumerate(ways)))}
-    of_row = np.array([first[way] for way in ways], dtype=np.int64)[places]
+    first = {flow: place for place, flow in reversed(list(enumerate(ways)))}
+    of_row = np.array([first[flow] for flow in ways], dtype=np.int64)[places]
     order = np.argsort(of_row, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(of_row[order])) + 1):
         if len(rows):

@@ -101,7 +101,7 @@ class ForgedRemoteId(Transmission):
         place = place_transmitter(context, self.transmitter_m, self.at)
         self.transmitter_m, self.places = place, [self.at]
         self.stands_enu_m = (place[0], place[1], 0.0) if context.sham else None
-        self.carriers = [one for name in self.transports for one in TRANSPORTS[name]]
+        self.carriers = [carrier for name in self.transports for carrier in TRANSPORTS[name]]
         self.period_ns = round(NS_PER_S / self.rate_hz)
         self.origin, self.epoch = context.origin, context.epoch
         return super().assemble(context)

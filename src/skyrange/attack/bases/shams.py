@@ -35,12 +35,12 @@ def harmless_message(message: Message) -> Message | None:
 _REQUEST: Final = int(dialect.MAV_CMD_REQUEST_MESSAGE)
 _HARMLESS: Final[dict[str, Callable[[Receiver, Message], Message]]] = {
     "COMMAND_LONG": lambda to, _: dialect.MAVLink_command_long_message(*to, _REQUEST, 0, *[0.0] * 7),
-    "COMMAND_INT": lambda to, one: dialect.MAVLink_command_int_message(
-        *to, one.frame, _REQUEST, 0, 0, *[0.0] * 4, 0, 0, 0.0
+    "COMMAND_INT": lambda to, message: dialect.MAVLink_command_int_message(
+        *to, message.frame, _REQUEST, 0, 0, *[0.0] * 4, 0, 0, 0.0
     ),
     "RC_CHANNELS_OVERRIDE": lambda to, _: dialect.MAVLink_rc_channels_override_message(*to, *[IGNORED_CHANNEL] * 8),
-    "MISSION_COUNT": lambda to, one: dialect.MAVLink_mission_request_int_message(*to, 0, one.mission_type),
-    "MISSION_CLEAR_ALL": lambda to, one: dialect.MAVLink_mission_request_list_message(*to, one.mission_type),
+    "MISSION_COUNT": lambda to, message: dialect.MAVLink_mission_request_int_message(*to, 0, message.mission_type),
+    "MISSION_CLEAR_ALL": lambda to, message: dialect.MAVLink_mission_request_list_message(*to, message.mission_type),
 }
 """By name of a message: what has its length and changes nothing. REQUEST_MESSAGE of message 0 is of a HEARTBEAT."""
 

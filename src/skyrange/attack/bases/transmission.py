@@ -236,9 +236,9 @@ def join(parts: Iterable[Attack]) -> Attack:
     """The agents of several attacks, with their links and radios, as one."""
     made = list(parts)
     return Attack(
-        agents=[one for part in made for one in part.agents],
-        links=[one for part in made for one in part.links],
-        radios=[one for part in made for one in part.radios],
+        agents=[agent for part in made for agent in part.agents],
+        links=[link for part in made for link in part.links],
+        radios=[radio for part in made for radio in part.radios],
     )
 
 

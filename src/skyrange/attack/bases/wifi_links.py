@@ -34,21 +34,26 @@ class OnWifiLinks(Periodic):
 
     def find_channels(self, *, with_access_points: bool) -> list[tuple[int, bytes]]:
         """Centres of their channels in kHz, each once, or of each access point with its address; else that is empty."""
-        each = with_access_points
-        return sorted({(round(one.centre_mhz * 1000), one.station_address if each else b"") for one in self.targets})
+        per_access_point = with_access_points
+        return sorted(
+            {
+                (round(target.centre_mhz * 1000), target.station_address if per_access_point else b"")
+                for target in self.targets
+            }
+        )
 
 
 def find_wifi_links(context: AttackContext, patterns: tuple[str, ...]) -> dict[str, AirLink]:
     """The Wi-Fi links that match one of `patterns`; raises `InputError` for a pattern that matches none."""
     wifi = {name: link for name, link in context.over_air.items() if link.kind == "wifi"}
-    found: dict[str, AirLink] = {}
+    links: dict[str, AirLink] = {}
     for pattern in patterns:
         matches = {name: link for name, link in wifi.items() if fnmatchcase(name, pattern)}
         if not matches:
             hint = nearest(pattern, wifi) or 'Give [[links]] match = "gcs:*" the key channel = "wifi".'
             raise InputError.one(context.id, "links", pattern, "a control link over Wi-Fi", hint)
-        found |= matches
-    return found
+        links |= matches
+    return links
 
 
 class InAir(LinkTap):

@@ -146,4 +146,4 @@ class Knowledge:
             places = [self.by_broadcast[uas_id]] if uas_id in self.by_broadcast else []
         else:
             places = list(self.by_broadcast.values())
-        return any(math.dist(seen, place) <= within_m for seen in places)
+        return any(math.dist(observed, place) <= within_m for observed in places)

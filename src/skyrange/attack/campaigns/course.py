@@ -189,6 +189,6 @@ class GatedHook:
         """Alter the readings or copies of them; the acts to be labelled."""
         if self.course.acts_now(self.act):
             return self.inner.on_sensors(now, sensors)
-        copies = Sensors(*(np.array(getattr(sensors, one.name)) for one in fields(Sensors)))
+        copies = Sensors(*(np.array(getattr(sensors, sensor_field.name)) for sensor_field in fields(Sensors)))
         self.inner.on_sensors(now, copies)
         return []

@@ -203,5 +203,5 @@ def _moved_stage(stage: Stage, by: Place) -> Stage:
     if stage.until is None or stage.until.sighting is None:
         return stage
     sighting = stage.until.sighting
-    seen = sighting.model_copy(update={"place": move_place(sighting.place, by)})
-    return stage.model_copy(update={"until": stage.until.model_copy(update={"sighting": seen})})
+    moved_sighting = sighting.model_copy(update={"place": move_place(sighting.place, by)})
+    return stage.model_copy(update={"until": stage.until.model_copy(update={"sighting": moved_sighting})})

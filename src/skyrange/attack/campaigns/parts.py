@@ -103,10 +103,14 @@ def make_parts(
     course = Course(context.id, adversary, context.schedule, schedules, longest_ns, excluded)
     controller, links, radios = Controller(context.id, course), [], []
     if kind.receiver_m is not None:
-        own = replace(context, id=f"{context.id}.{_RECEIVER}")
-        controller = Controller(own.radio, course, [Port(own.radio, own.down), Port(own.radio, own.up)])
-        links = [down_link(own), up_link(own)]
-        radios = [transmitter(own, kind.receiver_m, _LISTENING_DBM, listens=True)]
+        own_context = replace(context, id=f"{context.id}.{_RECEIVER}")
+        controller = Controller(
+            own_context.radio,
+            course,
+            [Port(own_context.radio, own_context.down), Port(own_context.radio, own_context.up)],
+        )
+        links = [down_link(own_context), up_link(own_context)]
+        radios = [transmitter(own_context, kind.receiver_m, _LISTENING_DBM, listens=True)]
     readers = place_taps(kind.taps, context, TapMaker(Reader, (course,)))
     return Attack(
         agents=[controller, *(GatedAgent(agent, name, course) for name, act in made.items() for agent in act.agents)],
@@ -119,12 +123,12 @@ def make_parts(
             ),
         ],
         sensor_hooks=[GatedHook(fault, name, course) for name, act in made.items() for fault in act.sensor_hooks],
-        links=[*links, *(one for act in made.values() for one in act.links)],
+        links=[*links, *(link for act in made.values() for link in act.links)],
         radios=[*radios, *(radio for act in made.values() for radio in act.radios)],
         threat=ThreatModel(**kind.threat.model_dump()) if kind.threat.stated else None,
         one_process=True,
         shown={f"{name}: {label}": at for name, act in made.items() for label, at in act.shown.items()},
-        exclusive=[one for act in made.values() for one in act.exclusive],
+        exclusive=[exclusive for act in made.values() for exclusive in act.exclusive],
     )  # fmt: skip
 
 
@@ -134,12 +138,12 @@ def _is_campaign(plugin: AttackPlugin) -> bool:
 
 def _excluded(made: Mapping[str, Attack]) -> dict[tuple[str, str], str]:
     """What two acts would both alter, by the sorted names of the acts."""
-    found = {}
+    exclusions = {}
     for a, b in combinations(sorted(made), 2):
-        said = common(made[a].exclusive, made[b].exclusive)
-        if said:
-            found[a, b] = said
-    return found
+        text = common(made[a].exclusive, made[b].exclusive)
+        if text:
+            exclusions[a, b] = text
+    return exclusions
 
 
 def _check_together(who: str, where: str, acts: Sequence[str], excluded: Mapping[tuple[str, str], str]) -> None:
@@ -161,14 +165,14 @@ def _make_act(name: str, act: CampaignAct, context: AttackContext) -> Attack:
     try:
         return plugin(plugin.params.model_validate(act.params), context)
     except ValidationError as error:
-        found = [
-            Problem(".".join((where, "params", *map(str, one["loc"]))), repr(one["input"]), one["msg"])
-            for one in error.errors()
+        problems = [
+            Problem(".".join((where, "params", *map(str, detail["loc"]))), repr(detail["input"]), detail["msg"])
+            for detail in error.errors()
         ]
-        raise InputError(context.id, found) from None
+        raise InputError(context.id, problems) from None
     except InputError as error:
         raise InputError(
-            context.id, [replace(one, where=f"{where}.params.{one.where}") for one in error.problems]
+            context.id, [replace(problem, where=f"{where}.params.{problem.where}") for problem in error.problems]
         ) from None
 
 
@@ -176,4 +180,4 @@ def _find(where: str, kind: str, who: str) -> AttackPlugin:
     try:
         return AttackPlugin.find(kind)
     except InputError as error:
-        raise InputError(who, [replace(one, where=f"{where}.kind") for one in error.problems]) from None
+        raise InputError(who, [replace(problem, where=f"{where}.kind") for problem in error.problems]) from None

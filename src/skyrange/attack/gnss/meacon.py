@@ -51,10 +51,10 @@ class Meacon(Takeover):
 
     def _check_gain(self, place: sky.Place, context: sky.AttackContext) -> None:
         """Raise `InputError` for a repeater that would hear itself louder than the satellites."""
-        own = emitter_at(place, self.power_dbm, self.wall_loss_db, context)
+        emitter = emitter_at(place, self.power_dbm, self.wall_loss_db, context)
         isolation_db = self.isolation_db
         if isolation_db is None:
-            isolation_db = float(own.loss_db(np.array([self.at]))[0])
+            isolation_db = float(emitter.loss_db(np.array([self.at]))[0])
         gain_db = self.power_dbm - AUTHENTIC_DBM
         if gain_db >= isolation_db:
             expected = f"less than {AUTHENTIC_DBM + isolation_db:.1f}, because a repeater oscillates whose gain, here "

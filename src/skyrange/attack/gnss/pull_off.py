@@ -155,6 +155,6 @@ class PullOff(sky.FalseFixes):
 
     def shift(self, seconds: sky.Floats) -> Shift:
         offset, speed, phases = self.plan.motion(np.maximum(seconds - self.aligned_s, 0.0))
-        way = np.array([sin(radians(self.bearing_deg)), cos(radians(self.bearing_deg)), 0.0])
+        direction_enu = np.array([sin(radians(self.bearing_deg)), cos(radians(self.bearing_deg)), 0.0])
         phases = np.where(seconds < self.aligned_s, ALIGNED, phases)
-        return offset[:, None] * way, speed[:, None] * way, phases.astype(np.int64)
+        return offset[:, None] * direction_enu, speed[:, None] * direction_enu, phases.astype(np.int64)

@@ -224,7 +224,9 @@ class Insider(RoundsOnLink):
     def build(self, context: sky.AttackContext) -> sky.Attack:
         """A tap at the station on each link. Raises `InputError` for an operator that is not in the scenario."""
         self.origin = context.origin
-        self.fleet = {name: one for name, one in context.vehicles.items() if sky.operator_of(name) == self.operator}
+        self.fleet = {
+            name: aircraft for name, aircraft in context.vehicles.items() if sky.operator_of(name) == self.operator
+        }
         if not self.fleet:
             operators = sorted({sky.operator_of(vehicle) for vehicle in context.vehicles})
             hint = sky.nearest(self.operator, operators)
@@ -260,7 +262,7 @@ class Insider(RoundsOnLink):
 
     def send(self, now: sky.Time) -> sky.Verdicts:
         """The target, after a change of mode where one is needed."""
-        return [self.inject(self.up.add(self.leader.sender.pack(one))) for one in self.leader.orders(now)]
+        return [self.inject(self.up.add(self.leader.sender.pack(order))) for order in self.leader.orders(now)]
 
     def _hold_back(self, payload: bytes, order: bytes) -> sky.Verdicts:
         """Send an order of the operator to nobody, and acknowledge its command."""

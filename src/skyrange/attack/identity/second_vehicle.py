@@ -128,4 +128,4 @@ class SecondVehicle(sky.InjectionOnLinks):
             self.beat_ns = now + sky.NS_PER_S
         seconds = None if self.sham else (now - self.schedule.start_ns) / sky.NS_PER_S
         numbers = (HEARTBEAT, POSITION) if beats else (POSITION,)
-        return [self.inject(self.claimed.report(one, seconds)) for one in numbers]
+        return [self.inject(self.claimed.report(number, seconds)) for number in numbers]

@@ -32,6 +32,6 @@ class SilencedHeartbeats(OnControlLinks):
     )
 
     def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
-        way = "fwd" if self.towards == "aircraft" else "rev"
-        beat = frame.direction == way and sky.message_id(frame.payload) == mav.MAVLINK_MSG_ID_HEARTBEAT
+        direction = "fwd" if self.towards == "aircraft" else "rev"
+        beat = frame.direction == direction and sky.message_id(frame.payload) == mav.MAVLINK_MSG_ID_HEARTBEAT
         return (sky.Drop(),) if beat else ()

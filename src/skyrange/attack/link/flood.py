@@ -168,4 +168,4 @@ class Flood(sky.InjectionOnLinks):
         numbers = range(self.sent, self.sent + min(due, MAX_INJECTS))
         self.sent += len(numbers)
         payloads = [self.frames.make(number, now) for number in numbers]
-        return [self.inject(benign_payload(one) if self.sham else one) for one in payloads]
+        return [self.inject(benign_payload(payload) if self.sham else payload) for payload in payloads]

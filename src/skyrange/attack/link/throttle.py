@@ -29,10 +29,10 @@ class Throttle(sky.OnPath):
     queue_bytes: sky.Whole = sky.param("Size of the queue of each direction in bytes.", default=4096, ge=1, le=2**31)
 
     def act(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
-        way, size = (frame.link, frame.direction), len(frame.payload)
-        waiting_ns = max(0, self.delayed_until.get(way, 0) - now)
+        flow, size = (frame.link, frame.direction), len(frame.payload)
+        waiting_ns = max(0, self.delayed_until.get(flow, 0) - now)
         if waiting_ns * self.rate_bps / (8 * sky.NS_PER_S) + size > self.queue_bytes:
             return (sky.Drop(),)
         ready = now + waiting_ns + math.ceil(size * 8 * sky.NS_PER_S / self.rate_bps)
-        self.delayed_until[way] = ready
+        self.delayed_until[flow] = ready
         return (sky.Delay(ready),)

@@ -60,8 +60,8 @@ class Exfiltration(sky.Injection):
         super().on_frame(now, frame)
         if not self.news:
             return ()
-        found, self.news = self.news, []
-        return [sky.Note(LEARNED, frame.link.partition(":")[2], data, (frame.id,)) for data in found]
+        learned, self.news = self.news, []
+        return [sky.Note(LEARNED, frame.link.partition(":")[2], data, (frame.id,)) for data in learned]
 
     def on_message(self, now: sky.Time, message: sky.MavlinkMessage) -> None:
         """Keep what an answer tells, and request the next item."""
@@ -91,7 +91,7 @@ class Exfiltration(sky.Injection):
         if self.answer_ns is not None and now >= self.answer_ns:
             self.answer_ns = None
         requests, self.queue = self.queue, []
-        return [*(self.inject(self.pack(one)) for one in requests), *super().on_wakeup(now)]
+        return [*(self.inject(self.pack(request)) for request in requests), *super().on_wakeup(now)]
 
     def orders(self, now: sky.Time) -> list[sky.MavlinkMessage]:
         return [self._first_request(subject) for subject in self.what]

@@ -57,8 +57,8 @@ class FileTheft(FileClient):
     def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         """Keep what is told; notes each file that was read, and what it says."""
         super().on_frame(now, frame)
-        found, self.news = self.news, []
-        return [sky.Note(LEARNED, frame.link.partition(":")[2], data, (frame.id,)) for data in found]
+        learned, self.news = self.news, []
+        return [sky.Note(LEARNED, frame.link.partition(":")[2], data, (frame.id,)) for data in learned]
 
     def first_request(self) -> FileRequest:
         path = self.queue[0]
@@ -67,11 +67,11 @@ class FileTheft(FileClient):
         return FileRequest(Opcode.OPEN_FILE_RO, path.encode())
 
     def next_request(self, request: FileRequest, reply: Transfer | None) -> FileRequest | None:
-        told = reply is not None and reply.opcode == Opcode.ACK
-        if request.opcode == Opcode.LIST_DIRECTORY and told and reply is not None and self._list(reply.data):
+        answered = reply is not None and reply.opcode == Opcode.ACK
+        if request.opcode == Opcode.LIST_DIRECTORY and answered and reply is not None and self._list(reply.data):
             return self.first_request()
         if request.opcode in (Opcode.OPEN_FILE_RO, Opcode.READ_FILE) and reply is not None:
-            if told and len(self.content) < MAX_BYTES:
+            if answered and len(self.content) < MAX_BYTES:
                 self.content += reply.data if request.opcode == Opcode.READ_FILE else b""
                 return FileRequest(Opcode.READ_FILE, b"", len(self.content), DATA_BYTES)
             if request.opcode == Opcode.READ_FILE:
@@ -103,7 +103,7 @@ class FileTheft(FileClient):
             elif path == f"{missions.DIRECTORY}mission.dat":
                 for number, item in enumerate(missions.read(data, missions.TYPES["mission.dat"]).items):
                     values = (float(item.command), item.x * 1e-7, item.y * 1e-7, item.z)
-                    told = ", ".join(f"{value:g}" for value in values)
-                    self.news.append({"what": "mission", "name": str(number), "value": told})
+                    text = ", ".join(f"{value:g}" for value in values)
+                    self.news.append({"what": "mission", "name": str(number), "value": text})
         except sky.DecodeError:
             return  # a file of another format is kept as it is

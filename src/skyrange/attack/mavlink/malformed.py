@@ -118,18 +118,22 @@ def hostile_frame(form: Form, draw: Draw, packer: Packer, target: int, *, to_sta
     if form == "garbage":
         return draw.octets(_SHORTEST + draw.below(_LONGEST - _SHORTEST))
     message = _station_message if to_station else _aircraft_message
-    good = packer.pack(message(draw, target, absurd=form == "numbers"))  # 14 bytes or more: no message is empty
+    valid_frame = packer.pack(message(draw, target, absurd=form == "numbers"))  # 14 bytes or more: no message is empty
     if form == "truncated":
-        return good[: max(_SHORTEST, draw.below(len(good)))]
+        return valid_frame[: max(_SHORTEST, draw.below(len(valid_frame)))]
     if form == "checksum":
-        return good[:-2] + bytes([good[-2] ^ (1 + draw.below(255)), good[-1]])
+        return valid_frame[:-2] + bytes([valid_frame[-2] ^ (1 + draw.below(255)), valid_frame[-1]])
     if form == "length":
-        return good[:1] + bytes([(good[1] + 1 + draw.below(254)) % 256]) + good[2:]
+        return valid_frame[:1] + bytes([(valid_frame[1] + 1 + draw.below(254)) % 256]) + valid_frame[2:]
     if form == "unknown":
-        return good[:7] + _UNKNOWN_ID.to_bytes(3, "little") + good[10:]
+        return valid_frame[:7] + _UNKNOWN_ID.to_bytes(3, "little") + valid_frame[10:]
     if form == "mavlink1":
-        return bytes([0xFE, good[1], good[4], good[5], good[6], good[7]]) + good[10:] + draw.octets(4)
-    return good
+        return (
+            bytes([0xFE, valid_frame[1], valid_frame[4], valid_frame[5], valid_frame[6], valid_frame[7]])
+            + valid_frame[10:]
+            + draw.octets(4)
+        )
+    return valid_frame
 
 
 def harmless_frame(size: int, packer: Packer) -> bytes:

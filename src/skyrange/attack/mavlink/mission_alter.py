@@ -111,7 +111,9 @@ class MissionAlteration(sky.LinkTap):
         check_vehicles(context, self.vehicles)
         taps = self.make_taps([sky.link_name(self.on, vehicle) for vehicle in self.vehicles], context)
         shown = {} if self.at is None else {"inserted waypoint": self.at}
-        return sky.Attack(taps=taps, shown=shown, exclusive=[sky.Exclusive(f"plan of {one}") for one in self.vehicles])
+        return sky.Attack(
+            taps=taps, shown=shown, exclusive=[sky.Exclusive(f"plan of {vehicle}") for vehicle in self.vehicles]
+        )
 
     def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
         """Alter a frame of a mission dialogue; a sham sends it on as it is."""
@@ -140,8 +142,10 @@ class MissionAlteration(sky.LinkTap):
         if kind != mav.MAVLINK_MSG_ID_MISSION_ITEM_INT:
             return {"seq": self._number_on_board(message.seq)}
         self.originals[message.seq] = message
-        asked = self.requested
-        seq = asked if asked >= 0 and self.order[asked] == message.seq else self._number_on_board(message.seq)
+        requested = self.requested
+        seq = (
+            requested if requested >= 0 and self.order[requested] == message.seq else self._number_on_board(message.seq)
+        )
         return {**self.alter(message, seq), "seq": seq}
 
     def _to_station(self, message: sky.MavlinkMessage) -> dict[str, Any] | None:

@@ -56,7 +56,7 @@ class ParameterTampering(sky.Injection):
             sky.mavlink.MAVLink_param_set_message(self.target, sky.AUTOPILOT, name.encode(), value, kind)
             for name, value in (self.harmless() if self.sham else self.values).items()
         ]
-        return [self.claimed.packer.pack(one) for one in orders]
+        return [self.claimed.packer.pack(order) for order in orders]
 
     def harmless(self) -> dict[str, float]:
         """The values of a sham: those that parameters have, and NaN for what was not heard, which is not answered."""

@@ -120,12 +120,12 @@ class Spoof(ForgedRemoteId):
     def _as_many(self, made: sky.Attack, context: sky.AttackContext) -> sky.Attack:
         """The honest arm of a swarm: as many radios as aircraft, because each is at another place."""
         owners = [replace(context, id=f"{context.id}.{number}") for number in range(self.count)]
-        self.ports = [sky.Port(one.radio, one.up) for one in owners]
+        self.ports = [sky.Port(owner.radio, owner.up) for owner in owners]
         return replace(
             made,
-            links=[sky.up_link(one) for one in owners],
-            radios=[sky.transmitter(one, at, self.power_dbm) for one, at in zip(owners, self.places, strict=True)],
-            claims=[replace(claim, radio=one.radio) for one, claim in zip(owners, made.claims, strict=True)],
+            links=[sky.up_link(owner) for owner in owners],
+            radios=[sky.transmitter(owner, at, self.power_dbm) for owner, at in zip(owners, self.places, strict=True)],
+            claims=[replace(claim, radio=owner.radio) for owner, claim in zip(owners, made.claims, strict=True)],
         )
 
     def step(self, now: sky.Time, inbox: sky.Inbox) -> sky.Outbox:

@@ -54,14 +54,14 @@ class Rhythm:
         self.surprises = 0 if is_expected else self.surprises + 1
         if self.surprises > MAX_SURPRISES:
             self.period_ns = None  # the sender has changed its times
-        self.heard = [one for one in self.heard if start_ns - one <= LONGEST_NS] + [start_ns]
+        self.heard = [heard_ns for heard_ns in self.heard if start_ns - heard_ns <= LONGEST_NS] + [start_ns]
         if self.period_ns is not None:
             return []
         self.period_ns = find_period(self.heard)
         if self.period_ns is None:
             return []
         self.surprises = 0
-        return [one + self.period_ns for one in self.heard if one + self.period_ns > start_ns]
+        return [heard_ns + self.period_ns for heard_ns in self.heard if heard_ns + self.period_ns > start_ns]
 
 
 @dataclass(slots=True)
@@ -122,7 +122,7 @@ class ManifestTimes:
         self._expect_none_of(address)
 
     def _expect_none_of(self, address: bytes) -> None:
-        self._expected = [one for one in self._expected if one[1] != address]
+        self._expected = [expected for expected in self._expected if expected[1] != address]
         heapify(self._expected)
 
 
@@ -135,9 +135,9 @@ def find_period(starts: Sequence[Time]) -> Time | None:
         period_ns = starts[-1] - first
         if period_ns < SHORTEST_NS:
             continue
-        again = [one for one in starts if one - period_ns >= starts[0] - TOLERANCE_NS]
+        again = [start_ns for start_ns in starts if start_ns - period_ns >= starts[0] - TOLERANCE_NS]
         if len(again) >= (ENOUGH if period_ns >= LONG_NS else ENOUGH_SHORT) and all(
-            any(abs(one - period_ns - other) <= TOLERANCE_NS for other in starts) for one in again
+            any(abs(start_ns - period_ns - other) <= TOLERANCE_NS for other in starts) for start_ns in again
         ):
             return period_ns
     return None

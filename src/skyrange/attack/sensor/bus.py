@@ -161,7 +161,7 @@ class SensorBus(sky.OnSensors):
         count = len(self.vehicles)
         place = np.tile(np.arange(draws, dtype=np.uint64), count)
         who = np.repeat(self.who ^ np.uint64(hash64(sensor)), draws)
-        found = self.chance.uniforms(_STREAM, who, np.full(count * draws, now), place)
-        flips = found.reshape(count, draws * _PER_DRAW)[:, : words * bits].reshape(count, words, bits)
+        uniforms = self.chance.uniforms(_STREAM, who, np.full(count * draws, now), place)
+        flips = uniforms.reshape(count, draws * _PER_DRAW)[:, : words * bits].reshape(count, words, bits)
         masks: Words = ((flips < self.bit_error_rate) << np.arange(bits)).sum(axis=2)
         return masks

@@ -112,5 +112,5 @@ class SignedOrders(sky.InjectionOnLinks):
     def send(self, now: sky.Time) -> sky.Verdicts:
         return [
             self.inject(sign_frame(self.packer.pack(message), self.secret, self.link_id, self.stamps.take(now)))
-            for message in ((_NOTHING if self.sham else one).message(self.target) for one in _ORDERS[self.order])
+            for message in ((_NOTHING if self.sham else order).message(self.target) for order in _ORDERS[self.order])
         ]

@@ -48,10 +48,10 @@ def _set_consumed(fields: Fields, claimed: float) -> None:
 def _set_cells(fields: Fields, millivolts: float) -> None:
     """Scale the cells to a total; a battery without cells reports it in the first."""
     cells = fields["voltages"].astype(np.float64)
-    there = cells < _NO_CELL
-    total = float(cells[there].sum())
+    is_present = cells < _NO_CELL
+    total = float(cells[is_present].sum())
     if total > 0:
-        cells[there] = np.clip(np.rint(cells[there] * (millivolts / total)), 0, _NO_CELL - 1)
+        cells[is_present] = np.clip(np.rint(cells[is_present] * (millivolts / total)), 0, _NO_CELL - 1)
     else:
         cells[0] = min(millivolts, _NO_CELL - 1)
     fields["voltages"] = cells.astype(np.uint16)

@@ -85,7 +85,7 @@ def list_differences(old: Results, new: Results) -> list[str]:
         for name, a, b in pairs
         if a.load.elsewhere_cores is not None and b.load.elsewhere_cores is not None
     ]
-    far = [each for each in loads if each[0] > LOAD_DIFFERS_CORES]
+    far = [load for load in loads if load[0] > LOAD_DIFFERS_CORES]
     if far:
         _, name, before, after = max(far)
         differences.append(
@@ -93,9 +93,9 @@ def list_differences(old: Results, new: Results) -> list[str]:
             f"and {after:.2f} cores in the new results during {name}."
         )
     speeds = [(b.yardstick_us / a.yardstick_us, name) for name, a, b in pairs]
-    apart = [each for each in speeds if abs(each[0] - 1.0) > YARDSTICK_DIFFERS]
+    apart = [speed for speed in speeds if abs(speed[0] - 1.0) > YARDSTICK_DIFFERS]
     if apart:
-        ratio, name = max(apart, key=lambda each: abs(each[0] - 1.0))
+        ratio, name = max(apart, key=lambda speed: abs(speed[0] - 1.0))
         differences.append(
             f"The machine was not equally fast in {len(apart)} of {len(pairs)} cases: the yardstick took {ratio:.2f} "
             f"times as long in the new results during {name}. Compare yardsticks, not times."

@@ -151,10 +151,10 @@ def resident_mb(pid: int) -> float:
 
 def make_series(samples_mb: list[float], processes: int) -> Memory:
     """The memory of a case from its samples: at most `MAX_VALUES` values, each the largest of as many samples."""
-    each = max(-(-len(samples_mb) // MAX_VALUES), 1)
-    kept = [round(max(samples_mb[at : at + each]), 1) for at in range(0, len(samples_mb), each)]
+    per_value = max(-(-len(samples_mb) // MAX_VALUES), 1)
+    kept = [round(max(samples_mb[at : at + per_value]), 1) for at in range(0, len(samples_mb), per_value)]
     return Memory(
-        every_s=INTERVAL_S * each,
+        every_s=INTERVAL_S * per_value,
         resident_mb=tuple(kept),
         peak_mb=round(max(samples_mb), 1) if samples_mb else None,
         processes=processes,

@@ -148,9 +148,9 @@ def write_results(results: Results, path: Path) -> None:
 
 
 def _check_format(who: str, data: Any) -> None:
-    found = data.get("format") if isinstance(data, dict) else None
-    if found != FORMAT:
-        value = repr(found) if isinstance(data, dict) and "format" in data else "not there"
+    file_format = data.get("format") if isinstance(data, dict) else None
+    if file_format != FORMAT:
+        value = repr(file_format) if isinstance(data, dict) and "format" in data else "not there"
         raise InputError.one(who, "format", value, f'"{FORMAT}", as in results of all benchmarks', HOW_TO_MAKE)
     if data.get("version") != VERSION:
         hint = "The file is of another version of skyrange; make a page of it with that version"

@@ -25,10 +25,24 @@ def live_progress(flown: LiveRange, *, quiet: bool) -> Iterator[OnUpdate | None]
     if quiet:
         yield None
     elif sys.stderr.isatty():
+        from rich.console import Group
         from rich.live import Live
 
+        from skyrange.cli.output.flight_lines import FlightLines
+
+        flown.reports_events = True
+        lines = FlightLines(sum(1 for _ in flown.built.scenario.fleet))
+
+        def show(now: LiveRange) -> None:
+            reports, now.reports = now.reports, []
+            for report in reports:
+                lines.add(report)
+            # the table last: what does not fit on the terminal is cut at its end
+            shown.update(Group(*(lines.render() if now.zero_ns else ()), make_table(now)))
+
         with Live(make_table(flown), console=terminal(stderr=True), refresh_per_second=4) as shown:
-            yield lambda now: shown.update(make_table(now))
+            yield show
+            show(flown)
     else:
         printed, waited = -2, False
 

@@ -56,14 +56,14 @@ def print_pair(result: Pair) -> None:
     for row in departed:
         if row["outcome"] != row["outcome_twin"]:
             console.print(f"{row['vehicle']}: {row['outcome_twin']} in the twin, {row['outcome']} attacked")
-        for what in ("near_misses", "collisions"):
-            if row[what] != row[f"{what}_twin"]:
-                text = what.replace("_", " ")
-                console.print(f"{row['vehicle']}: {row[f'{what}_twin']} {text} in the twin, {row[what]} attacked")
+        for mishap in ("near_misses", "collisions"):
+            if row[mishap] != row[f"{mishap}_twin"]:
+                text = mishap.replace("_", " ")
+                console.print(f"{row['vehicle']}: {row[f'{mishap}_twin']} {text} in the twin, {row[mishap]} attacked")
     _print_lie_and_truth(console, result)
     if len(result.seeds) > 1:
         _print_intervals(console, result, {row["vehicle"] for row in rows if row["departed_s"] is not None})
-    unknown = unknown_subsets(result.manifest.get("active", {}))
+    unknown = unknown_subsets(result.manifest["active"])
     if unknown:
         console.print(f"{unknown} combinations of attacks were not run; effects that need one are unknown (--arms)")
     _print_defences(console, result)
@@ -71,7 +71,7 @@ def print_pair(result: Pair) -> None:
     print_city(console, manifest.get("city"))
     print_placing(console, manifest.get("placing"))
     acts = [row for row in result.propagation.to_pylist() if row["phase"] in ("onset", "act")]
-    of_faults = sum(bool(row.get("fault")) for row in acts)  # older folders have no such column
+    of_faults = sum(bool(row["fault"]) for row in acts)
     where = f"labelled in {len(result.seeds)} attacked run{'s' * (len(result.seeds) > 1)}"
     if len(acts) > of_faults or not result.faults:
         console.print(f"{len(acts) - of_faults:,} hostile acts {where}")
@@ -121,7 +121,7 @@ def _causes(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
     """The aircraft of these rows by what caused their effect."""
     vehicles: dict[str, list[str]] = {}
     for row in rows:
-        authors = [*row["attacks"], *(f"fault {fault}" for fault in row.get("faults") or ())]
+        authors = [*row["attacks"], *(f"fault {fault}" for fault in row["faults"])]
         vehicles.setdefault(_describe_cause(row["attribution"], authors), []).append(row["vehicle"])
     return vehicles
 
@@ -133,9 +133,10 @@ def _describe_cause(attribution: str | None, authors: Sequence[str]) -> str:
     if attribution == "unknown":
         return "the cause is unknown, because the runs without the attacks were not made"
     if attribution == "not enough placebos":
-        from skyrange.twins.effects import ENOUGH_PLACEBOS
+        from skyrange.twins.effects import CLAIM_PLACEBOS, ENOUGH_PLACEBOS
 
-        return f"not shown to be an effect, which takes {ENOUGH_PLACEBOS} placebos (more --seeds)"
+        enough = f"{ENOUGH_PLACEBOS} placebos, and a claim {CLAIM_PLACEBOS}"
+        return f"not shown to be an effect, which takes {enough} (more --seeds)"
     if attribution == "both":
         return f"caused by {names}, necessary and sufficient"
     return f"caused by {names}, {attribution}"

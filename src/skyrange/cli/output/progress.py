@@ -6,44 +6,65 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
+from typing import TYPE_CHECKING, NamedTuple
 
 from skyrange.cli.output.console import print_notice, terminal
 from skyrange.core.time import Time, to_seconds
 
+if TYPE_CHECKING:
+    from skyrange.contracts.components import Observer
+    from skyrange.study.execution.plan_run import OnPlanProgress, PlanProgress
+
 OnProgress = Callable[[Time, Time], None]
-OnRunProgress = Callable[[int, Time, Time], None]
 OnBytes = Callable[[int, int | None], None]
 OnStep = Callable[[str, int, int], None]
 OnMapProgress = Callable[[int, int, float | None], None]
 
 
+class FlightProgress(NamedTuple):
+    """What shows the progress of a flight: both are for `fly`."""
+
+    on_progress: OnProgress | None = None
+    observers: tuple[Observer, ...] = ()
+
+
 @contextmanager
 def progress(name: str, *, quiet: bool) -> Iterator[OnProgress | None]:
     """Yield the progress callback for `fly`. It writes to standard error, so that output can be piped."""
-    if quiet:
-        yield None
-    elif sys.stderr.isatty():
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    with flight_progress(name, 0, quiet=quiet, observed=False) as shown:
+        yield shown.on_progress
 
-        name_column, time_column = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[at]}")
-        columns = (
-            name_column,
-            BarColumn(),
-            time_column,
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=terminal(stderr=True), transient=True) as bar:
-            task = bar.add_task(name, total=None, at="starting")
+
+@contextmanager
+def flight_progress(name: str, aircraft: int, *, quiet: bool, observed: bool = True) -> Iterator[FlightProgress]:
+    """Yield what shows the progress of a run with so many aircraft: as `progress`, and on a terminal also what happens,
+    below the bar, unless the run cannot be `observed`.
+    """
+    if quiet:
+        yield FlightProgress()
+    elif sys.stderr.isatty():
+        from skyrange.cli.output.flight_bar import REFRESH_HZ, FlightBar
+        from skyrange.cli.output.flight_lines import FlightLines
+        from skyrange.runtime.compilation.in_flight import watch_compilations
+        from skyrange.runtime.event_reports import EventCollector
+
+        collector, lines, drawn_s = EventCollector(), FlightLines(aircraft), 0.0
+        with watch_compilations() as compilations, FlightBar(name, compilations, terminal(stderr=True)) as bar:
 
             def show(now: Time, end: Time) -> None:
-                time_column = f"{to_seconds(now):.0f} of {to_seconds(end):.0f} s" if now < end else "writing the record"
+                nonlocal drawn_s
+                if now < end and monotonic() < drawn_s + 1.0 / REFRESH_HZ:
+                    return
+                drawn_s = monotonic()
+                if observed:
+                    lines.add(collector.take())
+                    bar.lines = lines.render()
+                at = f"{to_seconds(now):.0f} of {to_seconds(end):.0f} s" if now < end else "writing the record"
                 if now < 0:
-                    time_column = f"autopilots boot, {-to_seconds(now):.0f} simulated s left"
-                bar.update(task, total=end, completed=max(now, 0), at=time_column)
+                    at = f"autopilots boot, {-to_seconds(now):.0f} simulated s left"
+                bar.show(at, done=max(now, 0), total=end)
 
-            yield show
+            yield FlightProgress(show, (collector,) if observed else ())
     else:
         tenth = -1
         boot: tuple[float, Time] | None = None
@@ -65,23 +86,59 @@ def progress(name: str, *, quiet: bool) -> Iterator[OnProgress | None]:
                 tenth = reached
                 print_notice(f"{name}: {to_seconds(now):.0f} of {to_seconds(end):.0f} s")
 
-        yield tell
+        yield FlightProgress(tell)
 
 
 @contextmanager
-def parallel_progress(name: str, flights: int, *, quiet: bool) -> Iterator[OnRunProgress | None]:
-    """Yield a progress callback for several parallel runs, with one bar or line for all of them."""
-    with progress(f"{name}, {flights} runs", quiet=quiet) as show:
-        if show is None:
-            yield None
-            return
-        reached = [0] * flights
+def run_progress(name: str, *, quiet: bool) -> Iterator[OnPlanProgress | None]:
+    """Yield a progress callback for the runs of a plan, with one bar or line for all of them."""
+    if quiet:
+        yield None
+    elif sys.stderr.isatty():
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
-        def tell(number: int, now: Time, end: Time) -> None:
-            reached[number] = max(reached[number], now)
-            show(sum(reached), end * flights)
+        from skyrange.cli.output.flight_bar import LinedProgress
+        from skyrange.cli.output.flight_lines import GroupLines
+
+        description, at = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[at]}")
+        columns = (description, BarColumn(), at, TimeElapsedColumn())
+        with LinedProgress(*columns, console=terminal(stderr=True), transient=True) as bar:
+            task = bar.add_task(name, total=None, at="starting")
+
+            remarked, lines = 0, GroupLines()
+
+            def show(status: PlanProgress) -> None:
+                nonlocal remarked
+                remarked = _print_remarks(name, status, remarked)
+                left = "" if status.left_s is None else f", {_minutes(status.left_s)} left"
+                done = status.finished + status.under_way
+                at = f"{status.finished} of {status.runs} runs{left}"
+                bar.update(task, total=status.runs, completed=done, at=at)
+                bar.lines = lines.render(status.groups, status.events)
+
+            yield show
+    else:
+        tenth, ended, remarked = -1, False, 0
+
+        def tell(status: PlanProgress) -> None:
+            nonlocal tenth, ended, remarked
+            remarked = _print_remarks(name, status, remarked)
+            share = (status.finished + status.under_way) / max(status.runs, 1)
+            if int(10 * share) > tenth or (status.finished == status.runs and not ended):
+                tenth, ended = int(10 * share), status.finished == status.runs
+                left = (
+                    "" if status.left_s is None or ended else f", {100 * share:.0f} %, {_minutes(status.left_s)} left"
+                )
+                print_notice(f"{name}: {status.finished} of {status.runs} runs{left}")
 
         yield tell
+
+
+def _print_remarks(name: str, status: PlanProgress, printed: int) -> int:
+    """Print the remarks after those that were printed; how many are printed now."""
+    for remark in status.remarks[printed:]:
+        print_notice(f"{name}: {remark}")
+    return len(status.remarks)
 
 
 @contextmanager
@@ -122,36 +179,36 @@ def step_progress(*, quiet: bool) -> Iterator[OnStep | None]:
         with Progress(*columns, console=terminal(stderr=True), transient=True) as bar:
             task = bar.add_task("starting", total=None)
 
-            def show(what: str, done: int, steps: int) -> None:
-                bar.update(task, description=what, total=steps, completed=done)
+            def show(step: str, done: int, steps: int) -> None:
+                bar.update(task, description=step, total=steps, completed=done)
 
             yield show
     else:
         shown = ""
 
-        def tell(what: str, done: int, steps: int) -> None:
+        def tell(step: str, done: int, steps: int) -> None:
             nonlocal shown
-            if what != shown:
-                print_notice(what)
-            shown = what
+            if step != shown:
+                print_notice(step)
+            shown = step
 
         yield tell
 
 
 @contextmanager
-def map_progress(name: str, unit: str, *, quiet: bool) -> Iterator[OnMapProgress | None]:
+def map_progress(name: str, unit: str, *, quiet: bool, title: str = "") -> Iterator[OnMapProgress | None]:
     """Yield a progress callback for steps of about equal length: how many are done, of how many, and the seconds left
-    if they are known.
+    if they are known. A terminal shows the `title` instead of the name.
     """
     if quiet:
         yield None
     elif sys.stderr.isatty():
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        said, at = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[at]}")
-        columns = (said, BarColumn(), at, TimeElapsedColumn())
+        description, at = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[at]}")
+        columns = (description, BarColumn(), at, TimeElapsedColumn())
         with Progress(*columns, console=terminal(stderr=True), transient=True) as bar:
-            task = bar.add_task(name, total=None, at="starting")
+            task = bar.add_task(title or name, total=None, at="starting")
 
             def show(done: int, total: int, left_s: float | None) -> None:
                 left = "" if left_s is None else f", {_minutes(left_s)} left"
@@ -174,9 +231,10 @@ def map_progress(name: str, unit: str, *, quiet: bool) -> Iterator[OnMapProgress
 
 def compile_kernels(jobs: int | None = None, *, quiet: bool) -> int:
     """Compile the kernels that flights use and the cache lacks, with progress; returns their number."""
+    from skyrange.cli.output.flight_bar import COMPILING
     from skyrange.runtime.compilation import fill_cache
 
-    with map_progress("compiling", "kernels", quiet=quiet) as show:
+    with map_progress("compiling", "kernels", quiet=quiet, title=COMPILING) as show:
         return fill_cache(jobs, None if show is None else lambda done, total: show(done, total, None))
 
 

@@ -82,9 +82,9 @@ def print_disk(facts: Mapping[str, Any]) -> None:
     """Print how much disk a run takes, and what takes most of it."""
     disk: Mapping[str, int] = facts["disk"]
     total = sum(disk.values())
-    most = [f"{name} {size / 1e6:.1f}" for name, size in disk.items() if size >= SHOWN_SHARE * total]
+    largest = [f"{name} {size / 1e6:.1f}" for name, size in disk.items() if size >= SHOWN_SHARE * total]
     per_frame = f", {total / facts['frames']:.0f} bytes for each frame" if facts["frames"] else ""
-    text = f"disk   {total / 1e6:.1f} MB{per_frame}: {', '.join(most)}"
+    text = f"disk   {total / 1e6:.1f} MB{per_frame}: {', '.join(largest)}"
     terminal().print(text, soft_wrap=True, markup=False, highlight=False)
 
 

@@ -54,8 +54,8 @@ def tabulate_scores(files: Sequence[ScoreFile]) -> Iterator[Table]:
     if not axes:
         return
     parts = [f"{part} {axis}" for axis in axes for part in (_HELD, _SEEN)]
-    held = (first.held_out.families, first.held_out.cities, map(str, first.held_out.aircraft), first.held_out.kinds)
-    named = [f"{axis}: {', '.join(names)}" for axis, names in zip(_AXES, held, strict=True) if axis in axes]
+    held_out = (first.held_out.families, first.held_out.cities, map(str, first.held_out.aircraft), first.held_out.kinds)
+    named = [f"{axis}: {', '.join(names)}" for axis, names in zip(_AXES, held_out, strict=True) if axis in axes]
     table = _begin(f"{first.study}: recall, detected of attacks; new is held out: {'; '.join(named)}")
     _add_heads(table, parts)
     for detector in ordered:
@@ -111,10 +111,10 @@ def _describe(files: Sequence[ScoreFile]) -> str:
         sentences.append(f"The test split has {on.runs} runs in {on.clusters} independent clusters.")
     if first.repeated_runs:
         sentences.append(f"{first.repeated_runs} runs are the same flight as another one, and do not count.")
-    lacks = {one.detector: one.reduced for file in files for one in file.detectors if one.reduced}
+    lacks = {detector.detector: detector.reduced for file in files for detector in file.detectors if detector.reduced}
     if lacks:
         sentences.append(
-            f"{_REDUCED}: not the method as published. " + " ".join(f"{one}: {lacks[one]}." for one in lacks)
+            f"{_REDUCED}: not the method as published. " + " ".join(f"{name}: {lacks[name]}." for name in lacks)
         )
     return "\n".join(sentences)
 

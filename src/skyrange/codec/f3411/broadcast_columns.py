@@ -170,10 +170,10 @@ def _place_of(kinds: Codes, starts: Ints, kind: MessageType, after: int = 0) -> 
     return wanted.any(axis=1), starts[np.arange(len(kinds)), place]
 
 
-def _gather(data: Bytes, found: Flags, starts: Ints, layout: np.dtype[Any]) -> _Found:
-    raw = np.zeros((len(found), SIZE), dtype=np.uint8)
-    raw[found] = data[starts[found][:, None] + np.arange(SIZE)]
-    return _Found(found, raw.view(layout)[:, 0])
+def _gather(data: Bytes, has_message: Flags, starts: Ints, layout: np.dtype[Any]) -> _Found:
+    raw = np.zeros((len(has_message), SIZE), dtype=np.uint8)
+    raw[has_message] = data[starts[has_message][:, None] + np.arange(SIZE)]
+    return _Found(has_message, raw.view(layout)[:, 0])
 
 
 def _join_pages(data: Bytes, kinds: Codes, starts: Ints) -> list[bytes]:

@@ -85,9 +85,9 @@ def _find_messages(data: Bytes, starts: Ints, sizes: Ints, valid: Flags, located
         if size == SIZE and data[start] >> 4 != _PACK:
             count = 1
         elif size >= PACK_HEADER + SIZE and data[start] >> 4 == _PACK and data[start + 1] == SIZE:
-            told = int(data[start + 2])
-            if told <= MAX_PACK_MESSAGES and size == PACK_HEADER + SIZE * told:
-                first, count = start + PACK_HEADER, told
+            message_count = int(data[start + 2])
+            if message_count <= MAX_PACK_MESSAGES and size == PACK_HEADER + SIZE * message_count:
+                first, count = start + PACK_HEADER, message_count
         valid[row] = count > 0
         for place in range(count - 1, -1, -1):  # backwards, so that the first one is kept
             at = first + SIZE * place
@@ -175,8 +175,8 @@ def _steps(metres: float) -> int:
     if math.isnan(metres):
         return 0
     least, most = values.ALTITUDE_MIN_M + values.ALTITUDE_STEP_M, values.ALTITUDE_MAX_M
-    held: float = min(max(metres, least), most) - values.ALTITUDE_MIN_M
-    return int(np.rint(held / values.ALTITUDE_STEP_M))
+    clamped_m: float = min(max(metres, least), most) - values.ALTITUDE_MIN_M
+    return int(np.rint(clamped_m / values.ALTITUDE_STEP_M))
 
 
 @compiled
@@ -217,12 +217,12 @@ def _write_locations(numbers: Floats, codes: Codes, out: Bodies) -> int:
         elif math.isnan(speed):
             out[row, 3] = _SPEED_UNKNOWN
         else:
-            held = min(speed, values.SPEED_MAX_MPS) - values.SPEED_KNEE_MPS
-            out[row, 3] = int(np.rint(held / values.SPEED_FAST_STEP_MPS))
+            clamped = min(speed, values.SPEED_MAX_MPS) - values.SPEED_KNEE_MPS
+            out[row, 3] = int(np.rint(clamped / values.SPEED_FAST_STEP_MPS))
         steps = values.VERTICAL_UNKNOWN
         if not math.isnan(climb):
-            held = min(max(climb, -values.VERTICAL_MAX_MPS), values.VERTICAL_MAX_MPS)
-            steps = int(np.rint(held / values.VERTICAL_STEP_MPS))
+            clamped = min(max(climb, -values.VERTICAL_MAX_MPS), values.VERTICAL_MAX_MPS)
+            steps = int(np.rint(clamped / values.VERTICAL_STEP_MPS))
         out[row, 4] = steps & 0xFF
         if track < 0.0 or track > 360.0:
             return 7

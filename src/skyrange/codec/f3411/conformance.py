@@ -33,27 +33,27 @@ def deviations(message: Message) -> tuple[str, ...]:
 
     A saturated speed (254.25 m/s, ±62 m/s) is named too: it is allowed, but it means "or more".
     """
-    found: list[str] = []
+    texts: list[str] = []
     if message.version > PROTOCOL_VERSION:
-        found.append(f"version {message.version}: reserved, {PROTOCOL_VERSION} is the newest known")
+        texts.append(f"version {message.version}: reserved, {PROTOCOL_VERSION} is the newest known")
     if isinstance(message, MessagePack):
-        found += _pack(message)
+        texts += _pack(message)
     elif isinstance(message, BasicId):
-        found += _basic_id(message)
+        texts += _basic_id(message)
     elif isinstance(message, Location):
-        found += _location(message)
+        texts += _location(message)
     elif isinstance(message, Authentication):
-        found += _authentication(message)
+        texts += _authentication(message)
     elif isinstance(message, SelfId):
-        found += _reserved("description_type", message.description_type, 2, 200) + _printable("text", message.text)
+        texts += _reserved("description_type", message.description_type, 2, 200) + _printable("text", message.text)
     elif isinstance(message, System):
-        found += _system(message)
+        texts += _system(message)
     elif isinstance(message, OperatorId):
-        found += _reserved("operator_id_type", message.operator_id_type, 0, 200)
-        found += _printable("operator_id", message.operator_id)
+        texts += _reserved("operator_id_type", message.operator_id_type, 0, 200)
+        texts += _printable("operator_id", message.operator_id)
     elif isinstance(message, Reserved):
-        found.append(f"message type {message.message_type}: reserved, or a pack within a pack")
-    return tuple(found)
+        texts.append(f"message type {message.message_type}: reserved, or a pack within a pack")
+    return tuple(texts)
 
 
 def is_serial_number(text: str) -> bool:
@@ -77,57 +77,57 @@ def _beyond(name: str, value: float | None, least: float, most: float) -> list[s
 
 
 def _pack(message: MessagePack) -> list[str]:
-    found = []
+    texts = []
     for place, part in enumerate(message.messages):
-        found += [f"message {place}, {type(part).__name__}: {text}" for text in deviations(part)]
+        texts += [f"message {place}, {type(part).__name__}: {text}" for text in deviations(part)]
     kinds = [type(part) for part in message.messages]
     for kind, most in ((BasicId, 2), (Location, 1), (SelfId, 1), (System, 1), (OperatorId, 1)):
         if kinds.count(kind) > most:
-            found.append(f"{kinds.count(kind)} messages {kind.__name__}: at most {most} in a pack")
-    return found
+            texts.append(f"{kinds.count(kind)} messages {kind.__name__}: at most {most} in a pack")
+    return texts
 
 
 def _basic_id(message: BasicId) -> list[str]:
-    found = _reserved("id_type", message.id_type, IdType.SPECIFIC_SESSION, 255)
+    texts = _reserved("id_type", message.id_type, IdType.SPECIFIC_SESSION, 255)
     if message.id_type in (IdType.SERIAL_NUMBER, IdType.CAA_REGISTRATION):
-        found += _printable("uas_id", message.uas_id)
+        texts += _printable("uas_id", message.uas_id)
     if message.id_type == IdType.SERIAL_NUMBER and not is_serial_number(message.uas_id):
-        found.append(f"uas_id {message.uas_id!r}: no serial number by ANSI/CTA-2063-A")
-    return found
+        texts.append(f"uas_id {message.uas_id!r}: no serial number by ANSI/CTA-2063-A")
+    return texts
 
 
 def _location(message: Location) -> list[str]:
-    found = _reserved("status", message.status, 4, 255)
-    found += _beyond("lat_deg", message.lat_deg, -90, 90) + _beyond("lon_deg", message.lon_deg, -180, 180)
-    found += _beyond("track_deg", message.track_deg, 0, 359)
-    found += _beyond("vertical_mps", message.vertical_mps, -values.VERTICAL_MAX_MPS, values.VERTICAL_MAX_MPS)
-    found += _beyond("timestamp_s", message.timestamp_s, 0, values.TIME_MAX_S)
-    found += _reserved("horizontal_accuracy", message.horizontal_accuracy, 12, 255)
-    found += _reserved("vertical_accuracy", message.vertical_accuracy, 6, 255)
-    found += _reserved("baro_accuracy", message.baro_accuracy, 6, 255)
-    found += _reserved("speed_accuracy", message.speed_accuracy, 4, 255)
+    texts = _reserved("status", message.status, 4, 255)
+    texts += _beyond("lat_deg", message.lat_deg, -90, 90) + _beyond("lon_deg", message.lon_deg, -180, 180)
+    texts += _beyond("track_deg", message.track_deg, 0, 359)
+    texts += _beyond("vertical_mps", message.vertical_mps, -values.VERTICAL_MAX_MPS, values.VERTICAL_MAX_MPS)
+    texts += _beyond("timestamp_s", message.timestamp_s, 0, values.TIME_MAX_S)
+    texts += _reserved("horizontal_accuracy", message.horizontal_accuracy, 12, 255)
+    texts += _reserved("vertical_accuracy", message.vertical_accuracy, 6, 255)
+    texts += _reserved("baro_accuracy", message.baro_accuracy, 6, 255)
+    texts += _reserved("speed_accuracy", message.speed_accuracy, 4, 255)
     if message.speed_mps is not None and message.speed_mps >= values.SPEED_MAX_MPS:
-        found.append(f"speed_mps {message.speed_mps:g}: saturated, that or faster")
+        texts.append(f"speed_mps {message.speed_mps:g}: saturated, that or faster")
     if message.vertical_mps is not None and abs(message.vertical_mps) == values.VERTICAL_MAX_MPS:
-        found.append(f"vertical_mps {message.vertical_mps:g}: saturated, that or faster")
-    return found
+        texts.append(f"vertical_mps {message.vertical_mps:g}: saturated, that or faster")
+    return texts
 
 
 def _authentication(message: Authentication) -> list[str]:
-    found = _reserved("auth_type", message.auth_type, 5, 9)
+    texts = _reserved("auth_type", message.auth_type, 5, 9)
     if message.page == 0:
         last, length = message.last_page or 0, message.length or 0
-        found += _beyond("last_page", last, 0, 15)
+        texts += _beyond("last_page", last, 0, 15)
         if length > 17 + 23 * last:
-            found.append(f"length {length}: {last + 1} pages hold {17 + 23 * last} bytes")
-    return found
+            texts.append(f"length {length}: {last + 1} pages hold {17 + 23 * last} bytes")
+    return texts
 
 
 def _system(message: System) -> list[str]:
-    found = _reserved("operator_location_type", message.operator_location_type, 2, 255)
-    found += _reserved("classification", message.classification, 1, 255)
-    found += _beyond("operator_lat_deg", message.operator_lat_deg, -90, 90)
-    found += _beyond("operator_lon_deg", message.operator_lon_deg, -180, 180)
+    texts = _reserved("operator_location_type", message.operator_location_type, 2, 255)
+    texts += _reserved("classification", message.classification, 1, 255)
+    texts += _beyond("operator_lat_deg", message.operator_lat_deg, -90, 90)
+    texts += _beyond("operator_lon_deg", message.operator_lon_deg, -180, 180)
     if message.classification == 1:
-        found += _reserved("category", message.category, 3, 255) + _reserved("ua_class", message.ua_class, 7, 255)
-    return found
+        texts += _reserved("category", message.category, 3, 255) + _reserved("ua_class", message.ua_class, 7, 255)
+    return texts

@@ -105,7 +105,7 @@ MODULE: Final = (
 
 def missing_elements(messages: Iterable[Message], elements: tuple[Element, ...] = STANDARD) -> tuple[str, ...]:
     """The clauses whose element is in none of `messages`; packs are searched."""
-    said: list[Message] = []
+    parts: list[Message] = []
     for message in messages:
-        said += message.messages if isinstance(message, MessagePack) else (message,)
-    return tuple(element.clause for element in elements if not any(map(element.carried, said)))
+        parts += message.messages if isinstance(message, MessagePack) else (message,)
+    return tuple(element.clause for element in elements if not any(map(element.carried, parts)))

@@ -92,8 +92,8 @@ def encode_vertical(vertical_mps: float | None) -> int:
     """A signed byte."""
     if vertical_mps is None:
         return VERTICAL_UNKNOWN
-    held = min(max(_finite(vertical_mps, "vertical_mps"), -VERTICAL_MAX_MPS), VERTICAL_MAX_MPS)
-    return round(held / VERTICAL_STEP_MPS)
+    clamped = min(max(_finite(vertical_mps, "vertical_mps"), -VERTICAL_MAX_MPS), VERTICAL_MAX_MPS)
+    return round(clamped / VERTICAL_STEP_MPS)
 
 
 def decode_vertical(value: int) -> float | None:
@@ -105,8 +105,8 @@ def encode_altitude(altitude_m: float | None) -> int:
     """16 bits; the lowest known altitude is −999.5 m, since −1000 m means unknown."""
     if altitude_m is None:
         return 0
-    held = min(max(_finite(altitude_m, "altitude"), ALTITUDE_MIN_M + ALTITUDE_STEP_M), ALTITUDE_MAX_M)
-    return round((held - ALTITUDE_MIN_M) / ALTITUDE_STEP_M)
+    clamped_m = min(max(_finite(altitude_m, "altitude"), ALTITUDE_MIN_M + ALTITUDE_STEP_M), ALTITUDE_MAX_M)
+    return round((clamped_m - ALTITUDE_MIN_M) / ALTITUDE_STEP_M)
 
 
 def decode_altitude(value: int) -> float | None:

@@ -100,16 +100,16 @@ class Operation(NamedTuple):
 def find_operation(method: str, path: str) -> Operation | None:
     """The operation that a request asks for; `None` if there is none."""
     for operation, verb, pattern in _patterns():
-        found = pattern.fullmatch(path) if verb == method else None
-        if found is not None:
-            return Operation(operation, found.groupdict())
+        match = pattern.fullmatch(path) if verb == method else None
+        if match is not None:
+            return Operation(operation, match.groupdict())
     return None
 
 
 def path_of(operation: OperationID, **parameters: str) -> tuple[str, str]:
     """The method and the path of an operation."""
-    one = OPERATIONS[operation]
-    return one.verb, one.path.format(**parameters)
+    http_operation = OPERATIONS[operation]
+    return http_operation.verb, http_operation.path.format(**parameters)
 
 
 def check_request(operation: OperationID, body: Any) -> dict[str, Any]:
@@ -132,8 +132,10 @@ def check_response(operation: OperationID, status: int, body: Any) -> dict[str, 
 
 @cache
 def _patterns() -> list[tuple[OperationID, str, re.Pattern[str]]]:
-    found = []
-    for operation, one in OPERATIONS.items():
-        text = re.sub(r"\{(\w+)\}", lambda match: f"(?P<{match[1]}>{_PATTERNS.get(match[1], _TEXT)})", one.path)
-        found.append((operation, one.verb, re.compile(text)))
-    return found
+    patterns = []
+    for operation, http_operation in OPERATIONS.items():
+        text = re.sub(
+            r"\{(\w+)\}", lambda match: f"(?P<{match[1]}>{_PATTERNS.get(match[1], _TEXT)})", http_operation.path
+        )
+        patterns.append((operation, http_operation.verb, re.compile(text)))
+    return patterns

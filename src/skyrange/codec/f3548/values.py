@@ -105,8 +105,8 @@ class IntentDetails:
     def body(self, epoch: Epoch) -> Body:
         """As JSON."""
         return {
-            "volumes": [volume_body(one, epoch) for one in self.volumes],
-            "off_nominal_volumes": [volume_body(one, epoch) for one in self.off_nominal_volumes],
+            "volumes": [volume_body(volume, epoch) for volume in self.volumes],
+            "off_nominal_volumes": [volume_body(volume, epoch) for volume in self.off_nominal_volumes],
             "priority": self.priority,
         }
 
@@ -165,12 +165,14 @@ def area_of(body: Mapping[str, Any], epoch: Epoch, where: str) -> Area:
     """What the Volume4D of a checked body encloses; a circle becomes the polygon around it. Raises `DecodeError`."""
     solid = body["volume"]
     heights = [solid.get(name) for name in ("altitude_lower", "altitude_upper")]
-    for one in heights:
-        if one is not None and not MIN_ALTITUDE_M <= one["value"] <= MAX_ALTITUDE_M:
-            raise DecodeError(f"{where}: altitude {one['value']} is not within {MIN_ALTITUDE_M} to {MAX_ALTITUDE_M} m")
-    lower_m, upper_m = (None if one is None else one["value"] for one in heights)
+    for height in heights:
+        if height is not None and not MIN_ALTITUDE_M <= height["value"] <= MAX_ALTITUDE_M:
+            raise DecodeError(
+                f"{where}: altitude {height['value']} is not within {MIN_ALTITUDE_M} to {MAX_ALTITUDE_M} m"
+            )
+    lower_m, upper_m = (None if height is None else height["value"] for height in heights)
     times = [body.get(name) for name in ("time_start", "time_end")]
-    start_ns, end_ns = (None if one is None else epoch.parse(one["value"]) for one in times)
+    start_ns, end_ns = (None if instant is None else epoch.parse(instant["value"]) for instant in times)
     polygon, circle = solid.get("outline_polygon"), solid.get("outline_circle")
     if (polygon is None) == (circle is None):
         raise DecodeError(f"{where}: it needs either outline_polygon or outline_circle")
@@ -185,10 +187,10 @@ def area_of(body: Mapping[str, Any], epoch: Epoch, where: str) -> Area:
 
 
 def _ring(vertices: Sequence[Mapping[str, float]], where: str) -> tuple[tuple[float, float], ...]:
-    for one in vertices:
-        if not (-90.0 <= one["lat"] <= 90.0 and -180.0 <= one["lng"] <= 180.0):
-            raise DecodeError(f"{where}: {one['lat']}, {one['lng']} is no place in degrees")
-    return tuple((one["lat"], one["lng"]) for one in vertices)
+    for vertex in vertices:
+        if not (-90.0 <= vertex["lat"] <= 90.0 and -180.0 <= vertex["lng"] <= 180.0):
+            raise DecodeError(f"{where}: {vertex['lat']}, {vertex['lng']} is no place in degrees")
+    return tuple((vertex["lat"], vertex["lng"]) for vertex in vertices)
 
 
 def _circle(circle: Mapping[str, Any], where: str) -> tuple[tuple[float, float], ...]:

@@ -78,11 +78,11 @@ class Deframer:
         garbage_from = at = 0
         truncated = False
         while True:
-            found = _MAGIC.search(buffer, at)
-            if found is None:
+            match = _MAGIC.search(buffer, at)
+            if match is None:
                 at = size
                 break
-            at = found.start()
+            at = match.start()
             end = _frame_end(buffer, at, size)
             if end > size:
                 if not ended:

@@ -119,30 +119,30 @@ def format_fence(items: Items) -> dict[str, object]:
     """The `geoFence` object of items."""
     inside = {command: inclusion for kinds in (POLYGONS, CIRCLES) for inclusion, command in kinds.items()}
     circles = [
-        {"circle": {"center": [one.x, one.y], "radius": one.param1}, "inclusion": inside[one.command], "version": 1}
-        for one in items
-        if one.command in CIRCLES.values()
+        {"circle": {"center": [item.x, item.y], "radius": item.param1}, "inclusion": inside[item.command], "version": 1}
+        for item in items
+        if item.command in CIRCLES.values()
     ]
     polygons = [
-        {"inclusion": inside[ring[0].command], "polygon": [[one.x, one.y] for one in ring], "version": 1}
+        {"inclusion": inside[ring[0].command], "polygon": [[vertex.x, vertex.y] for vertex in ring], "version": 1}
         for ring in rings_of(items)
     ]
-    found: dict[str, object] = {"circles": circles, "polygons": polygons, "version": 2}
-    for one in items:
-        if one.command == RETURN:
-            found["breachReturn"] = [one.x, one.y, one.z]
-    return found
+    geo_fence: dict[str, object] = {"circles": circles, "polygons": polygons, "version": 2}
+    for item in items:
+        if item.command == RETURN:
+            geo_fence["breachReturn"] = [item.x, item.y, item.z]
+    return geo_fence
 
 
 def format_rally(items: Items) -> dict[str, object]:
     """The `rallyPoints` object of items."""
-    return {"points": [[one.x, one.y, one.z] for one in items], "version": 2}
+    return {"points": [[item.x, item.y, item.z] for item in items], "version": 2}
 
 
 def rings_of(items: Items) -> list[Items]:
     """The vertices of each polygon."""
     rings: list[Items] = []
-    for command, group in groupby(items, lambda one: one.command):
+    for command, group in groupby(items, lambda item: item.command):
         vertices = tuple(group) if command in POLYGONS.values() else ()
         while vertices:
             size = max(int(vertices[0].param1), 1)
@@ -163,9 +163,9 @@ def _polygon_of(corners: object, where: str, problems: ProblemCollector, *, incl
 
 def _check_version(part: Mapping[str, object], where: str, known: tuple[int, ...], problems: ProblemCollector) -> None:
     """Add a problem for a version that is not `known`; a part without one is read as the newest."""
-    found = part.get("version", known[-1])
-    if found not in known or isinstance(found, bool):
-        problems.add(f"{where}.version", found, f"one of {known}" if len(known) > 1 else f"{known[0]}")
+    version = part.get("version", known[-1])
+    if version not in known or isinstance(version, bool):
+        problems.add(f"{where}.version", version, f"one of {known}" if len(known) > 1 else f"{known[0]}")
 
 
 def _entries(fence: Mapping[str, object], key: str, problems: ProblemCollector) -> list[tuple[str, dict[str, object]]]:
@@ -173,15 +173,15 @@ def _entries(fence: Mapping[str, object], key: str, problems: ProblemCollector) 
     if not isinstance(listed, list):
         problems.add(f"geoFence.{key}", listed, "a list")
         return []
-    found = []
+    entries = []
     for number, entry in enumerate(listed):
         where = f"geoFence.{key}[{number}]"
         if isinstance(entry, dict):
             _check_version(entry, where, (1,), problems)
-            found.append((where, entry))
+            entries.append((where, entry))
         else:
             problems.add(where, entry, "an object")
-    return found
+    return entries
 
 
 def _inclusion(entry: Mapping[str, object], where: str, problems: ProblemCollector) -> bool:
@@ -193,9 +193,9 @@ def _inclusion(entry: Mapping[str, object], where: str, problems: ProblemCollect
 
 def _numbers(value: object, count: int, where: str, problems: ProblemCollector) -> list[float]:
     """Latitude, longitude and perhaps an altitude; an empty list, and a problem, for anything else."""
-    found = [_number(one) for one in value] if isinstance(value, list) else []
-    numbers = [one for one in found if one is not None]
-    if len(numbers) != count or len(found) != count or abs(numbers[0]) > 90.0 or abs(numbers[1]) > 180.0:
+    parsed = [_number(item) for item in value] if isinstance(value, list) else []
+    numbers = [number for number in parsed if number is not None]
+    if len(numbers) != count or len(parsed) != count or abs(numbers[0]) > 90.0 or abs(numbers[1]) > 180.0:
         names = "latitude, longitude" + ", altitude" * (count == 3)
         problems.add(where, value, f"[{names}] in degrees{' and metres' * (count == 3)}")
         return []

@@ -73,15 +73,15 @@ class ReadObject(dict[str, Any]):
 
 def list_unread(document: ReadObject) -> list[Ignored]:
     """The keys of a document, at any depth, that nothing has read; of an unread object, the object alone."""
-    found: dict[tuple[str, str], int] = {}
+    counts: dict[tuple[str, str], int] = {}
     for path, item in _walk_objects(document):
         for key in item.unread():
             name = _spell((path, key))
             reason = item.reason or REASONS.get(name, "")
-            found[name, reason] = found.get((name, reason), 0) + 1
+            counts[name, reason] = counts.get((name, reason), 0) + 1
     return [
         Ignored(name, count, reason or UNKNOWN, harmless=bool(reason))
-        for (name, reason), count in sorted(found.items())
+        for (name, reason), count in sorted(counts.items())
     ]
 
 
@@ -91,11 +91,11 @@ def _walk_objects(document: ReadObject) -> Iterator[tuple[_Path, ReadObject]]:
     while stack:
         path, value = stack.pop()
         if isinstance(value, list):
-            stack.extend(((path, "[]"), one) for one in value)
+            stack.extend(((path, "[]"), member) for member in value)
         elif isinstance(value, ReadObject):
             yield path, value
             unread = value.unread()
-            stack.extend(((path, key), one) for key, one in value.items() if key not in unread)
+            stack.extend(((path, key), member) for key, member in value.items() if key not in unread)
 
 
 def _spell(path: _Path) -> str:
@@ -111,8 +111,8 @@ def describe_mission_file(row: Mapping[str, Any]) -> str:
     """A sentence on a mission file in the manifest's form: what is used of it, and what is not."""
     parts = [f"{row['items']:,} mission items"]
     parts += [f"{row[name]:,} items of the {what}" for name, what in _LISTS.items() if row[name]]
-    missed = [Ignored(**one) for one in row["ignored"] if not one["harmless"]]
-    harmless = sum(1 for one in row["ignored"] if one["harmless"])
+    missed = [Ignored(**ignored) for ignored in row["ignored"] if not ignored["harmless"]]
+    harmless = sum(1 for ignored in row["ignored"] if ignored["harmless"])
     text = f"{row['file']}: {', '.join(parts)}"
     if missed:
         text += f"; not used: {'; '.join(map(str, missed[:_SHOWN]))}"

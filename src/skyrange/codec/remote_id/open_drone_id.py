@@ -264,5 +264,5 @@ def _as_float64(numbers: NDArray[np.float32]) -> Floats:
 
 
 def _known_values(numbers: Floats, where: Flags) -> Floats:
-    found: Floats = np.where(where, numbers, np.nan)
-    return found
+    known_numbers: Floats = np.where(where, numbers, np.nan)
+    return known_numbers

@@ -74,7 +74,7 @@ def param(
 
 def reads_fields(method: Any, *arguments: Any) -> Any:
     """A method for kinds with the fields that its arguments name; `declare` refuses a kind without one of them."""
-    method.field_names = tuple(one for one in arguments if isinstance(one, str))
+    method.field_names = tuple(argument for argument in arguments if isinstance(argument, str))
     return method
 
 
@@ -109,7 +109,7 @@ class KindType(type):
         """The class. Raises `InputError` for a mutable default, which instances would share."""
         fields = {key: hint for key, hint in namespace.get("__annotations__", {}).items() if not _is_class_var(hint)}
         values = {key: namespace.pop(key) for key in fields if key in namespace}
-        inherited = {key for base in bases for one in base.__mro__ for key in getattr(one, "__slots__", ())}
+        inherited = {key for base in bases for ancestor in base.__mro__ for key in getattr(ancestor, "__slots__", ())}
         hiding = sorted(inherited & namespace.keys() - {"__slots__"})
         namespace.setdefault("__slots__", tuple(key for key in fields if key not in inherited))
         made = super().__new__(mcs, name, bases, namespace, **options)
@@ -127,13 +127,13 @@ class KindType(type):
             else:
                 raise InputError.one(place_of(made), key, value, "state(…) for what can change, such as state(dict)")
         made.declared_params, made.declared_state = {}, {}
-        for one in reversed(made.__mro__):
-            if isinstance(one, KindType):  # the nearest class says whether a field is a parameter or state
-                made.declared_params |= one.own_params
-                made.declared_state |= one.own_state
-                for key in one.own_params:
+        for ancestor in reversed(made.__mro__):
+            if isinstance(ancestor, KindType):  # the nearest class says whether a field is a parameter or state
+                made.declared_params |= ancestor.own_params
+                made.declared_state |= ancestor.own_state
+                for key in ancestor.own_params:
                     made.declared_state.pop(key, None)
-                for key in one.own_state:
+                for key in ancestor.own_state:
                     made.declared_params.pop(key, None)
         return made
 
@@ -188,8 +188,8 @@ def make_params_model(kind: type[Kind]) -> type[Params]:
             raise refuse(*problems)
         return params
 
-    own = kind.find_problems is not Kind.find_problems
-    validators: Any = {"_fits_together": model_validator(mode="after")(check)} if own else None
+    has_own_check = kind.find_problems is not Kind.find_problems
+    validators: Any = {"_fits_together": model_validator(mode="after")(check)} if has_own_check else None
     made: type[Params] = create_model(
         kind.__name__, __base__=Params, __module__=kind.__module__, __doc__=kind.__doc__, __validators__=validators,
         **fields,
@@ -220,7 +220,7 @@ def place_of(kind: type) -> str:
 
 def check_copies(kind: Kind) -> None:
     """Raise `InputError` for state of an instance that cannot be copied, by the name of the field."""
-    for name in sorted({slot for one in type(kind).__mro__ for slot in getattr(one, "__slots__", ())}):
+    for name in sorted({slot for ancestor in type(kind).__mro__ for slot in getattr(ancestor, "__slots__", ())}):
         if not hasattr(kind, name):
             continue
         value = getattr(kind, name)
@@ -256,7 +256,10 @@ def declare(
     where = place_of(kind)
     if not (isinstance(kind, type) and issubclass(kind, base)):
         raise InputError.one(
-            where, "bases", ", ".join(one.__name__ for one in kind.__bases__), f"{base.__name__} or one of its bases"
+            where,
+            "bases",
+            ", ".join(ancestor.__name__ for ancestor in kind.__bases__),
+            f"{base.__name__} or one of its bases",
         )
     about = describe_kind(kind) if "__doc__" in vars(kind) else ""
     if not about.endswith("."):
@@ -282,8 +285,8 @@ def declare(
 def plugin_of(kind: Any) -> Any:
     """The plugin of a class with a decorator, and a plugin as it is. Raises `InputError` for a class without one."""
     if isinstance(kind, type):
-        found = vars(kind).get("plugin")
-        if found is None:
+        plugin = vars(kind).get("plugin")
+        if plugin is None:
             raise InputError.one(place_of(kind), "decorator", "missing", "a decorator with the name of the kind")
-        return found
+        return plugin
     return kind

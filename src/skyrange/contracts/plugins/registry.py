@@ -83,9 +83,9 @@ def _exists(module: str) -> bool:
 @cache
 def _import_below(package: str) -> None:
     home = _import(package)
-    for found in walk_packages(getattr(home, "__path__", ()), f"{package}."):
-        if not found.name.endswith(".__main__"):
-            _import(found.name)
+    for module_info in walk_packages(getattr(home, "__path__", ()), f"{package}."):
+        if not module_info.name.endswith(".__main__"):
+            _import(module_info.name)
 
 
 def _import(module: str) -> ModuleType:
@@ -289,12 +289,19 @@ def loaded_sources() -> list[tuple[str, bytes]]:
     return [(path.name, file.source) for path, file in _loaded_files.items()]
 
 
+def loaded_paths() -> list[Path]:
+    """Each file that `load_file` ran in this process, in order."""
+    return list(_loaded_files)
+
+
 def _offered_by(path: Path) -> tuple[tuple[str, str], ...]:
     """What a file offers that is imported already, under whatever name."""
-    modules = [one for one in list(sys.modules.values()) if getattr(one, "__file__", None) == str(path)]
+    modules = [module for module in list(sys.modules.values()) if getattr(module, "__file__", None) == str(path)]
     values = [value for module in modules for value in vars(module).values()]
-    held = {id(value) for value in values} | {id(vars(one).get("plugin")) for one in values if isinstance(one, type)}
-    return tuple(sorted(key for key, plugin in _registered.items() if id(plugin) in held))
+    plugin_ids = {id(value) for value in values} | {
+        id(vars(value).get("plugin")) for value in values if isinstance(value, type)
+    }
+    return tuple(sorted(key for key, plugin in _registered.items() if id(plugin) in plugin_ids))
 
 
 def load_files(files: Iterable[str | Path]) -> None:
@@ -306,7 +313,7 @@ def load_files(files: Iterable[str | Path]) -> None:
 def _name_class(error: InputError) -> list[Problem]:
     """The problems of a file, with the class that they are about."""
     about = f"{error.who.partition(' in ')[0]}, " if error.who.startswith("class ") else ""
-    return [replace(one, where=f"{about}{one.where}") for one in error.problems]
+    return [replace(problem, where=f"{about}{problem.where}") for problem in error.problems]
 
 
 def _import_fault(error: Exception, path: Path) -> Problem:

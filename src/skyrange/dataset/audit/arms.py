@@ -61,18 +61,18 @@ def read_arms(folder: Path) -> list[ArmOfBlock]:
                 fault = str(row["kind"]), str(row["vehicle"]), int(row["onset_ns"])
                 faults.setdefault(row["run"], set()).add(fault)
     departures, answers = _read_departures(folder), _read_answers(folder)
-    found = []
+    arms = []
     for row in pq.read_table(folder / RUNS).to_pylist():
-        own = episodes.get(row["run"], [])
-        roles = {one["role"] for one in own}
+        run_episodes = episodes.get(row["run"], [])
+        roles = {episode["role"] for episode in run_episodes}
         role = "attacked" if ATTACK in roles else "sham" if roles & {SHAM, INTRUSION} else "nominal"
-        onset_ns = min((one["onset_ns"] for one in own), default=NEVER)
-        kinds = frozenset(str(one["kind"]) for one in own)
-        effect_ns = _effect_ns(own, departures.get(row["run"], {"": None})) if own else NEVER
+        onset_ns = min((episode["onset_ns"] for episode in run_episodes), default=NEVER)
+        kinds = frozenset(str(episode["kind"]) for episode in run_episodes)
+        effect_ns = _effect_ns(run_episodes, departures.get(row["run"], {"": None})) if run_episodes else NEVER
         if effect_ns is None:  # of a sham nobody expects an effect
             effect_ns = onset_ns if role == "attacked" else NEVER
         effect_ns = min(effect_ns, answers.get(row["run"], NEVER))
-        found.append(
+        arms.append(
             ArmOfBlock(
                 row["run"],
                 row["block"],
@@ -85,7 +85,7 @@ def read_arms(folder: Path) -> list[ArmOfBlock]:
                 frozenset(faults.get(row["run"], ())),
             )
         )
-    return found
+    return arms
 
 
 def group_by_block(arms: Sequence[ArmOfBlock]) -> dict[str, list[ArmOfBlock]]:
@@ -113,7 +113,7 @@ def cut_at_faults(arms: Sequence[ArmOfBlock]) -> list[ArmOfBlock]:
 
 def _effect_ns(episodes: Sequence[dict[str, Any]], departures: dict[str, int | None]) -> int | None:
     """When the first aircraft departed, None if that is not known of all of them."""
-    exact = {one["vehicle"]: int(one["effect_ns"]) for one in episodes if one["effect_ns"] is not None}
+    exact = {episode["vehicle"]: int(episode["effect_ns"]) for episode in episodes if episode["effect_ns"] is not None}
     times = {**departures, **exact}
     known = [time for time in times.values() if time is not None]
     return min(known) if len(known) == len(times) else None
@@ -121,7 +121,7 @@ def _effect_ns(episodes: Sequence[dict[str, Any]], departures: dict[str, int | N
 
 def _read_departures(folder: Path) -> dict[str, dict[str, int | None]]:
     """By run and aircraft, the time up to which the view `aircraft` has no effect; None where it does not know."""
-    found: dict[str, dict[str, int | None]] = {}
+    departures: dict[str, dict[str, int | None]] = {}
     columns = ["run", "vehicle", "time_ns", "effect"]
     for path in sorted(folder.glob("view=aircraft/split=*/*.parquet")):
         table = pq.ParquetFile(path).read(columns=columns)
@@ -132,17 +132,17 @@ def _read_departures(folder: Path) -> dict[str, dict[str, int | None]]:
         by = ends.group_by(["run", "vehicle"]).aggregate([("last", "max"), ("known", "min"), ("departed", "max")])
         for row in by.to_pylist():
             time_ns = max(row["last_max"], 0) if row["departed_max"] else NEVER
-            found.setdefault(row["run"], {})[row["vehicle"]] = time_ns if row["known_min"] else None
-    return found
+            departures.setdefault(row["run"], {})[row["vehicle"]] = time_ns if row["known_min"] else None
+    return departures
 
 
 def _read_answers(folder: Path) -> dict[str, int]:
     """By run, when the first frame was seen that follows from an act and is none, such as an acknowledgement."""
-    found: dict[str, int] = {}
+    first_answers: dict[str, int] = {}
     for path in sorted(folder.glob("view=mavlink/split=*/*.parquet")):
         table = pq.ParquetFile(path).read(columns=["run", "time_ns", "steps", "derived", *_OF_SHAMS])
         of_acts = reduce(pc.or_, [table.column(name) for name in ("derived", *_OF_SHAMS)])
         answers = pc.and_(pc.greater(table.column("steps"), 0), of_acts)
         first = table.filter(answers).group_by("run").aggregate([("time_ns", "min")])
-        found |= {row["run"]: row["time_ns_min"] for row in first.to_pylist()}
-    return found
+        first_answers |= {row["run"]: row["time_ns_min"] for row in first.to_pylist()}
+    return first_answers

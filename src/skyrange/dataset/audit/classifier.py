@@ -51,8 +51,10 @@ def count_differences(
                 if len(attacked_rows) != len(other):
                     differing.add(ROWS)
                     continue
-                mine, theirs = values[attacked_rows], values[other]
-                unequal = ((mine != theirs) & ~(np.isnan(mine) & np.isnan(theirs))).any(axis=0)
+                attacked_values, other_values = values[attacked_rows], values[other]
+                unequal = (
+                    (attacked_values != other_values) & ~(np.isnan(attacked_values) & np.isnan(other_values))
+                ).any(axis=0)
                 differing |= {columns[place] for place in np.flatnonzero(unequal).tolist()}
         for name in differing:
             differing_blocks[name] = differing_blocks.get(name, 0) + 1
@@ -68,12 +70,12 @@ def find_shifted_columns(
     signs = []
     for rows in _by_name(blocks).values():
         in_block = np.array(rows)
-        mine, theirs = values[in_block[attacked[in_block]]], values[in_block[~attacked[in_block]]]
-        if len(mine) and len(theirs):
-            signs.append(np.sign(_means(mine) - _means(theirs)))
+        attacked_values, other_values = values[in_block[attacked[in_block]]], values[in_block[~attacked[in_block]]]
+        if len(attacked_values) and len(other_values):
+            signs.append(np.sign(_means(attacked_values) - _means(other_values)))
     if not signs:
         return []
-    above, below = ((np.array(signs) * way > 0).sum(axis=0) for way in (1, -1))
+    above, below = ((np.array(signs) * sign > 0).sum(axis=0) for sign in (1, -1))
     p_values = [
         min(1.0, 2.0 * sign_test(int(max(up, down)), int(up + down))) if up + down else 1.0
         for up, down in zip(above.tolist(), below.tolist(), strict=True)
@@ -288,9 +290,9 @@ def require_no_leak(findings: Sequence[LeakFinding]) -> None:
             expected = f"an upper end of at most {LIMIT}"
             problems.append(Problem(finding.name, f"leaks: {interval} by {', '.join(finding.leaks)}", expected))
         elif finding.status == TOO_FEW:
-            what = f"too few blocks: {finding.blocks} with both arms{interval and ', '}{interval}"
+            shortage = f"too few blocks: {finding.blocks} with both arms{interval and ', '}{interval}"
             problems.append(
-                Problem(finding.name, what, f"about {finding.blocks_needed} blocks, to tell a leak from chance")
+                Problem(finding.name, shortage, f"about {finding.blocks_needed} blocks, to tell a leak from chance")
             )
     if problems:
         raise InputError("leak audit", problems)

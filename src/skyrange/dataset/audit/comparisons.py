@@ -73,8 +73,8 @@ _MEANS: Final = ("valid", "signed")
 _SPREADS: Final = ("size", "iat_ms")
 _HOW: Final = ("mean", "stddev", "min", "max")
 SHAPE: Final = (
-    "received", "frames", "bytes", *(f"{name}_{how}" for name in _SPREADS for how in _HOW), *_MEANS, "senders",
-    "message_kinds", "sequence_gaps",
+    "received", "frames", "bytes", *(f"{name}_{statistic}" for name in _SPREADS for statistic in _HOW), *_MEANS,
+    "senders", "message_kinds", "sequence_gaps",
 )  # fmt: skip
 """Names of the numbers; in all of them a sham equals its attack."""
 _PLACE: Final = ("place", "link", "received")
@@ -96,7 +96,7 @@ def describe_shape(frames: pa.Table, begin_ns: Time, end_ns: Time) -> pa.Table:
     inside = _mark(inside.append_column("second", second), keys)
     counted = inside.group_by(keys).aggregate(
         [
-            ("size", "count"), ("size", "sum"), *((name, how) for name in _SPREADS for how in _HOW),
+            ("size", "count"), ("size", "sum"), *((name, statistic) for name in _SPREADS for statistic in _HOW),
             *((name, "mean") for name in (*_MEANS, "gap")), ("sender", "count_distinct"),
             ("message_id", "count_distinct"),
         ]
@@ -176,7 +176,7 @@ def describe_metadata(view: str, table: pa.Table, before: pa.Table) -> dict[str,
             described = _describe_identifiers(table.column(column.name))
         elif pa.types.is_floating(column.type):
             described = _describe_precision(before.column(column.name))
-        row |= {f"{view}.{column.name} {what}": value for what, value in described.items()}
+        row |= {f"{view}.{column.name} {name}": value for name, value in described.items()}
     return row
 
 
@@ -184,7 +184,7 @@ def _describe_identifiers(column: pa.ChunkedArray) -> dict[str, float]:
     """How many different ones, their mean length, their mean number, such as that of a port, and which set they are."""
     different: list[Any] = sorted(value for value in pc.unique(column).to_pylist() if value is not None)
     texts = [str(value) for value in different]
-    numbers = [float(found[-1]) for text in texts if (found := _NUMBER.findall(text))]
+    numbers = [float(digits[-1]) for text in texts if (digits := _NUMBER.findall(text))]
     return {
         "different": float(len(different)),
         "length": float(np.mean([len(text) for text in texts])) if texts else 0.0,
@@ -278,11 +278,13 @@ def _metadata(folder: Path, blocks: Blocks, compared: Blocks, exempt: Sequence[s
         for arm in chosen:
             row: dict[str, float] = {}
             for view, table in tables.items():
-                mine = pc.equal(table.column("run"), arm.run)
+                of_run = pc.equal(table.column("run"), arm.run)
                 if view in ("flows", "aircraft"):
-                    row[f"{view} rows of the run"] = pc.sum(mine).as_py()  # a row for each window, whatever happens
+                    row[f"{view} rows of the run"] = pc.sum(of_run).as_py()  # a row for each window, whatever happens
                 ends = _end_ns(view, table)
-                early, before = (pc.and_(mine, pc.less_equal(ends, time_ns)) for time_ns in (cut_ns - 1, onset_ns - 1))
+                early, before = (
+                    pc.and_(of_run, pc.less_equal(ends, time_ns)) for time_ns in (cut_ns - 1, onset_ns - 1)
+                )
                 row |= describe_metadata(view, table.filter(early), table.filter(before))
             rows.append(row)
             attacked.append(arm.role == "attacked")

@@ -75,12 +75,12 @@ class ChannelDefence(Protection):
         """The Wi-Fi control links of the aircraft that it protects."""
         names = {link_name("gcs", vehicle): vehicle for vehicle in self.find_protected(context)}
         cellular = [name for name in names if name in context.over_air and name not in wifi]
-        found, expected = [name for name in names if name in wifi], "an aircraft with a control link over Wi-Fi"
+        links, expected = [name for name in names if name in wifi], "an aircraft with a control link over Wi-Fi"
         if self.vehicles and cellular:
             hint = "A cellular operator changes frequencies itself."
             raise InputError.one(context.id, "vehicles", names[cellular[0]], expected, hint)
-        missing = [name for name in names if name not in wifi] if self.vehicles or not found else []
+        missing = [name for name in names if name not in wifi] if self.vehicles or not links else []
         if missing:
             hint = 'Give [[links]] match = "gcs:*" the key channel = "wifi", and add [radio].'
             raise InputError.one(context.id, "vehicles", names[missing[0]], expected, hint)
-        return found
+        return links

@@ -96,15 +96,15 @@ class NewFixes:
 
     def rows(self, sensors: Sensors) -> list[int]:
         """Rows with a new fix in three dimensions, all of whose numbers are finite."""
-        found = []
+        new_rows = []
         for row, time in enumerate(sensors.gnss_time_ns.tolist()):
             if abs(time - self._seen[row]) < LEAST_INTERVAL_NS or sensors.gnss_fix[row] < FIX_3D:
                 continue
             self._seen[row] = time
             numbers = (*sensors.gnss_enu_m[row].tolist(), *sensors.gnss_vel_enu_mps[row].tolist())
             if all(abs(number) < 1e9 for number in numbers):
-                found.append(row)
-        return found
+                new_rows.append(row)
+        return new_rows
 
 
 FIXES_PER_H: Final = 5 * 3600

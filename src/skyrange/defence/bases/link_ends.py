@@ -77,7 +77,7 @@ class EndTap(Protection):
         role, side = self.find_end()
         return Defence(
             taps=self.place(role, side, vehicles, context),
-            exclusive=[one for vehicle in vehicles for one in self.find_exclusive(vehicle)],
+            exclusive=[exclusive for vehicle in vehicles for exclusive in self.find_exclusive(vehicle)],
             path_rules=[rule for end in ends_at(role, side, vehicles) for rule in self.find_rules(end)],
         )
 

@@ -237,8 +237,12 @@ def map_with_errors(city: City | None, shift_m: tuple[float, float], missing: fl
     """
     if city is None or (shift_m == (0.0, 0.0) and missing == 0.0):
         return city
-    kept = [one for one in city.buildings if chance.uniform4(_STREAM, hash64(one.id), 0, 0)[0] >= missing]
-    moved = [replace(one, shape=shapely.transform(one.shape, lambda points: points + shift_m)) for one in kept]
+    kept = [
+        building for building in city.buildings if chance.uniform4(_STREAM, hash64(building.id), 0, 0)[0] >= missing
+    ]
+    moved = [
+        replace(building, shape=shapely.transform(building.shape, lambda points: points + shift_m)) for building in kept
+    ]
     return City(moved, f"{city.source}, with errors") if moved else None
 
 

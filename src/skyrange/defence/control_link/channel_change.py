@@ -197,10 +197,10 @@ class StationPolicy:
         if self.hops is not None:
             return [*acts, *self._hop(now, reports[0])]
         if jammed is not None:
-            there = next_channel(channel, self.params.channels)
+            new_channel = next_channel(channel, self.params.channels)
             announced = self.params.announcements
             retune_ns = round(self.params.retune_ms * sky.NS_PER_MS)
-            acts.append(ChannelOrder(jammed.link, "station", there, announced, retune_ns))
+            acts.append(ChannelOrder(jammed.link, "station", new_channel, announced, retune_ns))
             self._settled_ns = now + announced * BEACON_NS + stay_ns(self.params)
         return acts
 
@@ -231,8 +231,8 @@ class AircraftPolicy:
             return [*acts, *_hop(self.hops, now, report, "aircraft", self.params)]
         if self._next_ns is not None and now >= self._next_ns:
             self._next_ns = now + round(self.params.dwell_ms * sky.NS_PER_MS)
-            there = after(report.channel, self.params.channels)
-            acts.append(ChannelOrder(report.link, "aircraft", there, action="scan"))
+            new_channel = after(report.channel, self.params.channels)
+            acts.append(ChannelOrder(report.link, "aircraft", new_channel, action="scan"))
         return acts
 
 
@@ -253,11 +253,11 @@ def after(channel: int, channels: Sequence[int]) -> int:
 
 def next_channel(channel: int, channels: Sequence[int]) -> int:
     """The next channel in the list that does not overlap with `channel`."""
-    found = channel
+    candidate = channel
     for _ in channels:
-        found = after(found, channels)
-        if abs(found - channel) >= APART:
-            return found
+        candidate = after(candidate, channels)
+        if abs(candidate - channel) >= APART:
+            return candidate
     return after(channel, channels)
 
 
@@ -270,8 +270,8 @@ def stay_ns(params: ChannelChange) -> sky.Time:
 def _hop(
     hops: HopSequence | None, now: sky.Time, report: EndReport, end: str, params: ChannelChange
 ) -> list[ChannelOrder]:
-    there = hops.next(now) if hops is not None else None
-    if there is None or there == report.channel:
+    new_channel = hops.next(now) if hops is not None else None
+    if new_channel is None or new_channel == report.channel:
         return []
     retune_ns = round(params.retune_ms * sky.NS_PER_MS)
-    return [ChannelOrder(report.link, "station" if end == "station" else "aircraft", there, 0, retune_ns, "hop")]
+    return [ChannelOrder(report.link, "station" if end == "station" else "aircraft", new_channel, 0, retune_ns, "hop")]

@@ -70,19 +70,21 @@ class BarometerCheck(sky.FixCheck):
         "Error of the receiver's climb rate, one sigma, in m/s.", default=data_sheets.SPEED_MPS, gt=0, le=10
     )
     slow: bool = True
+    per_fix: bool = True
     fixes: NewFixes
     heights: list[Heights]
+    tracker: BarometerReadings
 
     def prepare(self, context: sky.DefenceContext) -> None:
         gate = normal_gate(self.chance(_TESTS))
         self.fixes = NewFixes(len(self.vehicles))
-        self.heights = [Heights(HeightErrors(self), gate) for _ in self.vehicles]
+        self.tracker = BarometerReadings([deque(maxlen=_SAMPLES) for _ in self.vehicles])
+        self.heights = [Heights(HeightErrors(self), gate, readings) for readings in self.tracker.of]
 
     def on_sensors(self, now: sky.Time, sensors: sky.Sensors) -> Sequence[sky.SensorAct | sky.Alert]:
         """Test the new fixes; take away those of aircraft about which an alarm lasts."""
-        for one, up_m in zip(self.heights, sensors.baro_up_m.tolist(), strict=True):
-            one.read_barometer(now, up_m)
-        found: list[sky.SensorAct | sky.Alert] = []
+        self.tracker.update(now, sensors)
+        acts: list[sky.SensorAct | sky.Alert] = []
         for row in self.fixes.rows(sensors):
             accuracy = claimed_over_usual(sensors, row)
             kind, score, off_m = self.heights[row].compare(
@@ -90,10 +92,10 @@ class BarometerCheck(sky.FixCheck):
                 float(sensors.gnss_vel_enu_mps[row, 2]), accuracy,
             )  # fmt: skip
             if score > 1.0:
-                found += self.guard.find(row, now, kind, score, off_m=off_m)
+                acts += self.guard.find(row, now, kind, score, off_m=off_m)
             else:
                 self.guard.clear(row, now)
-        return [*found, *self.guard.apply(sensors)]
+        return [*acts, *self.guard.apply(sensors)]
 
 
 def claimed_over_usual(sensors: sky.Sensors, row: int) -> float:
@@ -124,9 +126,9 @@ class HeightErrors:
 
     def of_barometer(self, seconds: float) -> float:
         """Variance of the change of the barometer's error in so many seconds, m²."""
-        one = self.params
-        weather = 2.0 * one.weather_m**2 * (1.0 - exp(-seconds / one.weather_s))
-        return 2.0 * one.baro_noise_m**2 + weather + one.pressure_error_m**2
+        params = self.params
+        weather = 2.0 * params.weather_m**2 * (1.0 - exp(-seconds / params.weather_s))
+        return 2.0 * params.baro_noise_m**2 + weather + params.pressure_error_m**2
 
     def of_height(self, seconds: float, accuracy: float) -> float:
         """One sigma of the change of GNSS height minus barometer, metres."""
@@ -142,6 +144,31 @@ class HeightErrors:
         return sqrt(integral + self.of_barometer(seconds))
 
 
+Readings = deque[tuple[sky.Time, float]]
+"""Readings of one barometer, with their times."""
+
+
+@dataclass(slots=True)
+class BarometerReadings:
+    """The recent readings of the barometers of some aircraft."""
+
+    of: list[Readings]
+
+    def update(self, now: sky.Time, sensors: sky.Sensors) -> None:
+        """Keep new readings; the sensors are read at 10 Hz, so an unchanged value is not a new one."""
+        for readings, up_m in zip(self.of, sensors.baro_up_m.tolist(), strict=True):
+            if readings:
+                last_ns, last_m = readings[-1]
+                if up_m == last_m or now < last_ns + _READ_NS:
+                    continue
+            if isfinite(up_m):
+                readings.append((now, up_m))
+
+    def join(self, others: Sequence[BarometerReadings]) -> BarometerReadings:
+        """See `ReadingsTracker`."""
+        return BarometerReadings([readings for member in (self, *others) for readings in member.of])
+
+
 @dataclass(slots=True)
 class Heights:
     """The recent heights of one aircraft."""
@@ -149,23 +176,17 @@ class Heights:
     errors: HeightErrors
     gate: float
     """In standard deviations."""
-    _baro: deque[tuple[sky.Time, float]] = field(init=False)
+    readings: Readings
     _past: deque[Sample] = field(init=False)
     _first: Sample | None = None
 
     def __post_init__(self) -> None:
-        self._baro, self._past = deque(maxlen=_SAMPLES), deque(maxlen=WINDOWS[-1] + 1)
-
-    def read_barometer(self, now: sky.Time, up_m: float) -> None:
-        """Keep a reading; the sensor is read at 10 Hz, so an unchanged value is not a new one."""
-        if not isfinite(up_m) or (self._baro and (up_m == self._baro[-1][1] or now < self._baro[-1][0] + _READ_NS)):
-            return
-        self._baro.append((now, up_m))
+        self._past = deque(maxlen=WINDOWS[-1] + 1)
 
     def height_at(self, time: sky.Time) -> float | None:
         """Barometer at the time of a fix, between its two readings; `None` for one that is older than they are."""
         later: tuple[sky.Time, float] | None = None
-        for when, up_m in reversed(self._baro):
+        for when, up_m in reversed(self.readings):
             if when <= time:
                 if later is None:
                     return up_m
@@ -186,29 +207,31 @@ class Heights:
             if not 0.0 < dt_s < _GAP_S:
                 self._past.clear()
             climbed_m = last.climbed_m + 0.5 * (climb_mps + last.climb_mps) * dt_s
-        one = Sample(time, up_m, climbed_m, baro_m, climb_mps, accuracy)
-        self._first = self._first or one
-        worst = self._test_height(self._first, one, "barometer.height")
+        sample = Sample(time, up_m, climbed_m, baro_m, climb_mps, accuracy)
+        self._first = self._first or sample
+        worst = self._test_height(self._first, sample, "barometer.height")
         for window in WINDOWS:
             if window > len(self._past):
                 break
             then = self._past[-window]
-            worst = max(worst, self._test_height(then, one, "barometer.jump"), self._test_climb(then, one), key=_score)
-        self._past.append(one)
+            worst = max(
+                worst, self._test_height(then, sample, "barometer.jump"), self._test_climb(then, sample), key=_score
+            )
+        self._past.append(sample)
         return worst
 
-    def _test_height(self, then: Sample, one: Sample, kind: str) -> tuple[str, float, float]:
-        seconds = max((one.time_ns - then.time_ns) / sky.NS_PER_S, 0.0)
-        off_m = one.gnss_up_m - then.gnss_up_m - (one.baro_up_m - then.baro_up_m)
-        sigma = self.errors.of_height(seconds, max(one.accuracy, then.accuracy))
+    def _test_height(self, then: Sample, sample: Sample, kind: str) -> tuple[str, float, float]:
+        seconds = max((sample.time_ns - then.time_ns) / sky.NS_PER_S, 0.0)
+        off_m = sample.gnss_up_m - then.gnss_up_m - (sample.baro_up_m - then.baro_up_m)
+        sigma = self.errors.of_height(seconds, max(sample.accuracy, then.accuracy))
         return kind, abs(off_m) / sigma / self.gate, off_m
 
-    def _test_climb(self, then: Sample, one: Sample) -> tuple[str, float, float]:
-        seconds = max((one.time_ns - then.time_ns) / sky.NS_PER_S, 0.0)
-        off_m = one.climbed_m - then.climbed_m - (one.baro_up_m - then.baro_up_m)
-        sigma = self.errors.of_climb(seconds, max(one.accuracy, then.accuracy))
+    def _test_climb(self, then: Sample, sample: Sample) -> tuple[str, float, float]:
+        seconds = max((sample.time_ns - then.time_ns) / sky.NS_PER_S, 0.0)
+        off_m = sample.climbed_m - then.climbed_m - (sample.baro_up_m - then.baro_up_m)
+        sigma = self.errors.of_climb(seconds, max(sample.accuracy, then.accuracy))
         return "barometer.climb", abs(off_m) / sigma / self.gate, off_m
 
 
-def _score(found: tuple[str, float, float]) -> float:
-    return found[1]
+def _score(result: tuple[str, float, float]) -> float:
+    return result[1]

@@ -8,6 +8,7 @@ depends on GNSS.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -30,6 +31,11 @@ _GRAVITY_MPS2: Final = 9.80665
 """Rest: rates below 3 deg/s, 30 standard deviations of the gyroscopes at rest, 1 g to a tenth, and no rotor turns."""
 _LIMIT: Final = 1e4
 _POSITION, _VELOCITY, _FORCE, _ROTATION = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 18)
+_NEVER: Final = -(1 << 62)
+_OF_ROWS: Final = (
+    "resting", "aligned", "since_ns", "_means", "_steps", "_body", "_bias", "_gravity", "_state", "_past", "_due",
+)  # fmt: skip
+"""Arrays with a row for each aircraft."""
 Mask = NDArray[np.bool_]
 Times = NDArray[np.int64]
 
@@ -46,7 +52,8 @@ class DeadReckoning:
     """Whether it has stood still for long enough since it was last judged to rest."""
     since_ns: Times = field(init=False)
     """When each last began to rest."""
-    _step_ns: Time | None = None
+    _clock: Times = field(init=False)
+    """(2,) The time of the last update, `_NEVER` before the first, and the place of its state in `_past`."""
     _means: Floats = field(init=False)
     _steps: Floats = field(init=False)
     _body: Floats = field(init=False)
@@ -56,10 +63,10 @@ class DeadReckoning:
     _past: Floats = field(init=False)
     _due: Mask = field(init=False)
     _rest: _Rest = field(init=False)
-    _newest: int = 0
 
     def __post_init__(self) -> None:
         n = self.count
+        self._clock = np.array([_NEVER, 0], dtype=np.int64)
         self.resting, self.aligned = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
         self.since_ns = np.zeros(n, dtype=np.int64)
         self._due = np.zeros(n, dtype=np.bool_)
@@ -67,16 +74,31 @@ class DeadReckoning:
         self._body = np.tile(np.eye(3), (n, 1, 1))
         self._bias, self._gravity = np.zeros((n, 3)), np.full(n, _GRAVITY_MPS2)
         self._state = np.zeros((n, 18))
-        self._rest = _Rest(self.resting, self.aligned, self.since_ns, self._means, self._steps, self._due)
         self._past = np.zeros((n, HISTORY, 18))
+        self._rest = self._at_rest()
+
+    def _at_rest(self) -> _Rest:
+        return _Rest(self.resting, self.aligned, self.since_ns, self._means, self._steps, self._due)
+
+    def join(self, others: Sequence[DeadReckoning]) -> DeadReckoning:
+        """See `ReadingsTracker`."""
+        joined = DeadReckoning(self.count + sum(other.count for other in others), self.field_gauss)
+        first = 0
+        for member in (self, *others):
+            rows = slice(first, first + member.count)
+            for name in _OF_ROWS:
+                setattr(member, name, getattr(joined, name)[rows])
+            member._clock, member._rest = joined._clock, member._at_rest()
+            first = rows.stop
+        return joined
 
     def update(self, now: Time, sensors: Sensors) -> None:
         """Integrate the readings of a tick if they are new."""
-        last = self._step_ns
-        if last is not None and now // STEP_NS == last // STEP_NS:
+        last, newest = self._clock.tolist()
+        if now // STEP_NS == last // STEP_NS:
             return
-        self._step_ns = now
-        if last is None:
+        self._clock[0] = now
+        if last == _NEVER:
             return
         step_s = (now - last) / NS_PER_S
         readings = _Readings(sensors.gyro_radps, sensors.accel_mps2, sensors.compass_gauss, sensors.rotor_radps)
@@ -87,22 +109,23 @@ class DeadReckoning:
             step_s, self.resting, sensors.delta_angle_rad, sensors.delta_velocity_mps, self._bias, self._gravity,
             self._body, self._state,
         )  # fmt: skip
-        self._newest = (self._newest + 1) % HISTORY
-        self._past[:, self._newest] = self._state
+        self._clock[1] = newest = (newest + 1) % HISTORY
+        self._past[:, newest] = self._state
 
     def at(self, row: int, time: Time) -> tuple[Floats, Floats, Floats, Floats] | None:
         """Position (3,), velocity (3,), and since the start the integrals of specific force (3,) and attitude (3, 3).
 
         `None` for a time that the history does not reach.
         """
-        if self._step_ns is None:
+        last, newest = self._clock.tolist()
+        if last == _NEVER:
             return None
-        back = (self._step_ns - time) / STEP_NS
+        back = (last - time) / STEP_NS
         if not 0.0 <= back < HISTORY - 2:
             return None
         whole = int(back)
         part = back - whole
-        newer, older = ((self._newest - whole - k) % HISTORY for k in (0, 1))
+        newer, older = ((newest - whole - k) % HISTORY for k in (0, 1))
         state = (1.0 - part) * self._past[row, newer] + part * self._past[row, older]
         return state[_POSITION], state[_VELOCITY], state[_FORCE], state[_ROTATION].reshape(3, 3)
 
@@ -119,10 +142,10 @@ class DeadReckoning:
 
 def _triad(first: Floats, second: Floats) -> Floats:
     """(3, 3) Orthonormal columns: along `first`, along first × second, and along the product of both."""
-    one = first / max(float(np.linalg.norm(first)), 1e-9)
-    two = np.cross(one, second)
-    two = two / max(float(np.linalg.norm(two)), 1e-9)
-    return np.stack([one, two, np.cross(one, two)], axis=1)
+    first_axis = first / max(float(np.linalg.norm(first)), 1e-9)
+    second_axis = np.cross(first_axis, second)
+    second_axis = second_axis / max(float(np.linalg.norm(second_axis)), 1e-9)
+    return np.stack([first_axis, second_axis, np.cross(first_axis, second_axis)], axis=1)
 
 
 class _Readings(NamedTuple):

@@ -114,8 +114,9 @@ class InnovationCheck(sky.FixCheck):
         default=data_sheets.WHITE_M, ge=0, le=10,
     )  # fmt: skip
     slow: bool = True
+    per_fix: bool = True
     gates: Gates
-    reckoning: DeadReckoning
+    tracker: DeadReckoning
     fixes: NewFixes
     filters: list[ErrorFilter]
     fused_ns: list[sky.Time]
@@ -123,7 +124,7 @@ class InnovationCheck(sky.FixCheck):
     def prepare(self, context: sky.DefenceContext) -> None:
         count = len(self.vehicles)
         self.gates, self.fixes = self.find_gates(), NewFixes(count)
-        self.reckoning = DeadReckoning(count, magnetic_field_at(context.origin))
+        self.tracker = DeadReckoning(count, magnetic_field_at(context.origin))
         self.filters, self.fused_ns = [ErrorFilter(self) for _ in self.vehicles], [0] * count
 
     @property
@@ -142,32 +143,34 @@ class InnovationCheck(sky.FixCheck):
 
     def on_sensors(self, now: sky.Time, sensors: sky.Sensors) -> Sequence[sky.SensorAct | sky.Alert]:
         """Test the new fixes; take away those of aircraft about which an alarm lasts."""
-        self.reckoning.update(now, sensors)
-        found: list[sky.SensorAct | sky.Alert] = []
+        self.tracker.update(now, sensors)
+        acts: list[sky.SensorAct | sky.Alert] = []
         for row in self.fixes.rows(sensors):
-            found += self._test(row, now, sensors)
-        return [*found, *self.guard.apply(sensors)]
+            acts += self._test(row, now, sensors)
+        return [*acts, *self.guard.apply(sensors)]
 
     def _test(self, row: int, now: sky.Time, sensors: sky.Sensors) -> list[sky.Alert]:
         time = int(sensors.gnss_time_ns[row])
-        one, reckoning = self.filters[row], self.reckoning
+        error_filter, reckoning = self.filters[row], self.tracker
         reckoned = reckoning.at(row, time)
         if reckoned is None or time < reckoning.since_ns[row] or not reckoning.aligned[row]:
             return []
         position, velocity, force, rotation = reckoned
         resting = bool(reckoning.resting[row])
         fix_m, fix_mps = sensors.gnss_enu_m[row].copy(), sensors.gnss_vel_enu_mps[row].copy()
-        if one.time_ns < reckoning.since_ns[row]:  # it has just come to rest
-            one.start(time, fix_m, force, rotation, reckoning.attitude(row))
+        if error_filter.time_ns < reckoning.since_ns[row]:  # it has just come to rest
+            error_filter.start(time, fix_m, force, rotation, reckoning.attitude(row))
             self.guard.release(row)
             self.fused_ns[row] = now
             return []
-        one.predict(time, force, rotation, resting=resting)
-        innovation, spread, white = one.innovate(fix_m - position, fix_mps - velocity, sensors.gnss_accuracy[row])
+        error_filter.predict(time, force, rotation, resting=resting)
+        innovation, spread, white = error_filter.innovate(
+            fix_m - position, fix_mps - velocity, sensors.gnss_accuracy[row]
+        )
         closed = self.guard.closed(row)
         if closed:
             return self._coast(row, now, white, innovation, spread, (fix_m, fix_mps, position, velocity))
-        square, window, drift = one.judge(white)
+        square, window, drift = error_filter.judge(white)
         off_m, off_mps = float(np.linalg.norm(innovation[3:])), float(np.linalg.norm(innovation[:3]))
         if square > self.gates.fix:
             return self.guard.find(row, now, "innovation.fix", square / self.gates.fix, off_m=off_m, off_mps=off_mps)
@@ -175,7 +178,7 @@ class InnovationCheck(sky.FixCheck):
             score = max(window / self.gates.window, drift / self.gates.drift)
             kind = "innovation.window" if window > self.gates.window else "innovation.drift"
             return self.guard.find(row, now, kind, score, latch=True, off_m=off_m, off_mps=off_mps)
-        one.fuse(innovation, spread)
+        error_filter.fuse(innovation, spread)
         self.fused_ns[row] = now
         return []
 
@@ -190,11 +193,11 @@ class InnovationCheck(sky.FixCheck):
     ) -> list[sky.Alert]:
         """While an alarm lasts, no fix is fused: dead reckoning alone may clear the receiver, for as long as it can."""
         square, coast_ns = float(white @ white), sky.from_seconds(self.coast_s)
-        one = self.filters[row]
+        error_filter = self.filters[row]
         if now > self.fused_ns[row] + coast_ns + self.guard.recover_ns:
             if self.guard.rejects:
                 return []
-            one.restart(*fix)
+            error_filter.restart(*fix)
             self.guard.release(row)
             self.fused_ns[row] = now
             return []
@@ -205,8 +208,8 @@ class InnovationCheck(sky.FixCheck):
             return self.guard.find(row, now, "innovation.fix", score, latch=latch, off_m=off_m, off_mps=off_mps)
         self.guard.clear(row, now)
         if not self.guard.closed(row):
-            one.forget()
-            one.fuse(innovation, spread)
+            error_filter.forget()
+            error_filter.fuse(innovation, spread)
             self.fused_ns[row] = now
         return []
 
@@ -309,9 +312,11 @@ class ErrorFilter:
         worse = (claimed[:2] ** 2 - 1.0) * np.array(data_sheets.CLAIMED[:2]) ** 2
         position = self.params.white_m**2 + np.array([worse[0], worse[0], worse[1]])
         velocity = np.full(3, (self.params.speed_mps * claimed[2]) ** 2)
-        seen = _OBSERVED
-        spread = seen @ self.covariance @ seen.T + np.diag(np.concatenate([velocity, position]))
-        innovation = np.concatenate([offset_mps, offset_m - self.base_m]) - seen @ self.state
+        observation_matrix = _OBSERVED
+        spread = observation_matrix @ self.covariance @ observation_matrix.T + np.diag(
+            np.concatenate([velocity, position])
+        )
+        innovation = np.concatenate([offset_mps, offset_m - self.base_m]) - observation_matrix @ self.state
         white = np.linalg.solve(np.linalg.cholesky(spread), innovation)
         return innovation, spread, white
 

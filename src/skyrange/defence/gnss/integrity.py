@@ -107,21 +107,21 @@ class IntegrityFlags(sky.FixCheck):
 
     def on_sensors(self, now: sky.Time, sensors: sky.Sensors) -> Sequence[sky.SensorAct | sky.Alert]:
         """Set the flags by new fixes and by their absence; take fixes away while an indication lasts."""
-        found: list[sky.SensorAct | sky.Alert] = []
+        acts: list[sky.SensorAct | sky.Alert] = []
         times, fixes = sensors.gnss_time_ns.tolist(), sensors.gnss_fix.tolist()
         for row, receiver in enumerate(self.receivers):
             if receiver.is_new(times[row], fixes[row]):
                 receiver.take(now, times[row], partial(self._draw, row, times[row]), row, sensors)
                 if receiver.spoofing >= Spoofing.INDICATED:
-                    found += self.guard.find(row, now, "integrity.spoofing", receiver.score, state=receiver.spoofing)
+                    acts += self.guard.find(row, now, "integrity.spoofing", receiver.score, state=receiver.spoofing)
                 else:
                     self.guard.clear(row, now)
             else:
                 receiver.miss(now)
             if receiver.jamming >= Jamming.WARNING:
                 score = receiver.jam_score
-                found += self.guard.tell(row, now, "integrity.jamming", score, state=receiver.jamming)
-        return [*found, *self.guard.apply(sensors)]
+                acts += self.guard.tell(row, now, "integrity.jamming", score, state=receiver.jamming)
+        return [*acts, *self.guard.apply(sensors)]
 
     def _draw(self, row: int, time: sky.Time) -> float:
         return float(self.draws.uniform4(STREAM, sky.hash64(self.vehicles[row]), time, 0)[0])
@@ -151,8 +151,8 @@ class ReceiverFlags:
 
     def is_new(self, time: sky.Time, fix: int) -> bool:
         """Whether a reading is a fix that has not been taken in yet."""
-        seen = self._seen_ns
-        return fix >= data_sheets.FIX_3D and (seen is None or time < seen or time >= seen + LEAST_INTERVAL_NS)
+        last_ns = self._seen_ns
+        return fix >= data_sheets.FIX_3D and (last_ns is None or time < last_ns or time >= last_ns + LEAST_INTERVAL_NS)
 
     def miss(self, now: sky.Time) -> None:
         """No new fix: critical jamming, if there was none for too long."""

@@ -50,20 +50,20 @@ class FleetFixes:
         metres; "" for none.
         """
         self.fixes[vehicle] = fix
-        found, nearest_m = "", self.near_m
-        for other, its in self.fixes.items():
+        neighbour, nearest_m = "", self.near_m
+        for other, other_fix in self.fixes.items():
             if other == vehicle:
                 continue
             pair = (min(vehicle, other), max(vehicle, other))
-            away_m = dist(fix.place, its.place)
+            away_m = dist(fix.place, other_fix.place)
             both = self.armed.get(vehicle, False) and self.armed.get(other, False)
-            if not both or fix.at_ns - its.at_ns > FRESH_NS or away_m > self.near_m:
+            if not both or fix.at_ns - other_fix.at_ns > FRESH_NS or away_m > self.near_m:
                 self.since_ns.pop(pair, None)
                 continue
             since_ns = self.since_ns.setdefault(pair, fix.at_ns)
             if fix.at_ns - since_ns >= self.hold_ns and away_m <= nearest_m:
-                found, nearest_m = other, away_m
-        return found, nearest_m
+                neighbour, nearest_m = other, away_m
+        return neighbour, nearest_m
 
 
 @sky.defence(
@@ -143,8 +143,8 @@ class MultiReceiver(sky.SpeakingTap):
             return ()
         number, fleet = message.get_msgId(), self.fleets[sky.operator_of(self.vehicle)]
         if number == mav.MAVLINK_MSG_ID_COMMAND_ACK:
-            mine = (message.target_system, message.target_component) == (STATION, self.component)
-            return [sky.Drop()] if mine else ()
+            is_own = (message.target_system, message.target_component) == (STATION, self.component)
+            return [sky.Drop()] if is_own else ()
         if number == mav.MAVLINK_MSG_ID_HEARTBEAT:
             if message.autopilot != mav.MAV_AUTOPILOT_INVALID:
                 fleet.armed[self.vehicle] = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)

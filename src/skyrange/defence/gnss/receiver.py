@@ -79,16 +79,16 @@ class ReceiverCheck(sky.FixCheck):
 
     def on_sensors(self, now: sky.Time, sensors: sky.Sensors) -> Sequence[sky.SensorAct | sky.Alert]:
         """Test the new fixes and the silence of receivers; take away fixes while an alarm about time or place lasts."""
-        found: list[sky.SensorAct | sky.Alert] = []
+        acts: list[sky.SensorAct | sky.Alert] = []
         times, fixes = sensors.gnss_time_ns.tolist(), sensors.gnss_fix.tolist()
         for row, receiver in enumerate(self.receivers):
             if receiver.is_new(times[row], fixes[row]):
-                found += self._take(row, now, times[row], sensors)
+                acts += self._take(row, now, times[row], sensors)
             else:
                 kind, score = receiver.find_loss(now)
                 if kind:
-                    found += self.guard.tell(row, now, kind, score)
-        return [*found, *self.guard.apply(sensors)]
+                    acts += self.guard.tell(row, now, kind, score)
+        return [*acts, *self.guard.apply(sensors)]
 
     def _take(self, row: int, now: sky.Time, time: sky.Time, sensors: sky.Sensors) -> list[sky.Alert]:
         receiver = self.receivers[row]
@@ -139,8 +139,8 @@ class Receiver:
 
     def is_new(self, time: sky.Time, fix: int) -> bool:
         """Whether a reading is a fix that has not been taken in yet."""
-        seen = self._seen_ns
-        return fix >= _FIX_3D and (seen is None or time < seen or time >= seen + LEAST_INTERVAL_NS)
+        last_ns = self._seen_ns
+        return fix >= _FIX_3D and (last_ns is None or time < last_ns or time >= last_ns + LEAST_INTERVAL_NS)
 
     def take(
         self,
@@ -152,13 +152,13 @@ class Receiver:
         claimed_m: float,
     ) -> tuple[str, float]:
         """Take in a new fix: the alarm about its time or place, and by how many limits; "" for a plausible one."""
-        found, score = self._test_time(now, time, utc_error_ns)
-        if not found:
-            found, score = self._test_place(time, place, velocity, claimed_m)
-        if found not in ("receiver.time", "receiver.jump"):
+        kind, score = self._test_time(now, time, utc_error_ns)
+        if not kind:
+            kind, score = self._test_place(time, place, velocity, claimed_m)
+        if kind not in ("receiver.time", "receiver.jump"):
             self._place, self._velocity, self._time_ns = tuple(place), tuple(velocity), time
         self._changed_ns, self._seen_ns = now, time
-        return found, score
+        return kind, score
 
     def _test_time(self, now: sky.Time, time: sky.Time, utc_error_ns: int) -> tuple[str, float]:
         """UTC against the own clock since the first fix, and the order of fixes."""
@@ -170,8 +170,8 @@ class Receiver:
         score = abs(ahead_ns - first_ns) / allowed
         if score > 1.0:
             return "receiver.utc", score
-        seen = time if self._seen_ns is None else self._seen_ns
-        wrong_ns = max(time - now - _FUTURE_NS, seen - time)
+        last_ns = time if self._seen_ns is None else self._seen_ns
+        wrong_ns = max(time - now - _FUTURE_NS, last_ns - time)
         return ("receiver.time", 1.0 + wrong_ns / sky.NS_PER_S) if wrong_ns > 0 else ("", 0.0)
 
     def _test_place(

@@ -76,8 +76,8 @@ class AppearanceCheck(SignalJudge):
         if state is None:
             if claim is None:
                 return ()
-            found = self._find(now, claim)
-            state = True if found is None else (found, now + sky.from_seconds(self.hold_s))
+            new_finding = self._find(now, claim)
+            state = True if new_finding is None else (new_finding, now + sky.from_seconds(self.hold_s))
             self.known.put(who, state)
         if not isinstance(state, tuple):
             return ()
@@ -102,10 +102,10 @@ class AppearanceCheck(SignalJudge):
         away_m = distance_m(claim.place, self.own.place_at(now) or claim.place)
         return Finding(KIND, 1.0, (("away_m", away_m), ("missing", float(missing))))
 
-    def _in_reach(self, here: tuple[float, float, float], there: tuple[float, float, float]) -> bool:
-        if there[2] < TAKE_OFF_M:
+    def _in_reach(self, here: tuple[float, float, float], claimed: tuple[float, float, float]) -> bool:
+        if claimed[2] < TAKE_OFF_M:
             return False
         channel = channel_of(self)
-        spread = (channel.shadowing_db(min(here[2], there[2])) ** 2 + channel.fading_db**2) ** 0.5
-        strength = self.power_dbm - free_space_loss_db(distance_m(here, there))
-        return strength >= SENSITIVITY_DBM + MARGIN * spread and is_in_sight(self.city, here, there)
+        spread = (channel.shadowing_db(min(here[2], claimed[2])) ** 2 + channel.fading_db**2) ** 0.5
+        strength = self.power_dbm - free_space_loss_db(distance_m(here, claimed))
+        return strength >= SENSITIVITY_DBM + MARGIN * spread and is_in_sight(self.city, here, claimed)

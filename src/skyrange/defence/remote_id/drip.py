@@ -96,7 +96,7 @@ class SignatureCheck(ReceptionTap):
     def build(self, context: sky.DefenceContext) -> sky.Defence:
         """Taps. Raises `InputError` also where all aircraft would be ignored."""
         made = super().build(context)
-        signs = any(parse_session_id(one.uas_id) is not None for one in context.vehicles.values())
+        signs = any(parse_session_id(vehicle.uas_id) is not None for vehicle in context.vehicles.values())
         if not signs and self.policy != "ignore-forged":
             expected = "an aircraft that signs its Remote ID: this policy ignores all others"
             hint = 'Give an operator or aircraft remote_id = { auth = "drip" }, or set policy = "ignore-forged".'
@@ -136,10 +136,10 @@ class SignatureCheck(ReceptionTap):
             if finding is not None:
                 shown = sender._replace(uas_id=printable_id(sender.uas_id))
                 verdicts += self.refuse(now, shown, finding)
-        for one, heard_ns in self.verifier.release(0, now, judged):
-            address = one.address.to_bytes(6, "big")
-            if address != self.address and self.uas_id not in (_identities(sky.decode_remote_id(one.body)) or ()):
-                again = pack(RidHeader(header.transport, header.channel, 0, address, NO_RSSI, heard_ns), one.body)
+        for released, heard_ns in self.verifier.release(0, now, judged):
+            address = released.address.to_bytes(6, "big")
+            if address != self.address and self.uas_id not in (_identities(sky.decode_remote_id(released.body)) or ()):
+                again = pack(RidHeader(header.transport, header.channel, 0, address, NO_RSSI, heard_ns), released.body)
                 verdicts.append(sky.Inject(again, "fwd", frame.src, frame.dst))
         return verdicts
 

@@ -78,20 +78,22 @@ class GroundCheck(Acting):
 
     def build(self, context: sky.DefenceContext) -> sky.Defence:
         """Taps. Raises `InputError` where nobody has receivers on the ground, or a named operator has none."""
-        found = sorted({one.operator for one in context.receivers.values()})
-        if not found:
+        known_operators = sorted({receiver.operator for receiver in context.receivers.values()})
+        if not known_operators:
             hint = "Add [[radio.receivers]]."
             raise sky.InputError.one(
                 context.id, "operators", "no receivers", "an operator with receivers on the ground", hint
             )
         for place, name in enumerate(self.operators):
-            if name not in found:
+            if name not in known_operators:
                 expected = "an operator with receivers on the ground"
-                raise sky.InputError.one(context.id, f"operators.{place}", name, expected, sky.nearest(name, found))
-        operators, taps = self.operators or found, []
+                raise sky.InputError.one(
+                    context.id, f"operators.{place}", name, expected, sky.nearest(name, known_operators)
+                )
+        operators, taps = self.operators or known_operators, []
         for operator in operators:
             tap = self.copy()
-            tap.own = {name: one for name, one in context.receivers.items() if one.operator == operator}
+            tap.own = {name: receiver for name, receiver in context.receivers.items() if receiver.operator == operator}
             tap.alarm = Alarm(operator)
             taps.append(sky.TapPlacement(sky.link_name("oracle", operator), "gcs", TapOf(tap), inspects=_is_report))
         agreements = [sky.Exclusive(f"agreement of the receivers of {operator}") for operator in operators]
@@ -116,11 +118,11 @@ class GroundCheck(Acting):
         alerts: list[sky.Verdict] = []
         kept = []
         for reception in report.body:
-            found = self._judge(now, reception)
-            if found is None:
+            reception_alerts = self._judge(now, reception)
+            if reception_alerts is None:
                 kept.append(reception)
             else:
-                alerts += found
+                alerts += reception_alerts
         if len(kept) == len(report.body):
             return ()
         return [sky.Replace(encode(ReceptionReport(body=tuple(kept)))) if kept else sky.Drop(), *alerts]
@@ -137,9 +139,13 @@ class GroundCheck(Acting):
         address = bytes.fromhex(reception.address)
         sender, claim = self.reader.take(address, reception.time_ns, reception.rssi_dbm, message)
         test = self._test_of(sender)
-        there = None if claim is None else claim.place
-        if claim is not None and there is not None and is_usable(self.city, receiver.place, there, doubt_m(claim)):
-            test.add(reception.receiver, receiver.place, there, reception.rssi_dbm)
+        claimed_place = None if claim is None else claim.place
+        if (
+            claim is not None
+            and claimed_place is not None
+            and is_usable(self.city, receiver.place, claimed_place, doubt_m(claim))
+        ):
+            test.add(reception.receiver, receiver.place, claimed_place, reception.rssi_dbm)
         score = test.log_evidence / -log(self.false_alarm)
         if score < 1.0:
             return None

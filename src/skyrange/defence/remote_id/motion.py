@@ -83,10 +83,10 @@ class MotionCheck(BroadcastJudge):
             heard = _Heard(now)
             self.held.put(sender, heard)
         if claim is not None and claim.place is not None:
-            found = self._find(claim, heard)
+            finding = self._find(claim, heard)
             # that an identity is used twice does not end when its owner is out of reach
-            if found is not None and (heard.bad is None or heard.bad.kind != TWO_PLACES):
-                heard.bad, heard.bad_ns = found, now
+            if finding is not None and (heard.bad is None or heard.bad.kind != TWO_PLACES):
+                heard.bad, heard.bad_ns = finding, now
             heard.last = claim
         if heard.bad is None:
             return ()
@@ -95,10 +95,10 @@ class MotionCheck(BroadcastJudge):
         return self.refuse(now, sender, heard.bad)
 
     def _find(self, claim: Claim, heard: _Heard) -> Finding | None:
-        found = self._find_speed(claim)
-        if found is None and heard.last is not None:
-            found = self._compare(heard.last, claim)
-        return found or self._find_other(claim, heard)
+        finding = self._find_speed(claim)
+        if finding is None and heard.last is not None:
+            finding = self._compare(heard.last, claim)
+        return finding or self._find_other(claim, heard)
 
     def _find_speed(self, claim: Claim) -> Finding | None:
         if claim.velocity is None:
@@ -125,7 +125,9 @@ class MotionCheck(BroadcastJudge):
         # an aircraft that accelerates by at most a is at most a·t²/4 from where the mean of its two velocities leads
         speed = max(hypot(u0, v0), hypot(u1, v1))
         reach_m = self.acceleration_mps2 * (elapsed_s + error_s) ** 2 / 4.0
-        doubt_mps = max(one.speed_error_mps or UNKNOWN_MPS for one in (old, new)) + ROUNDING_MPS + ROUNDING_RAD * speed
+        doubt_mps = (
+            max(claim.speed_error_mps or UNKNOWN_MPS for claim in (old, new)) + ROUNDING_MPS + ROUNDING_RAD * speed
+        )
         limit_m = noise_m + reach_m + doubt_mps * elapsed_s + speed * error_s
         off_m = hypot(east_m - 0.5 * (u0 + u1) * elapsed_s, north_m - 0.5 * (v0 + v1) * elapsed_s)
         if off_m <= limit_m:
@@ -135,7 +137,7 @@ class MotionCheck(BroadcastJudge):
     def _noise_m(self, old: Claim, new: Claim) -> float:
         """Bound of the errors of two positions. For normal errors in the plane, r_p = r_95·√(ln p / ln 0.05)."""
         share = sqrt(log(0.5 * self.false_alarm) / log(0.05))
-        return share * sum(UNKNOWN_M if one.horizontal_m is None else one.horizontal_m for one in (old, new))
+        return share * sum(UNKNOWN_M if claim.horizontal_m is None else claim.horizontal_m for claim in (old, new))
 
     def _find_other(self, claim: Claim, heard: _Heard) -> Finding | None:
         """Whether an address that was heard earlier sends the same id from a place that cannot be reached."""

@@ -65,9 +65,9 @@ class AgeCheck(BroadcastJudge):
             return self.refuse(now, sender, Finding(OWN, 1.0))
         if claim is not None:
             self.bad.senders.pop(sender, None)
-            found = self._find(claim)
-            if found is not None:
-                self.bad.put(sender, STALE if claim.failing else found)
+            finding = self._find(claim)
+            if finding is not None:
+                self.bad.put(sender, STALE if claim.failing else finding)
         refused = self.bad.touch(sender)
         return self.refuse(now, sender, refused) if isinstance(refused, Finding) else ()
 

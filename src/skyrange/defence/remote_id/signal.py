@@ -81,12 +81,12 @@ class SignalCheck(SignalJudge):
         return self.refuse(now, sender, Finding(KIND, score, tuple(data)))
 
     def _add(self, test: StrengthTest, here: Place | None, claim: Claim) -> None:
-        there, heard_dbm = claim.place, claim.rssi_dbm
-        if here is None or there is None or heard_dbm is None:
+        claimed_place, heard_dbm = claim.place, claim.rssi_dbm
+        if here is None or claimed_place is None or heard_dbm is None:
             return
         # the line between two positions is off by no more than they are; the own one is taken to be as good
-        if is_usable(self.city, here, there, doubt_m(claim)):
-            test.add(self.vehicle, here, there, heard_dbm)
+        if is_usable(self.city, here, claimed_place, doubt_m(claim)):
+            test.add(self.vehicle, here, claimed_place, heard_dbm)
 
 
 def is_usable(city: sky.City | None, a: Place, b: Place, off_m: float) -> bool:

@@ -87,7 +87,8 @@ class LearnedWindows(WindowDetector):
             self.model = _load(path, path.stat().st_mtime_ns if path.is_file() else 0)
         except sky.InputError as error:
             problems = [
-                replace(one, where="file" if one.where == "file" else f"file.{one.where}") for one in error.problems
+                replace(problem, where="file" if problem.where == "file" else f"file.{problem.where}")
+                for problem in error.problems
             ]
             raise sky.InputError("detector", problems) from error
         self.service_ns = self.model.file.window_ns

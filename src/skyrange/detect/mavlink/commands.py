@@ -152,9 +152,9 @@ class Commands(sky.MessageDetector):
         places, at_ns = down.places[rows], down.at_ns[rows]
         severity = np.array([order.severity for order in orders], dtype=np.float64)
         scores = np.where(flying[places], severity, severity * ON_GROUND)
-        raised, found = self.episodes.update(at_ns, places, scores)
+        raised, raised_scores = self.episodes.update(at_ns, places, scores)
         alerts = []
-        for row, score in zip(raised.tolist(), found.tolist(), strict=True):
+        for row, score in zip(raised.tolist(), raised_scores.tolist(), strict=True):
             data = {"order": orders[row].name, "in_flight": int(flying[places[row]])}
             alerts.append(self.alert(int(at_ns[row]), frames.ports[int(places[row])].link, score, data))
         self._follow(frames, heads.rows[~heads.to_vehicle])
@@ -192,10 +192,10 @@ class Commands(sky.MessageDetector):
         """Keep the state of the aircraft: the systems, the last heartbeat and the height of each place."""
         up = frames.take(from_vehicle)
         beats = sky.read_messages(up, "HEARTBEAT")
-        own = beats.components == mav.MAV_COMP_ID_AUTOPILOT1
-        places = up.places[beats.rows[own]]
-        self.heard[places, beats.systems[own]] = True
-        self.armed[places] = beats.values["base_mode"][own] & mav.MAV_MODE_FLAG_SAFETY_ARMED != 0
-        self.active[places] = beats.values["system_status"][own] >= mav.MAV_STATE_ACTIVE
+        from_autopilot = beats.components == mav.MAV_COMP_ID_AUTOPILOT1
+        places = up.places[beats.rows[from_autopilot]]
+        self.heard[places, beats.systems[from_autopilot]] = True
+        self.armed[places] = beats.values["base_mode"][from_autopilot] & mav.MAV_MODE_FLAG_SAFETY_ARMED != 0
+        self.active[places] = beats.values["system_status"][from_autopilot] >= mav.MAV_STATE_ACTIVE
         positions = sky.read_messages(up, "GLOBAL_POSITION_INT")
         self.height_m[up.places[positions.rows]] = positions.values["relative_alt"] / 1000.0

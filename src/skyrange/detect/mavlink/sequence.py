@@ -84,11 +84,11 @@ class SequenceNumbers(sky.MessageDetector):
             findings,
         )
         rows = np.flatnonzero(findings)
-        events, found = heads.take(rows), findings[rows]
+        events, event_findings = heads.take(rows), findings[rows]
         counts = self.counts.add(events.at_ns, streams[rows])
         return self.alerts(
             frames, events, streams[rows], counts / self.evidence,
-            lambda row: (FINDINGS[int(found[row])], {"number": int(events.sequences[row])}),
+            lambda row: (FINDINGS[int(event_findings[row])], {"number": int(events.sequences[row])}),
         )  # fmt: skip
 
 

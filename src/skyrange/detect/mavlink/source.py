@@ -76,14 +76,14 @@ class MessageSource(sky.MessageDetector):
     def judge(self, now: sky.Time, frames: sky.ObservedFrames, heads: MessageHeads) -> Sequence[sky.Alert]:
         """Read the frames since the last service. Returns an alert for each sender that begins or doubles."""
         orders = np.isin(heads.messages, [message_numbers()[name] for name in ORDERS])
-        found = [
+        rows_by_rule = [
             self._unknown(heads),
             self._endpoint(heads, frames),
             np.flatnonzero(orders & heads.to_vehicle & ~np.isin(heads.systems, self.ground_systems)),
             self._replies(heads, frames),
         ]
-        places = np.concatenate(found)
-        rules = np.repeat(np.arange(len(found)), [len(part) for part in found])
+        places = np.concatenate(rows_by_rule)
+        rules = np.repeat(np.arange(len(rows_by_rule)), [len(part) for part in rows_by_rule])
         order = np.argsort(places, kind="stable")
         events, rules = heads.take(places[order]), rules[order]
         streams = self.number(events.senders * len(RULES) + rules)
@@ -125,14 +125,14 @@ class MessageSource(sky.MessageDetector):
         asks = np.zeros(len(frames), dtype=np.bool_)
         for name in ("COMMAND_LONG", "COMMAND_INT", "COMMAND_ACK", "MISSION_ACK"):
             if (heads.messages == messages[name]).any():
-                found = sky.read_messages(frames, name)
-                subject = _MISSION if name == "MISSION_ACK" else found.values["command"].astype(np.int64)
+                acks = sky.read_messages(frames, name)
+                subject = _MISSION if name == "MISSION_ACK" else acks.values["command"].astype(np.int64)
                 if name.endswith("ACK"):  # those for a companion pass here as well, but not what it asked for
-                    target = found.values["target_system"]
-                    ours = (target == 0) | (target != found.systems)
-                    subjects[found.rows] = np.where(ours, subject, _NOTHING)
+                    target = acks.values["target_system"]
+                    ours = (target == 0) | (target != acks.systems)
+                    subjects[acks.rows] = np.where(ours, subject, _NOTHING)
                 else:
-                    subjects[found.rows], asks[found.rows] = subject, True
+                    subjects[acks.rows], asks[acks.rows] = subject, True
         subjects, asks = subjects[heads.rows], asks[heads.rows]
         transfer = np.isin(heads.messages, [messages[name] for name in _TRANSFER])
         subjects[transfer] = _MISSION
@@ -141,10 +141,10 @@ class MessageSource(sky.MessageDetector):
         asks |= transfer | set_mode
         unasked = []
         for row in np.flatnonzero(subjects >= _MISSION).tolist():
-            place, way, subject = int(heads.places[row]), bool(heads.to_vehicle[row]), int(subjects[row])
+            place, to_vehicle, subject = int(heads.places[row]), bool(heads.to_vehicle[row]), int(subjects[row])
             at = int(heads.at_ns[row])
             if asks[row]:
-                self.requested[place, way, subject] = at
-            elif at - self.requested.get((place, not way, subject), -reply_ns - 1) > reply_ns:
+                self.requested[place, to_vehicle, subject] = at
+            elif at - self.requested.get((place, not to_vehicle, subject), -reply_ns - 1) > reply_ns:
                 unasked.append(row)
         return np.array(unasked, dtype=np.int64)

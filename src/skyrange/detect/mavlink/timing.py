@@ -140,10 +140,10 @@ class MessageTiming(sky.MessageDetector):
         senders[heads.rows] = heads.senders
         values = beats.values
         states = zip(*(values[name].tolist() for name in ("custom_mode", "base_mode", "system_status")), strict=True)
-        for row, said in zip(beats.rows.tolist(), states, strict=True):
+        for row, state in zip(beats.rows.tolist(), states, strict=True):
             sender = int(senders[row])
-            extra[row] = self.states.get(sender, said) != said
-            self.states[sender] = said
+            extra[row] = self.states.get(sender, state) != state
+            self.states[sender] = state
         return extra[heads.rows]
 
     def _design(self, streams: Ints) -> None:

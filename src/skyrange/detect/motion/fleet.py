@@ -105,9 +105,9 @@ class FleetConsistency(sky.TelemetryDetector):
         size = np.hypot(errors[:, 0], errors[:, 1])
         order = np.argsort(size, kind="stable")  # the largest of a link end is written last
         places, unit = steps.places[rows][order], errors[order, :2] / np.maximum(size[order], 1e-9)[:, None]
-        found = np.column_stack([steps.at_ns[rows][order] / sky.NS_PER_S, (size / spread)[order], unit])
-        larger = found[:, 1] > self.steps[places, 1]
-        self.steps[places[larger]] = found[larger]
+        new_steps = np.column_stack([steps.at_ns[rows][order] / sky.NS_PER_S, (size / spread)[order], unit])
+        larger = new_steps[:, 1] > self.steps[places, 1]
+        self.steps[places[larger]] = new_steps[larger]
 
     def _find_common_steps(self, frames: sky.ObservedFrames, now: sky.Time, fleet: sky.Ints) -> list[sky.Alert]:
         sizes, directions = self.steps[fleet, 1], self.steps[fleet, 2:]
@@ -176,6 +176,6 @@ def _has_neighbour(east: Floats, north: Floats, up: Floats) -> Flags:
         close &= np.abs(up[shift:] - up[:-shift]) <= _NEAR_UP_M
         near[shift:] |= close
         near[:-shift] |= close
-    found = np.zeros_like(near)
-    found[order] = near
-    return found
+    has_neighbour = np.zeros_like(near)
+    has_neighbour[order] = near
+    return has_neighbour

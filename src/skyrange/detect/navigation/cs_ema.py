@@ -190,11 +190,11 @@ _ATTITUDE: Final = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed
 
 
 def _limit(default: float, sensor: str, chart: str) -> sky.Number:
-    found: sky.Number = sky.param(
+    limit: sky.Number = sky.param(
         f"Limit of the {chart} of the {sensor}, in standard deviations, that scores 1; 0 leaves it out.",
         default=default, ge=0.0, le=1e6,
     )  # fmt: skip
-    return found
+    return limit
 
 
 class _First:
@@ -289,18 +289,18 @@ class CsEmaDetector(sky.TelemetryDetector):
         return self._judge("barometer", frames, places, steps.at_ns[rows], above / _BAROMETER_M)
 
     def _judge_field(self, frames: sky.ObservedFrames, steps: sky.Steps, attitudes: sky.Steps) -> list[sky.Alert]:
-        found, age = _nearest(attitudes, steps.places, steps.after[:, 3] * 1e-6)
+        nearest, age = _nearest(attitudes, steps.places, steps.after[:, 3] * 1e-6)
         rows = np.flatnonzero((np.abs(age) <= _ATTITUDE_AGE_S) & steps.after[:, :3].any(axis=1))
-        places, attitude = steps.places[rows], attitudes.after[found[rows]]
+        places, attitude = steps.places[rows], attitudes.after[nearest[rows]]
         fields = np.clip(steps.after[rows, :3] * 1e-3, -_MOST_GAUSS, _MOST_GAUSS)
         turns = turns_to_earth(*(attitude[:, :3] + attitude[:, 3:] * age[rows, None]).T)
         charts, seconds = self.charts["magnetometer"], steps.seconds[rows]
         ratios, sums, means = np.empty((3, len(rows), 3))
-        for each in rounds(places):
-            at = places[each]
-            ratios[each] = self.field.predict(at, fields[each], turns[each], seconds[each])
-            sums[each], means[each] = charts.add(at, ratios[each])
-            fit = each[np.maximum(sums[each], means[each]).max(axis=1) < 1.0]
+        for chosen_rows in rounds(places):
+            at = places[chosen_rows]
+            ratios[chosen_rows] = self.field.predict(at, fields[chosen_rows], turns[chosen_rows], seconds[chosen_rows])
+            sums[chosen_rows], means[chosen_rows] = charts.add(at, ratios[chosen_rows])
+            fit = chosen_rows[np.maximum(sums[chosen_rows], means[chosen_rows]).max(axis=1) < 1.0]
             self.field.update(places[fit], fields[fit], turns[fit])
         return self._raise("magnetometer", frames, places, steps.at_ns[rows], ratios, (sums, means))
 
@@ -320,10 +320,10 @@ class CsEmaDetector(sky.TelemetryDetector):
         statistics: tuple[Floats, Floats],
     ) -> list[sky.Alert]:
         alerts: list[sky.Alert] = []
-        each = np.arange(len(places))
+        all_rows = np.arange(len(places))
         for chart, values in zip(CHARTS, statistics, strict=True):
             worst = values.argmax(axis=1)
-            scores, ratio = values[each, worst], ratios[each, worst]
+            scores, ratio = values[all_rows, worst], ratios[all_rows, worst]
             alerts += self.alerts(f"{sensor}_{chart}", frames, places, at_ns, scores, ratio=ratio)
         return alerts
 
@@ -341,5 +341,5 @@ def _nearest(steps: sky.Steps, places: sky.Ints, time_s: Floats) -> tuple[sky.In
     rows = order[np.clip(np.column_stack([after - 1, after]), 0, len(order) - 1)]
     ages = np.where(steps.places[rows] == places[:, None], time_s[:, None] - steps.time_s[rows], np.nan)
     chosen = np.where(np.isnan(ages), np.inf, np.abs(ages)).argmin(axis=1)
-    each = np.arange(len(places))
-    return rows[each, chosen], ages[each, chosen]
+    all_rows = np.arange(len(places))
+    return rows[all_rows, chosen], ages[all_rows, chosen]

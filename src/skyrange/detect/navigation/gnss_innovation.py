@@ -70,9 +70,9 @@ class SelfStarting:
         """
         self._moments = grown(self._moments, int(places.max(initial=-1)) + 1)
         number, mean, variance = self._moments[places].T
-        found = (values - mean) / np.maximum(np.sqrt(variance), self._floor)
-        found = np.where(number >= _LEAST, np.minimum(found, _LARGEST), 0.0)
-        inside = np.flatnonzero(np.abs(found) < _OUTSIDE)
+        deviations = (values - mean) / np.maximum(np.sqrt(variance), self._floor)
+        deviations = np.where(number >= _LEAST, np.minimum(deviations, _LARGEST), 0.0)
+        inside = np.flatnonzero(np.abs(deviations) < _OUTSIDE)
         for rows in rounds(places[inside]):
             at = places[inside[rows]]
             number, mean, variance = self._moments[at].T
@@ -81,7 +81,7 @@ class SelfStarting:
             mean = mean + away / number
             variance = variance + (away * (values[inside[rows]] - mean) - variance) / number
             self._moments[at] = np.column_stack([number, mean, np.maximum(variance, 0.0)])
-        return found
+        return deviations
 
 
 RATIOS: Final = ("velocity", "position", "height")
@@ -174,12 +174,12 @@ class GnssInnovation(sky.TelemetryDetector):
         position, velocity = fix_errors(fix, fused, age)
         away, slip = np.hypot(position[:, 0], position[:, 1]), np.hypot(velocity[:, 1], velocity[:, 0])
         alerts: list[sky.Alert] = []
-        for name, error, claimed, unknown, most, own, mean in (
+        for name, error, claimed, unknown, most, own_error, mean in (
             (OFFSET, away, fix[:, 4], _UNKNOWN_M, _MOST_M, _FUSED_M, self.offsets),
             (SPEED, slip, fix[:, 5], _UNKNOWN_MPS, _MOST_MPS, _FUSED_MPS, self.speeds),
         ):
             accuracy = np.where(claimed > 0.0, np.minimum(claimed * 1e-3, most), unknown)
-            squares = np.minimum((error / np.hypot(accuracy, own)) ** 2, 1e6)
+            squares = np.minimum((error / np.hypot(accuracy, own_error)) ** 2, 1e6)
             scores = mean.add(places, np.minimum(seconds, _GAP_S), squares) / _SQUARES
             alerts += self.alerts(name, frames, places, at_ns, scores, difference=error)
         return alerts

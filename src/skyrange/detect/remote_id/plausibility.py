@@ -113,15 +113,15 @@ class Plausibility(sky.ReceptionDetector):
         chosen = np.flatnonzero(usable)
         if not len(chosen):
             return scores
-        own, new = senders[chosen], rows[chosen]
+        chosen_senders, new = senders[chosen], rows[chosen]
         old = np.empty_like(new)
         old[1:] = new[:-1]
-        first = np.ones(len(own), dtype=np.bool_)
-        first[1:] = own[1:] != own[:-1]
-        old[first] = self.last[own[first]]
-        last = np.ones(len(own), dtype=np.bool_)
-        last[:-1] = own[1:] != own[:-1]
-        self.last[own[last]] = new[last]
+        first = np.ones(len(chosen_senders), dtype=np.bool_)
+        first[1:] = chosen_senders[1:] != chosen_senders[:-1]
+        old[first] = self.last[chosen_senders[first]]
+        last = np.ones(len(chosen_senders), dtype=np.bool_)
+        last[:-1] = chosen_senders[1:] != chosen_senders[:-1]
+        self.last[chosen_senders[last]] = new[last]
         elapsed_s = np.maximum(new[:, 0] - old[:, 0], 0.0)
         error_s = np.maximum(new[:, 6], old[:, 6])
         moved = new[:, 1:3] - old[:, 1:3]
@@ -182,5 +182,5 @@ def _spread_db(senders: sky.Ints, time_ns: sky.Ints, power_dbm: Floats) -> Float
     begins[1:] = (senders[1:] != senders[:-1]) | (np.diff(time_ns) > SAME_BROADCAST_NS)
     first = np.flatnonzero(begins)
     spread = np.maximum.reduceat(power_dbm, first) - np.minimum.reduceat(power_dbm, first)
-    each: Floats = spread[np.cumsum(begins) - 1]
-    return each
+    spread_per_row: Floats = spread[np.cumsum(begins) - 1]
+    return spread_per_row

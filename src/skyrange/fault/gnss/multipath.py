@@ -110,15 +110,15 @@ def solve(sky: tuple[Satellite, ...], errors_m: Floats, strength: Floats) -> tup
     used = np.isfinite(errors_m)
     if int(used.sum()) < 4:
         return None
-    directions = np.array([satellite.unit for satellite, one in zip(sky, used, strict=True) if one])
+    directions = np.array([satellite.unit for satellite, is_used in zip(sky, used, strict=True) if is_used])
     weights = (strength[used] * directions[:, 2]) ** 2
     geometry = np.column_stack([-directions, np.ones(len(directions))])
     normal = geometry.T @ (weights[:, None] * geometry)
     if np.linalg.cond(normal) > MOST_CONDITION:
         return None
     inverse = np.linalg.inv(normal)
-    found = inverse @ (geometry.T @ (weights * errors_m[used]))
-    return found[:3], np.sqrt(np.diag(inverse)[:3])
+    solution = inverse @ (geometry.T @ (weights * errors_m[used]))
+    return solution[:3], np.sqrt(np.diag(inverse)[:3])
 
 
 WAVE_M: Final = 0.190293673
@@ -145,9 +145,9 @@ class ReflectionModel:
         Returns how many it receives, and of its fix the offset in metres with the factors of horizontal and vertical
         dilution against the open sky; `None` without a fix.
         """
-        seen, count = see(self.city, place, hemisphere, self.radius_m), len(hemisphere)
-        errors_m = pseudorange_errors(seen, self.reflection, self.spacing_chips)
-        strength = np.where(seen.hidden > 0.0, self.reflection, 1.0)
+        visibility, count = see(self.city, place, hemisphere, self.radius_m), len(hemisphere)
+        errors_m = pseudorange_errors(visibility, self.reflection, self.spacing_chips)
+        strength = np.where(visibility.hidden > 0.0, self.reflection, 1.0)
         solved, open_sky = solve(hemisphere, errors_m, strength), solve(hemisphere, np.zeros(count), np.ones(count))
         received = int(np.isfinite(errors_m).sum())
         if solved is None or open_sky is None:
@@ -157,7 +157,7 @@ class ReflectionModel:
         return received, (offset_m, (flat, float(dilution[2] / open_sky[1][2])))
 
 
-def pseudorange_errors(seen: Seen, reflection: float, spacing_chips: float) -> Floats:
+def pseudorange_errors(visibility: Seen, reflection: float, spacing_chips: float) -> Floats:
     """Errors (n,) in metres of the pseudoranges; NaN for a satellite that is hidden and not reflected.
 
     A hidden satellite has the whole detour of its reflection. One in sight has the error of a reflection that a delay
@@ -166,11 +166,11 @@ def pseudorange_errors(seen: Seen, reflection: float, spacing_chips: float) -> F
     GPS receiver, Navigation 39:3, 1992). Its sign and size follow the phase of the detour. Reflections that are longer
     than a chip and a half do no harm.
     """
-    detour = seen.detour_m
+    detour = visibility.detour_m
     most_m = reflection * spacing_chips * CHIP_M / 2.0
     mixed = np.minimum(reflection * detour, most_m) * np.cos(2.0 * pi * detour / WAVE_M)
     mixed = np.where(np.isnan(detour) | (detour > 1.5 * CHIP_M), 0.0, mixed)
-    return np.asarray(np.where(seen.hidden > 0.0, detour, mixed), dtype=np.float64)
+    return np.asarray(np.where(visibility.hidden > 0.0, detour, mixed), dtype=np.float64)
 
 
 STREAM: Final = "fault.gnss_multipath"

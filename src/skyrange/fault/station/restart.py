@@ -25,12 +25,12 @@ class Restart(AtStation):
 
     def build(self, context: sky.FaultContext) -> sky.FaultParts:
         """Taps at the station. Raises `InputError` for an operator that the scenario does not have."""
-        own = [vehicle for vehicle in context.vehicles if sky.operator_of(vehicle) == self.operator]
-        if not own:
+        vehicles = [vehicle for vehicle in context.vehicles if sky.operator_of(vehicle) == self.operator]
+        if not vehicles:
             operators = list(dict.fromkeys(map(sky.operator_of, context.vehicles)))
             hint = sky.nearest(self.operator, operators)
             raise sky.InputError.one(context.id, "operator", self.operator, "an operator of the scenario", hint)
-        names = [sky.link_name("approval", self.operator), *(sky.link_name("gcs", vehicle) for vehicle in own)]
+        names = [sky.link_name("approval", self.operator), *(sky.link_name("gcs", vehicle) for vehicle in vehicles)]
         return self.place_at_station([name for name in names if name in context.links], context)
 
     def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:

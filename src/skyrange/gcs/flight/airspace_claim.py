@@ -189,16 +189,20 @@ class AirspaceClaim:
         if self.wanted is not None:
             wanted, self.wanted = self.wanted, None
             return wanted, AlternativeMessage()
-        for one in offered:
-            moved = one.climb_m != 0.0 or one.east_m != 0.0 or one.north_m != 0.0
+        for alternative in offered:
+            moved = alternative.climb_m != 0.0 or alternative.east_m != 0.0 or alternative.north_m != 0.0
             if moved and self.rounds >= FREE_ROUNDS:
                 continue
-            plan = altered(flight.plan, one.climb_m, one.east_m, one.north_m) if moved else flight.plan
+            plan = (
+                altered(flight.plan, alternative.climb_m, alternative.east_m, alternative.north_m)
+                if moved
+                else flight.plan
+            )
             if moved and not self._can_fly(plan):
                 continue
-            depart_s = to_seconds(self.depart_ns) + one.delay_s
+            depart_s = to_seconds(self.depart_ns) + alternative.delay_s
             self.wanted = flight
-            return replace(flight, plan=plan, depart_s=depart_s), one
+            return replace(flight, plan=plan, depart_s=depart_s), alternative
         return None
 
     def _can_fly(self, plan: FlightPlan) -> bool:
@@ -229,7 +233,7 @@ class AirspaceClaim:
         """The report that the intent has another state; `ENDED` ends it."""
         if state is IntentState.ENDED:
             return self._submit(flight, now, state, ())
-        rest = tuple(one for one in self.flown if one.end_ns > now)
+        rest = tuple(volume for volume in self.flown if volume.end_ns > now)
         origin, here = flight.plan.origin, self.position(flight.plan)
         if state is IntentState.ACTIVATED:
             return self._submit(flight, now, state, rest or (self._near(origin, here, now),))

@@ -78,23 +78,23 @@ class Replanner:
                 self._lost.add(place)
                 if sequencer.state is FlightState.FLYING and sequencer.claim.seen is not None:
                     plan = sequencer.flight.plan
-                    there = sequencer.claim.position(plan)
-                    area = around(plan.origin, there, radius_m, _TOP_M, turn.now, turn.now + self.rules.jammed_ns)
+                    position = sequencer.claim.position(plan)
+                    area = around(plan.origin, position, radius_m, _TOP_M, turn.now, turn.now + self.rules.jammed_ns)
                     self._jammed.append(area)
-                    data: dict[str, Scalar] = {"east_m": there.east_m, "north_m": there.north_m}
+                    data: dict[str, Scalar] = {"east_m": position.east_m, "north_m": position.north_m}
                     turn.note("decision.area_jammed", sequencer.flight.vehicle, data)
 
     def _avoid(self, turn: Turn, place: int, sequencer: FlightSequencer) -> bool:
         """Lead a flight around the areas that it has not been checked for, if it would meet one; where there is no way,
         it flies on.
         """
-        found = [area for area in self._jammed[self._avoided.get(place, 0) :] if area.end_ns > turn.now]
+        areas = [area for area in self._jammed[self._avoided.get(place, 0) :] if area.end_ns > turn.now]
         self._avoided[place] = len(self._jammed)
         plan, claim = sequencer.flight.plan, sequencer.claim
-        if not found or not is_met(found, plan, sequencer.progress, claim.position(plan), turn.now, claim.margins):
+        if not areas or not is_met(areas, plan, sequencer.progress, claim.position(plan), turn.now, claim.margins):
             return False
         closed = [area for area in self._jammed if area.end_ns > turn.now]
-        return not sequencer.ask_for_way(turn, closed, "a jammed area")
+        return not sequencer.request_reroute(turn, closed, "a jammed area")
 
     def _save_battery(self, turn: Turn, place: int, sequencer: FlightSequencer) -> bool:
         """Make a flight shorter whose battery will not last."""
@@ -115,7 +115,7 @@ class Replanner:
         return_s = sum(leg.duration_s for leg in return_legs(plan, here))
         direct_s = rest_duration_s(plan, sequencer.progress, here, direct=True)
         if direct_s is not None and direct_s < min(return_s, rest_s):
-            return not sequencer.ask_for_way(turn, (), "the battery", direct=True)
+            return not sequencer.request_reroute(turn, (), "the battery", direct=True)
         if return_s < rest_s:
             sequencer.give_up(turn, "the battery would end below its reserve")
             return True

@@ -174,13 +174,13 @@ class FlightSequencer:
             data: dict[str, Scalar] = {"reason": decision.reason, "alternatives": len(decision.alternatives)}
             self._raise(turn, FlightEvent.REJECTED, data)
             return
-        self.flight, taken = chosen
+        self.flight, alternative = chosen
         data = {
             "reason": decision.reason,
-            "delay_s": taken.delay_s,
-            "climb_m": taken.climb_m,
-            "east_m": taken.east_m,
-            "north_m": taken.north_m,
+            "delay_s": alternative.delay_s,
+            "climb_m": alternative.climb_m,
+            "east_m": alternative.east_m,
+            "north_m": alternative.north_m,
         }
         self._raise(turn, FlightEvent.ALTERED, data)
 
@@ -192,24 +192,26 @@ class FlightSequencer:
             self.dialogue.drop_commands()
             self._raise(turn, FlightEvent.OVERRULED, data)
         elif self.state is FlightState.FLYING and decision.closed:
-            closed = [one.volume4d(self.claim.epoch) for one in decision.closed]
-            error = self.ask_for_way(turn, closed, decision.reason)
+            closed_volumes = [volume.volume4d(self.claim.epoch) for volume in decision.closed]
+            error = self.request_reroute(turn, closed_volumes, decision.reason)
             if error:
                 self.give_up(turn, f"approval withdrawn: {decision.reason}; no way around: {error}")
         elif self.state in _WITHDRAWABLE:
             self.give_up(turn, f"approval withdrawn: {decision.reason}")
 
-    def ask_for_way(self, turn: Turn, closed: Sequence[Volume4D], reason: str, *, direct: bool = False) -> str:
+    def request_reroute(
+        self, turn: Turn, closed_volumes: Sequence[Volume4D], reason: str, *, direct: bool = False
+    ) -> str:
         """Stop, and ask the approval for the rest of the plan around closed volumes, or with `direct` without the
         points between. Returns why that cannot be, or "".
         """
         plan, claim = self.flight.plan, self.claim
         try:
-            rest = reroute(
+            remaining_plan = reroute(
                 plan,
                 self.progress,
                 claim.position(plan),
-                closed,
+                closed_volumes,
                 now=turn.now,
                 city=claim.city,
                 margins=claim.margins,
@@ -218,7 +220,7 @@ class FlightSequencer:
         except NoRouteError as error:
             return str(error)
         self.dialogue.drop_commands()
-        self.rerouted = replace(self.flight, plan=rest)
+        self.rerouted = replace(self.flight, plan=remaining_plan)
         self._raise(turn, FlightEvent.CLOSED, {"reason": reason})
         self._reschedule()
         return ""

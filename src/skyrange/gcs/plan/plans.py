@@ -154,8 +154,8 @@ def from_file(
     mission = read_mission(Path(file))
     if anchor:
         mission = anchored(mission, origin, home)
-    own = name or Path(file).name
-    return FlightPlan("auto", own, origin, home, cruise_mps, mission, fence=mission.fence, rally=mission.rally)
+    plan_name = name or Path(file).name
+    return FlightPlan("auto", plan_name, origin, home, cruise_mps, mission, fence=mission.fence, rally=mission.rally)
 
 
 def anchored(mission: Mission, origin: Origin, home: Point) -> Mission:
@@ -256,10 +256,10 @@ def altered(plan: FlightPlan, climb_m: float, east_m: float, north_m: float) -> 
     if plan.kind == "guided":
         last = len(plan.targets_enu_m) - 1
         targets = tuple(
-            Point(one.east_m, one.north_m, one.up_m + climb_m)
+            Point(target.east_m, target.north_m, target.up_m + climb_m)
             if plan.end == "land" and place == last
-            else Point(one.east_m + east_m, one.north_m + north_m, one.up_m + climb_m)
-            for place, one in enumerate(plan.targets_enu_m)
+            else Point(target.east_m + east_m, target.north_m + north_m, target.up_m + climb_m)
+            for place, target in enumerate(plan.targets_enu_m)
         )
         return replace(plan, targets_enu_m=targets)
     if plan.mission is None:

@@ -75,16 +75,21 @@ def reroute(
             if best is None:
                 raise
             return best
-        way = replace(plan, kind="guided", mission=None, targets_enu_m=tuple(points[1:]), end=end)
-        in_the_way = [int(one.intent) for one in airspace.find_overlaps(_claimed(way, here, now, margins))]
-        held = _hold(way, here, now, airspace, margins)
-        if held is not None and (best is None or _duration_s(held, here) < _duration_s(best, here)):
-            best = held
+        candidate = replace(plan, kind="guided", mission=None, targets_enu_m=tuple(points[1:]), end=end)
+        in_the_way = [
+            int(overlap.intent) for overlap in airspace.find_overlaps(_claimed(candidate, here, now, margins))
+        ]
+        held_plan = _hold(candidate, here, now, airspace, margins)
+        if held_plan is not None and (best is None or _duration_s(held_plan, here) < _duration_s(best, here)):
+            best = held_plan
         next_ones = range(len(closed)) if number == _WAYS - 2 else in_the_way
-        found = [one for one in next_ones if one not in avoided]
-        if not found:
+        new_numbers = [number for number in next_ones if number not in avoided]
+        if not new_numbers:
             break
-        avoided |= {one: _obstacle(plan.origin, one, closed[one], margins) for one in found}
+        avoided |= {
+            closed_number: _obstacle(plan.origin, closed_number, closed[closed_number], margins)
+            for closed_number in new_numbers
+        }
     if best is None:
         raise NoRouteError("closed volumes are in the way at all times")
     return best
@@ -99,14 +104,14 @@ def _obstacle(origin: Origin, number: int, volume: Volume4D, margins: Margins) -
     )
 
 
-def _hold(way: FlightPlan, here: Point, now: Time, airspace: Airspace, margins: Margins) -> FlightPlan | None:
+def _hold(plan: FlightPlan, here: Point, now: Time, airspace: Airspace, margins: Margins) -> FlightPlan | None:
     """The way with the hold at `here` after which it is free; `None` without one."""
     hold_s = 0.0
     for _ in range(_ROUNDS):
-        held = way if hold_s == 0.0 else replace(way, targets_enu_m=(here, *way.targets_enu_m), hold_s=hold_s)
-        claimed = _claimed(held, here, now, margins)
+        held_plan = plan if hold_s == 0.0 else replace(plan, targets_enu_m=(here, *plan.targets_enu_m), hold_s=hold_s)
+        claimed = _claimed(held_plan, here, now, margins)
         if not airspace.find_overlaps(claimed):
-            return held
+            return held_plan
         flown = claimed[1:] if hold_s else claimed
         (more,) = airspace.find_least_delays([Query(flown, from_seconds(MAX_HOLD_S - hold_s))])
         if not more:  # the hold itself is in the way, or the way is not free in time
@@ -179,8 +184,8 @@ def _rest_of(plan: FlightPlan, progress: int) -> tuple[list[Point], End]:
             if seq >= progress:
                 points.append(here)
         elif command in LANDINGS:
-            there = place(plan, item, here)._replace(up_m=here.up_m)
-            return [*points, *([there] if there != here else [])], "land"
+            landing_point = place(plan, item, here)._replace(up_m=here.up_m)
+            return [*points, *([landing_point] if landing_point != here else [])], "land"
         elif command == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             return points, "rtl"
         elif is_navigation(command) or command in (mav.MAV_CMD_DO_JUMP, mav.MAV_CMD_DO_JUMP_TAG):

@@ -154,9 +154,9 @@ def _follow_mission(plan: FlightPlan) -> Unrolled:
             out.append(leg(here, above, speed_mps))  # straight up: ArduCopter ignores a take-off's position
             here = above
         elif command in _MOVE_COMMANDS:
-            there = place(plan, item, here)
-            out.append(leg(here, there, speed_mps))
-            here = there
+            target = place(plan, item, here)
+            out.append(leg(here, target, speed_mps))
+            here = target
             wait_s = _wait_s(item, speed_mps)
             if wait_s > 0.0:
                 out.append(Leg(here, here, wait_s))
@@ -174,9 +174,9 @@ def _follow_mission(plan: FlightPlan) -> Unrolled:
             jumps_done[at] = jumps_done.get(at, 0) + 1
             at = _jump_target(items, item) - 1  # item 1 is the first after home
         elif command in LANDINGS:
-            there = place(plan, item, here)._replace(up_m=here.up_m)
-            out.append(leg(here, there, speed_mps))
-            return Unrolled((*out, *final_legs(plan, there, speed_mps, rtl=False)), complete=True, endless=False)
+            target = place(plan, item, here)._replace(up_m=here.up_m)
+            out.append(leg(here, target, speed_mps))
+            return Unrolled((*out, *final_legs(plan, target, speed_mps, rtl=False)), complete=True, endless=False)
         elif command == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             return Unrolled((*out, *final_legs(plan, here, speed_mps, rtl=True)), complete=True, endless=False)
     return Unrolled((*out, *final_legs(plan, here, speed_mps, rtl=plan.end == "rtl")), complete=True, endless=False)

@@ -139,9 +139,9 @@ class Sitl:
     def close(self) -> None:
         """Kill the process and close its sockets. A second call does nothing."""
         self.program.kill()
-        for each in (self._sticks, *self._listeners, *self.serial):
-            if each is not None:
-                each.close()
+        for connection in (self._sticks, *self._listeners, *self.serial):
+            if connection is not None:
+                connection.close()
 
     def lost(self, what: str) -> ComponentError:
         """The error of a process that cannot go on: `what` happened, how it ended, and its last output."""

@@ -141,14 +141,14 @@ class HttpServerTransport:
         except DecodeError:
             self._counts.unfit += 1
             return False
-        found = next((request for request in self._open if request.path == response.path), None)
-        if found is None and response.status >= 400 and self._open:
-            found = self._open[0]
-        if found is None:
+        open_request = next((request for request in self._open if request.path == response.path), None)
+        if open_request is None and response.status >= 400 and self._open:
+            open_request = self._open[0]
+        if open_request is None:
             self._counts.unasked += 1
             return False
-        self._open.remove(found)
-        found.answer.set_result(response)
+        self._open.remove(open_request)
+        open_request.answer.set_result(response)
         self._counts.sent += 1
         return True
 
@@ -158,9 +158,9 @@ class HttpServerTransport:
             return
         self._server.close()
         self._server = None
-        gone = http_frames.error_body("the service has ended")
+        body = http_frames.error_body("the service has ended")
         for request in self._open:
-            request.answer.set_result(http_frames.Response(503, request.path, gone))
+            request.answer.set_result(http_frames.Response(503, request.path, body))
         self._open.clear()
         self._limited.pre_shutdown()
         self._ending = asyncio.get_running_loop().create_task(self._limited.shutdown(1.0))

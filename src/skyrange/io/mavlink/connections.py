@@ -49,7 +49,7 @@ class Address:
     def of(cls, text: str, where: str = "address") -> Address:
         """Parse an address in one of `ADDRESS_FORMS`; raises `InputError` for any other text."""
         word, _, rest = text.partition(":")
-        kind = next((one for one in ADDRESS_FORMS if one == word), None)
+        kind = next((form for form in ADDRESS_FORMS if form == word), None)
         if kind is None:
             forms = ", ".join(ADDRESS_FORMS.values())
             raise InputError.one("wire", where, text, f"one of {forms}", nearest(word, ADDRESS_FORMS))
@@ -219,14 +219,14 @@ class _Tcp(_Socket):
                 raise ConnectionResetError(errno.ECONNRESET, "closed by the other side")
         return self._deframer.feed(data)
 
-    def _answered(self, one: socket.socket) -> bool:
+    def _answered(self, connection: socket.socket) -> bool:
         ready = select.poll()
-        ready.register(one, select.POLLOUT)
+        ready.register(connection, select.POLLOUT)
         if not ready.poll(0):
             if monotonic() - self._begun_s > CONNECT_S:
                 raise TimeoutError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT))
             return False
-        error = one.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        error = connection.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if error:
             raise OSError(error, os.strerror(error))
         self.trouble = ""

@@ -93,7 +93,7 @@ class ViewerPorts:
             else:
                 self._accept(key.data)
         for viewers in self._viewers:
-            for viewer in [one for one in viewers if one.waiting]:
+            for viewer in [candidate for candidate in viewers if candidate.waiting]:
                 self._send(viewer)
 
     def close(self) -> None:

@@ -119,15 +119,15 @@ def start_with_socket(
 
     Raises `ComponentError` in the name of `name` if it cannot be started.
     """
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
+    own_end, program_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
-        program = Program(name, command, folder, stdin=theirs.fileno(), is_wrapper=is_wrapper)
+        program = Program(name, command, folder, stdin=program_end.fileno(), is_wrapper=is_wrapper)
     except BaseException:
-        ours.close()
+        own_end.close()
         raise
     finally:
-        theirs.close()
-    return ours, program
+        program_end.close()
+    return own_end, program
 
 
 CLOSE_S: Final = 2.0
@@ -148,11 +148,11 @@ class EngineSocket(ProgramSocket):
         self.deadline_s = deadline_s
         folder = tempfile.TemporaryDirectory(prefix="skyrange-engine-")
         try:
-            ours, program = start_with_socket(name, command, Path(folder.name))
+            own_end, program = start_with_socket(name, command, Path(folder.name))
         except BaseException:
             folder.cleanup()
             raise
-        self._take(ours, program, program.pid, folder)
+        self._take(own_end, program, program.pid, folder)
 
     def _take(
         self, sock: socket.socket, program: Program, pid: int, folder: tempfile.TemporaryDirectory[str] | None
@@ -178,18 +178,18 @@ class EngineSocket(ProgramSocket):
 
     def fork(self) -> EngineSocket:
         """Let the engine fork, and return the connection to its copy."""
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
+        own_end, engine_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
-            kind, body = self.request(MessageType.FORK, descriptor=theirs.fileno())
+            kind, body = self.request(MessageType.FORK, descriptor=engine_end.fileno())
             pid = self._pid(kind, body)
             twin = object.__new__(EngineSocket)
             twin.name, twin.deadline_s = self.name, self.deadline_s
-            twin._take(ours, self._program, pid, None)
+            twin._take(own_end, self._program, pid, None)
         except BaseException:
-            ours.close()
+            own_end.close()
             raise
         finally:
-            theirs.close()
+            engine_end.close()
         kind, body = twin._receive(self._number, time.monotonic() + self.deadline_s)
         if twin._pid(kind, body) != pid:
             raise ComponentError(self.name, "forked, but the copy names another process id")
@@ -240,9 +240,9 @@ def _end(sock: socket.socket, program: Program, handle: int, folder: tempfile.Te
         program.kill()
         folder.cleanup()
     elif handle >= 0:
-        gone = select.poll()
-        gone.register(handle, select.POLLIN)
-        if not gone.poll(CLOSE_S * 1000.0):
+        exit_poll = select.poll()
+        exit_poll.register(handle, select.POLLIN)
+        if not exit_poll.poll(CLOSE_S * 1000.0):
             with contextlib.suppress(OSError):
                 signal.pidfd_send_signal(handle, signal.SIGKILL)
         os.close(handle)

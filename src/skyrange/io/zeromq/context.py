@@ -71,13 +71,13 @@ class ZmqContext:
     def acquire(cls) -> ZmqContext:
         """The context of the running loop, for one socket more; `release` is its counterpart."""
         loop = asyncio.get_running_loop()
-        found = _CONTEXTS.get(loop)
-        if found is None:
-            for gone in [other for other in _CONTEXTS if other.is_closed()]:
-                del _CONTEXTS[gone]
-            found = _CONTEXTS[loop] = cls(loop)
-        found._sockets += 1
-        return found
+        context = _CONTEXTS.get(loop)
+        if context is None:
+            for closed_loop in [other for other in _CONTEXTS if other.is_closed()]:
+                del _CONTEXTS[closed_loop]
+            context = _CONTEXTS[loop] = cls(loop)
+        context._sockets += 1
+        return context
 
     def release(self, domain: bytes = b"") -> None:
         """Release one socket and its domain; after the last one the context ends in the background, once all is out."""
@@ -169,14 +169,14 @@ class ConnectionLimit:
 
     def _forget_completed(self) -> None:
         enough = _CURVE_BYTES if self.with_keys else _NULL_BYTES
-        for descriptor in [one for one in self._pending if _received_bytes(one) >= enough]:
+        for descriptor in [pending for pending in self._pending if _received_bytes(pending) >= enough]:
             del self._pending[descriptor]
 
     def _shut_down_pending(self, host: str) -> None:
         """Shut down the oldest pending connections, of `host` if that has too many, until few enough are left."""
-        own = [one for one, peer in self._pending.items() if peer == host]
+        peer_descriptors = [pending for pending, peer in self._pending.items() if peer == host]
         if not is_loopback(host):
-            for descriptor in own[: max(len(own) - MAX_PENDING_OF_PEER, 0)]:
+            for descriptor in peer_descriptors[: max(len(peer_descriptors) - MAX_PENDING_OF_PEER, 0)]:
                 self._shut_down(descriptor)
         for descriptor in list(self._pending)[: max(len(self._pending) - MAX_PENDING, 0)]:
             self._shut_down(descriptor)

@@ -55,13 +55,13 @@ class Keys:
     peers: frozenset[bytes]
 
     @classmethod
-    def load(cls, own: Path, peers: Iterable[Path]) -> Keys:
+    def load(cls, secret_file: Path, peers: Iterable[Path]) -> Keys:
         """Load the own secret file and the peers' public files. Raises `InputError` with the file that is wrong."""
-        mine = load_keys(own)
-        if mine.secret is None:
+        own_keys = load_keys(secret_file)
+        if own_keys.secret is None:
             hint = f"Give the file that ends in {SECRET_SUFFIX}."
-            raise InputError.one(_WHO, str(own), "only a public key", "one's own secret key too", hint)
-        return cls(mine.public, mine.secret, frozenset(load_keys(peer).public for peer in peers))
+            raise InputError.one(_WHO, str(secret_file), "only a public key", "one's own secret key too", hint)
+        return cls(own_keys.public, own_keys.secret, frozenset(load_keys(peer).public for peer in peers))
 
 
 def make_keys(folder: Path, name: str, metadata: Mapping[str, str] | None = None) -> tuple[Path, Path]:
@@ -103,49 +103,49 @@ def make_range_keys(folder: Path, names: Iterable[str]) -> list[Path]:
     `NAME.key`, until that is deleted. `InputError` as `make_keys`; nothing new is left behind then.
     """
     names = list(names)
-    own = folder / (RANGE + SECRET_SUFFIX)
+    secret_file = folder / (RANGE + SECRET_SUFFIX)
     for name in names:
         _check_name(name)
         if name == RANGE or names.count(name) > 1:
             expected = "another name: that one is the range's own" if name == RANGE else "each name once"
             raise InputError.one(_WHO, "name", name, expected)
-    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    missing = [candidate for candidate in (folder, *folder.parents) if not candidate.exists()]
     made: list[Path] = []
     try:
-        made += [] if own.exists() else [make_keys(folder, RANGE)[1]]
-        public = load_keys(own).public.decode()
+        made += [] if secret_file.exists() else [make_keys(folder, RANGE)[1]]
+        public = load_keys(secret_file).public.decode()
         for name in names:
             made.append(make_keys(folder, name, {_RANGE_KEY.decode(): public})[1])
     except InputError:
         for path in made:
             path.unlink()
             path.with_suffix(PUBLIC_SUFFIX).unlink()
-        for each in missing:
+        for missing_folder in missing:
             with suppress(OSError):  # not empty, or not there
-                each.rmdir()
+                missing_folder.rmdir()
         raise
     return made
 
 
 def load_range(folder: Path) -> Keys:
     """Load the range's own keys in `folder`, and those of all machines that may join."""
-    own = folder / (RANGE + SECRET_SUFFIX)
-    if not os.path.exists(own):
+    secret_file = folder / (RANGE + SECRET_SUFFIX)
+    if not os.path.exists(secret_file):
         hint = f"`skyrange keys {folder} NAME` makes it."
-        raise InputError.one(_WHO, str(folder), f"no {own.name}", "a folder of a range's keys", hint)
+        raise InputError.one(_WHO, str(folder), f"no {secret_file.name}", "a folder of a range's keys", hint)
     others = [path for path in sorted(folder.glob(f"*{PUBLIC_SUFFIX}")) if path.stem != RANGE]
-    return Keys.load(own, others)
+    return Keys.load(secret_file, others)
 
 
 def load_member(path: Path) -> Keys:
     """Load the keys of a machine that joins: its own, and the range's public one."""
-    mine = load_keys(path)
-    theirs = _entry(path, read_input(path, _WHO, str(path), max_bytes=MAX_BYTES), _RANGE_KEY)
-    if mine.secret is None or theirs is None:
-        what = "only a public key" if mine.secret is None else "no key of a range"
+    own_keys = load_keys(path)
+    range_key = _entry(path, read_input(path, _WHO, str(path), max_bytes=MAX_BYTES), _RANGE_KEY)
+    if own_keys.secret is None or range_key is None:
+        what = "only a public key" if own_keys.secret is None else "no key of a range"
         hint = f"`skyrange keys FOLDER NAME` makes NAME{SECRET_SUFFIX}."
         raise InputError.one(_WHO, str(path), what, "the secret key file of a machine that joins", hint)
-    return Keys(mine.public, mine.secret, frozenset({theirs}))
+    return Keys(own_keys.public, own_keys.secret, frozenset({range_key}))
 
 
 def load_keys(path: Path) -> KeyFile:
@@ -170,10 +170,10 @@ def load_keys(path: Path) -> KeyFile:
 
 
 def _entry(path: Path, data: bytes, name: bytes) -> bytes | None:
-    found = re.search(rb"^[ \t]*" + re.escape(name) + rb"[ \t]*=[ \t]*(.*?)\s*$", data, re.MULTILINE)
-    if found is None:
+    match = re.search(rb"^[ \t]*" + re.escape(name) + rb"[ \t]*=[ \t]*(.*?)\s*$", data, re.MULTILINE)
+    if match is None:
         return None
-    key = found[1].strip(b"\"'")
+    key = match[1].strip(b"\"'")
     if not _KEY.fullmatch(key):
         expected = "40 characters of Z85"
         raise InputError.one(_WHO, f"{path}: {name.decode()}", f"{len(key)} bytes that are no key", expected)

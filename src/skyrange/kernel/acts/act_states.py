@@ -23,7 +23,7 @@ TRIGGER_PERIOD_NS = 10 * NS_PER_MS
 class ActState:
     """An act at run time: when it acts, as far as that is known."""
 
-    __slots__ = ("_phase", "muted", "plan", "start_ns", "stop_ns", "withheld")
+    __slots__ = ("_by", "_phase", "muted", "plan", "start_ns", "stop_ns", "withheld")
 
     def __init__(self, plan: Act) -> None:
         self.plan = plan
@@ -33,7 +33,9 @@ class ActState:
         self.start_ns: Time = NEVER
         self.stop_ns: Time = NEVER
         self._phase = 0  # 0 waits, 1 acts, 2 has ended: what has been noted
-        if plan.trigger is None:
+        self._by: list[str | None] = [None, None]
+        """Who started it, and who stopped it, by hand."""
+        if plan.trigger is None and not plan.manual:
             self.begin(plan.start_ns)
 
     @property
@@ -41,30 +43,40 @@ class ActState:
         """The attack's id."""
         return self.plan.id
 
-    def begin(self, start: Time) -> None:
-        """Have it act from `start` on; its own parts may read that."""
+    def begin(self, start: Time, *, by: str | None = None) -> None:
+        """Have it act from `start` on; its own parts may read that. `by` is who started it by hand."""
         plan = self.plan
+        self._by[0] = by
         self.start_ns = start
         self.stop_ns = min(plan.stop_ns, start + plan.lasts_ns)  # Python's integers do not overflow
         if plan.schedule is not None:
             plan.schedule.start_ns, plan.schedule.stop_ns = self.start_ns, self.stop_ns
+
+    def end(self, stop: Time, *, by: str | None = None) -> None:
+        """Have it act until `stop` instead; `by` is who stopped it by hand."""
+        self._by[1] = by
+        self.stop_ns = stop
+        if self.plan.schedule is not None:
+            self.plan.schedule.stop_ns = stop
 
     def note_changes(self, now: Time) -> list[Note]:
         """Notes for a tick: that it has begun, that it has ended; none of a muted attack."""
         notes: list[Note] = []
         if self._phase == 0 and now >= self.start_ns:
             self._phase = 1
-            notes.append(self._note(self._events[0], self.start_ns))
+            notes.append(self._note(0, self.start_ns))
         if self._phase == 1 and now >= self.stop_ns:
             self._phase = 2
-            notes.append(self._note(self._events[1], self.stop_ns))
+            notes.append(self._note(1, self.stop_ns))
         return [] if self.muted or not self.plan.noted else notes
 
     def next_change(self, next_evaluation: Time) -> Time:
         """When it begins or ends, or its trigger is evaluated next."""
         if self._phase == 1:
             return self.stop_ns
-        return self.start_ns if self.start_ns != NEVER else next_evaluation
+        if self.start_ns != NEVER:
+            return self.start_ns
+        return next_evaluation if self.plan.trigger is not None else NEVER
 
     @property
     def ended(self) -> bool:
@@ -81,9 +93,11 @@ class ActState:
             return "event.honest_start", "event.honest_stop"
         return "event.attack_start", "event.attack_stop"
 
-    def _note(self, kind: str, at: Time) -> Note:
+    def _note(self, change: int, at: Time) -> Note:
+        """That it has begun (0) or ended (1)."""
         data: dict[str, Scalar] = {"at_s": to_seconds(at), "triggered": self.plan.trigger is not None}
-        return Note(kind, self.id, data)
+        by = self._by[change]
+        return Note(self._events[change], self.id, data if by is None else data | {"by": by})
 
 
 def takes_effect(attack: ActState | None, now: Time) -> bool:
@@ -128,13 +142,17 @@ class ActStates:
 
     @property
     def triggered(self) -> Mapping[str, Time]:
-        """Attacks whose trigger has held, and since when they act."""
-        return {one.id: one.start_ns for one in self.each if one.plan.trigger is not None and one.start_ns != NEVER}
+        """Acts whose trigger has held, or that were started by hand, and since when they act."""
+        return {
+            state.id: state.start_ns
+            for state in self.each
+            if (state.plan.trigger is not None or state.plan.manual) and state.start_ns != NEVER
+        }
 
     @property
     def withheld(self) -> Sequence[str]:
         """Ids of the muted defences that would have done something."""
-        return [one.id for one in self.each if one.withheld]
+        return [state.id for state in self.each if state.withheld]
 
     def begin(self, attack: str, start: Time) -> None:
         """Have an attack act from `start` on whose trigger held elsewhere; once only. `KeyError` for an unknown id."""
@@ -143,14 +161,19 @@ class ActStates:
             state.begin(start)
             self.next_change = min(self.next_change, start)
 
+    def end(self, act: str, stop: Time) -> None:
+        """Have an act end at `stop` that was stopped by hand elsewhere. `KeyError` for an unknown id."""
+        self.by_id()[act].end(stop)
+
     def update(self, now: Time, world: World) -> list[Note]:
         """Evaluate the triggers that are due at a tick; returns what is to be noted."""
         if now >= self._next_evaluation:
             self._next_evaluation = now - now % TRIGGER_PERIOD_NS + TRIGGER_PERIOD_NS
-            asked = [attack for attack in self._unfinished if attack.start_ns == NEVER]
-            asked = [attack for attack in asked if attack.plan.start_ns <= now < attack.plan.stop_ns]
-            truth = world.truth() if asked else {}
-            for attack in asked:
+            candidates = [attack for attack in self._unfinished if attack.start_ns == NEVER]
+            candidates = [attack for attack in candidates if attack.plan.trigger is not None]
+            candidates = [attack for attack in candidates if attack.plan.start_ns <= now < attack.plan.stop_ns]
+            truth = world.truth() if candidates else {}
+            for attack in candidates:
                 trigger = attack.plan.trigger
                 assert trigger is not None
                 if self._holds(attack.id, trigger, now, truth):

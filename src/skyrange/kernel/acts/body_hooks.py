@@ -66,7 +66,7 @@ class BodyHookInjector:
         total = self._bodies[0]
         _calm(total, position, self._places)
         acting = False
-        found = []
+        numbered_acts = []
         for (attack, fault, places), bodies in zip(self._owned, self._bodies[1:], strict=True):
             if not takes_effect(attack, now):
                 continue
@@ -78,12 +78,12 @@ class BodyHookInjector:
                 raise attribute_error(f"body fault {fault.name}", now, error) from error
             total.thrust_share[places] *= bodies.thrust_share
             total.wind_enu_mps[places] += bodies.wind_enu_mps
-            found += [(attack, fault, self._acts.number(fault, *act)) for act in done]
-        told = total.thrust_share.tobytes() + total.wind_enu_mps.tobytes() if acting else b""
-        if told != self._told:
+            numbered_acts += [(attack, fault, self._acts.number(fault, *act)) for act in done]
+        total_bytes = total.thrust_share.tobytes() + total.wind_enu_mps.tobytes() if acting else b""
+        if total_bytes != self._told:
             world.disturb(self._rows, total.thrust_share, total.wind_enu_mps)
-        self._told = told
-        return found
+        self._told = total_bytes
+        return numbered_acts
 
 
 def _undisturbed(count: int, motors: int) -> Disturbances:

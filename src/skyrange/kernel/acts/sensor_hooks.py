@@ -9,7 +9,7 @@ readings are valid until the next one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from operator import attrgetter, is_
 from typing import Any, NamedTuple
@@ -18,7 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.components import READINGS_NS, Floats, ReceivedSensors, SensorHook, Sensors, World
+from skyrange.contracts.components import (
+    READINGS_NS,
+    Floats,
+    ReadingsTracker,
+    ReceivedSensors,
+    SensorHook,
+    Sensors,
+    World,
+)
 from skyrange.core.arrays import as_read_only
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import FrameId
@@ -31,9 +39,12 @@ _ALIGNED = 8
 """Bytes: each array begins at a multiple, as processors want it."""
 _FAST = ("gyro_radps", "accel_mps2", "attitude", "rotor_radps")
 """What changes at every tick."""
+_FIXES = tuple(name for name in _ARRAYS if name.startswith("gnss_"))
+"""What a receiver tells with a fix."""
 _INTEGRALS = ("delta_angle_rad", "delta_velocity_mps")
 """What follows from other readings."""
 Rows = slice | NDArray[np.int64]
+_ALL = slice(None)
 
 
 class SensorHookInjector:
@@ -50,6 +61,18 @@ class SensorHookInjector:
         """Whether there are any."""
         self.slow = all(getattr(fault, "slow", False) for _, fault in owned)
         """Whether each of them needs to be called at new readings only; to be cleared where engines read in between."""
+        self.per_fix = self.slow and all(
+            getattr(fault, "per_fix", False) or (attack.muted and not attack.plan.is_defence) for attack, fault in owned
+        )
+        """Whether what each of those that are called in a batch does changes with new fixes only."""
+        self.inert = all(attack.muted and not attack.plan.is_defence for attack, _ in owned)
+        """Whether none of them can have an effect, because all are muted and no defences."""
+        self.trackers: list[tuple[NDArray[np.int64], ReadingsTracker]] = [
+            (np.array([vehicles.index(vehicle) for vehicle in fault.vehicles], dtype=np.int64), tracker)
+            for _, fault in owned
+            if (tracker := getattr(fault, "tracker", None)) is not None
+        ]
+        """Trackers of its checks, with the rows of their vehicles."""
         self._count = len(altered)
         self._rows: Rows = np.array(altered, dtype=np.int64)
         self._place = np.full(len(vehicles), -1, dtype=np.int64)
@@ -74,6 +97,8 @@ class SensorHookInjector:
         if checks and any(not getattr(fault, "slow", False) for _, fault, _ in self._owned[: checks[0]]):
             self._integrals = _Integrals(len(altered))
         self._slots: list[_Slot] = []
+        self._acted = False
+        """Whether one of them has an effect on the readings at this tick."""
 
     def apply(self, now: Time, world: World) -> list[tuple[ActState, SensorHook, FrameId | Alert]]:
         """Apply every sensor fault to this tick's readings; returns each act that takes effect, by an id of its own.
@@ -84,13 +109,35 @@ class SensorHookInjector:
             self._readings.refresh(world.sensors(self._rows))
             return []
         sensors = world.sensors(self._rows)
-        table = self._readings.fill(sensors)
-        found: list[tuple[ActState, SensorHook, FrameId | Alert]] = []
+        numbered_acts = self._call_hooks(now, self._readings.fill(sensors), skip_muted=False)
+        if self.slow and self._acted:
+            self._check_slow(self._readings.table, sensors)
+        return numbered_acts
+
+    def share(self, shared: Sensors, first: int) -> None:
+        """Work on the readings of a batch from now on, in which the rows of this run begin at `first`."""
+        self._readings.share(shared, self._rows, first)
+
+    def apply_shared(self, now: Time) -> list[tuple[ActState, SensorHook, FrameId | Alert]]:
+        """As `apply`, on readings of a batch that have just been filled.
+
+        A muted attack or fault is not called: whatever it would have done is discarded.
+        """
+        numbered_acts = self._call_hooks(now, self._readings.gather(), skip_muted=True)
+        self._readings.scatter()
+        return numbered_acts
+
+    def _call_hooks(
+        self, now: Time, table: Sensors, *, skip_muted: bool
+    ) -> list[tuple[ActState, SensorHook, FrameId | Alert]]:
+        numbered_acts: list[tuple[ActState, SensorHook, FrameId | Alert]] = []
         acted = False
         for place, (attack, fault, places) in enumerate(self._owned):
             if place == self._first_check and self._integrals is not None:
                 self._integrals.update(now, table)
             acts = takes_effect(attack, now)
+            if skip_muted and attack.muted and not attack.plan.is_defence:
+                continue
             if places is not None:
                 rows = Sensors(*[array[places] for array in _arrays_of(table)])
             else:
@@ -114,10 +161,9 @@ class SensorHookInjector:
                     for kept, altered in zip(_arrays_of(table), _arrays_of(rows), strict=True):
                         kept[places] = altered
                 numbered = (act if isinstance(act, Alert) else self._acts.number(fault, *act) for act in done)
-                found += [(attack, fault, act) for act in numbered]
-        if self.slow and acted:
-            self._check_slow(table, sensors)
-        return found
+                numbered_acts += [(attack, fault, act) for act in numbered]
+        self._acted = acted
+        return numbered_acts
 
     def _check_slow(self, table: Sensors, sensors: Sensors) -> None:
         """Raise `ComponentError` where faults that call themselves slow have altered what changes at every tick, or
@@ -143,9 +189,11 @@ class SensorHookInjector:
     def _differ(self, rows: Sensors, places: NDArray[np.int64] | None) -> bool:
         """Whether what a muted sensor check was handed is now another than the readings."""
         if places is None:
-            return self._muted.tobytes() != self._readings.tobytes()
+            return not self._muted.equals(self._readings)
         table = _arrays_of(self._readings.table)
-        return any(one.tobytes() != other[places].tobytes() for one, other in zip(_arrays_of(rows), table, strict=True))
+        return any(
+            array.tobytes() != other[places].tobytes() for array, other in zip(_arrays_of(rows), table, strict=True)
+        )
 
     @property
     def received(self) -> ReceivedSensors | None:
@@ -154,7 +202,7 @@ class SensorHookInjector:
 
     def alter(self, rows: Rows, sensors: Sensors) -> Sensors:
         """An engine's sensor readings with what the sensor faults have made of them; `rows` are its world rows."""
-        slot = next((one for one in self._slots if one.rows is rows), None) or self._add_slot(rows)
+        slot = next((candidate for candidate in self._slots if candidate.rows is rows), None) or self._add_slot(rows)
         if not len(slot.hit):
             return sensors
         if slot.whole:
@@ -173,12 +221,126 @@ class SensorHookInjector:
         return slot
 
 
+class BatchSensorHooks:
+    """The sensor faults of all runs of a batch, which work on readings that they share. Never copied.
+
+    The sensor faults of a run that all are `per_fix` are called when one of its aircraft has a new fix, or when one of
+    them begins or ends: in between, what they have written of fixes stays. Trackers of these runs are joined.
+    """
+
+    def __init__(self, runs: Sequence[tuple[slice, SensorHookInjector]], bodies: int) -> None:
+        """`runs` with sensor faults: the world rows of each, and the sensor faults; `bodies` are those of the world."""
+        self._runs = runs
+        self._table: Sensors | None = None
+        self._shown: Sensors | None = None
+        self._slow = all(hooks.slow for _, hooks in runs)
+        self._run_of = np.full(bodies, len(runs), dtype=np.int64)
+        """(bodies,) The place of each one's run in `runs`, or their number."""
+        for place, (rows, _) in enumerate(runs):
+            self._run_of[rows] = place
+        self._per_fix = np.array([*(hooks.per_fix for _, hooks in runs), False])
+        self._inert = np.array([*(hooks.inert for _, hooks in runs), True])
+        self._changed = np.ones(bodies, dtype=np.bool_)
+        self._fixes: list[NDArray[Any]] = []
+        self._trackers = _join_trackers(runs)
+        self._hidden: Floats = np.full((bodies, 3), np.nan)
+
+    def expire(self) -> None:
+        """Have all sensor faults called at the next tick, because some may begin or end there."""
+        self._changed[:] = True
+
+    def apply(
+        self, now: Time, world: World
+    ) -> Iterator[tuple[int, list[tuple[ActState, SensorHook, FrameId | Alert]]]]:
+        """What sensor faults do to this tick's readings, as `SensorHookInjector.apply`: by place of the run."""
+        sensors = world.sensors(slice(None))
+        if self._table is None:
+            self._allocate(sensors)
+        table = self._table
+        assert table is not None
+        if self._slow and self._fixes and now % READINGS_NS >= world.quantum_ns:
+            for name in _FAST:
+                getattr(table, name)[...] = getattr(sensors, name)
+            return
+        due = self._copy(sensors, table)
+        if self._trackers:
+            self._track(now, sensors)
+        for place in due.tolist():
+            acts = self._runs[place][1].apply_shared(now)
+            if acts:
+                yield place, acts
+        if self._slow and not _same_fast(table, sensors):  # flown alone, the run whose fault it is names it
+            raise ComponentError("sensor faults", "altered what changes at every tick, although they are slow")
+
+    def _track(self, now: Time, sensors: Sensors) -> None:
+        """Show trackers the readings of their rows, which no sensor fault of their runs alters, but for fixes."""
+        readings = dict(zip(_ARRAYS, _arrays_of(sensors), strict=True)) | {"attitude": self._hidden}
+        for rows, tracker in self._trackers:
+            tracker.update(now, Sensors(**{name: array[rows] for name, array in readings.items()}))
+
+    def _copy(self, sensors: Sensors, table: Sensors) -> NDArray[np.int64]:
+        """Take this tick's readings, but for fixes that stay as they were altered; returns whose faults are due."""
+        changed = self._changed
+        for kept, name in zip(self._fixes, _FIXES, strict=False):
+            now = getattr(sensors, name)
+            differ = now != kept  # what is not a number differs from itself
+            changed |= differ if differ.ndim == 1 else differ.any(axis=1)
+        self._fixes = [getattr(sensors, name).copy() for name in _FIXES]
+        count = len(self._runs)
+        is_due = np.bincount(self._run_of[changed], minlength=count + 1)[: count + 1] > 0
+        is_due |= ~self._per_fix
+        is_due &= ~self._inert
+        held = (self._per_fix & ~is_due & ~self._inert)[self._run_of]
+        for name in _ARRAYS:
+            mine, theirs = getattr(table, name), getattr(sensors, name)
+            if name in _FIXES and held.any():
+                np.copyto(mine, theirs, where=~held if mine.ndim == 1 else ~held[:, None])
+            else:
+                mine[...] = theirs
+        changed[:] = False
+        return np.flatnonzero(is_due[:count])
+
+    def alter(self, rows: Rows = _ALL) -> Sensors:
+        """The readings of some bodies, by default of all, as their engine receives them."""
+        assert self._shown is not None
+        if isinstance(rows, slice) and rows.start in (None, 0) and rows.stop in (None, len(self._run_of)):
+            return self._shown
+        return Sensors(*[array[rows] for array in _arrays_of(self._shown)])
+
+    def _allocate(self, sensors: Sensors) -> None:
+        self._table = Sensors(*[np.array(array) for array in _arrays_of(sensors)])
+        self._shown = Sensors(*map(as_read_only, _arrays_of(self._table)))
+        for rows, hooks in self._runs:
+            hooks.share(self._table, rows.start)
+
+
+def _join_trackers(
+    runs: Sequence[tuple[slice, SensorHookInjector]],
+) -> list[tuple[NDArray[np.int64], ReadingsTracker]]:
+    """The trackers of the runs whose sensor faults all are `per_fix`, joined by class, with their rows of the world."""
+    by_class: dict[type, list[tuple[NDArray[np.int64], ReadingsTracker]]] = {}
+    for rows, hooks in runs:
+        for own_rows, tracker in hooks.trackers if hooks.per_fix else ():
+            by_class.setdefault(type(tracker), []).append((rows.start + own_rows, tracker))
+    joined = []
+    for members in by_class.values():
+        first, *others = (tracker for _, tracker in members)
+        joined.append((np.concatenate([rows for rows, _ in members]), first.join(others)))
+    return joined
+
+
+def _same_fast(table: Sensors, sensors: Sensors) -> bool:
+    """Whether what changes at every tick, or follows from it, is what the world's sensors read."""
+    return all(getattr(table, name).tobytes() == getattr(sensors, name).tobytes() for name in (*_FAST, *_INTEGRALS))
+
+
 class _Readings:
     """Sensor readings in arrays that are filled anew at each tick, one behind the other in memory. Deep-copyable."""
 
-    __slots__ = ("_bytes", "_shown", "_table")
+    __slots__ = ("_bytes", "_shared", "_shown", "_table")
 
     def __init__(self) -> None:
+        self._shared: tuple[Sensors, Rows] | None = None
         self._bytes: NDArray[np.uint8] = np.zeros(0, dtype=np.uint8)
         self._table: Sensors | None = None
         self._shown: Sensors | None = None
@@ -206,30 +368,57 @@ class _Readings:
         for name in _FAST:
             getattr(self.table, name)[...] = getattr(sensors, name)
 
+    def share(self, shared: Sensors, rows: Rows, first: int) -> None:
+        """Be some rows of the readings of a batch, `rows` after the `first`: views where they follow each other."""
+        if isinstance(rows, slice):
+            place = slice(first + rows.start, first + rows.stop)
+            self._table = Sensors(*[array[place] for array in _arrays_of(shared)])
+        else:
+            self._shared = shared, rows + first
+
+    def gather(self) -> Sensors:
+        """The rows of the batch that these readings are."""
+        if self._shared is None:
+            return self.table
+        shared, rows = self._shared
+        return self.fill(Sensors(*[array[rows] for array in _arrays_of(shared)]))
+
+    def scatter(self) -> None:
+        """Put them back into the batch, where they are no views of it."""
+        if self._shared is not None:
+            shared, rows = self._shared
+            for array, altered in zip(_arrays_of(shared), _arrays_of(self.table), strict=True):
+                array[rows] = altered
+
     def fill(self, sensors: Sensors) -> Sensors:
         """Copy `sensors`; returns the copy, whose arrays are those of the last call."""
         table = self._table or self._allocate(_arrays_of(sensors))
-        for mine, array in zip(_arrays_of(table), _arrays_of(sensors), strict=True):
-            mine[...] = array
+        for own_array, array in zip(_arrays_of(table), _arrays_of(sensors), strict=True):
+            own_array[...] = array
         return table
 
     def copy(self, other: _Readings) -> Sensors:
         """Copy other readings at once; returns the copy, whose arrays are those of the last call."""
+        if not len(other._bytes):  # views of others
+            return self.fill(other.table)
         table = self._table or self._allocate(_arrays_of(other.table))
         self._bytes[:] = other._bytes
         return table
 
-    def tobytes(self) -> bytes:
-        """All of them, to be compared."""
-        return self._bytes.tobytes()
+    def equals(self, other: _Readings) -> bool:
+        """Whether they are the same to the bit."""
+        if len(self._bytes) and len(other._bytes):
+            return self._bytes.tobytes() == other._bytes.tobytes()
+        pairs = zip(_arrays_of(self.table), _arrays_of(other.table), strict=True)
+        return all(array.tobytes() == its.tobytes() for array, its in pairs)
 
     def _allocate(self, arrays: Sequence[NDArray[Any]]) -> Sensors:
         ends = np.cumsum([-(-array.nbytes // _ALIGNED) * _ALIGNED for array in arrays]).tolist()
         self._bytes = np.zeros(ends[-1], dtype=np.uint8)
         starts = [0, *ends[:-1]]
         places = [self._bytes[start : start + array.nbytes] for start, array in zip(starts, arrays, strict=True)]
-        own = [place.view(array.dtype).reshape(array.shape) for place, array in zip(places, arrays, strict=True)]
-        self._table = Sensors(*own)
+        views = [place.view(array.dtype).reshape(array.shape) for place, array in zip(places, arrays, strict=True)]
+        self._table = Sensors(*views)
         return self._table
 
     def __getstate__(self) -> Any:

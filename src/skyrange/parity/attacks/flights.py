@@ -117,8 +117,8 @@ class AttackAgreement:
 
 def agreement(compared: Sequence[ComparedAttack]) -> AttackAgreement:
     """The agreement of all compared kinds that reach both autopilots and are not undecided."""
-    both = [one for one in compared if not one.does_not_apply and not one.undecided]
-    return count([(one.effective, one.same, one.alike) for one in both])
+    both = [attack for attack in compared if not attack.does_not_apply and not attack.undecided]
+    return count([(attack.effective, attack.same, attack.alike) for attack in both])
 
 
 def count(rows: Sequence[tuple[bool, bool, bool]]) -> AttackAgreement:
@@ -198,13 +198,13 @@ def compare_seeds(
     by_seed = []
     for seed in range(1, seeds + 1):
 
-        def told(name: str, done: int, total: int, seed: int = seed) -> None:
+        def report(name: str, done: int, total: int, seed: int = seed) -> None:
             if on_flight is not None:
                 on_flight(f"{name}, seed {seed}", (seed - 1) * total + done, seeds * total)
 
-        by_seed.append(compare(folder / f"seed-{seed}", kinds, rates, seed=seed, on_flight=told))
+        by_seed.append(compare(folder / f"seed-{seed}", kinds, rates, seed=seed, on_flight=report))
     return [
-        SeededAttack(same[0].kind, tuple(one.first for one in same), tuple(one.second for one in same))
+        SeededAttack(same[0].kind, tuple(attack.first for attack in same), tuple(attack.second for attack in same))
         for same in zip(*by_seed, strict=True)
     ]
 
@@ -238,8 +238,8 @@ def _with_autopilot(scenario: Scenario, kind: str, rates: str) -> Scenario:
         operator.model_copy(
             update={
                 "vehicles": tuple(
-                    one.model_copy(update={"autopilot": kind, "params": {**one.params, **more}})
-                    for one in operator.vehicles
+                    vehicle.model_copy(update={"autopilot": kind, "params": {**vehicle.params, **more}})
+                    for vehicle in operator.vehicles
                 )
             }
         )

@@ -38,22 +38,22 @@ _SHOWN: Final = 3
 
 def lines(compared: Sequence[ComparedAttack]) -> Iterator[str]:
     """The lines of the table and of its summary, in Markdown."""
-    return _table([row(one) for one in compared], summary(compared))
+    return _table([row(attack) for attack in compared], summary(compared))
 
 
-def _table(rows: Sequence[str], said: str) -> Iterator[str]:
+def _table(rows: Sequence[str], agreement_text: str) -> Iterator[str]:
     yield "| attack | builtin | ArduCopter | what shows it, builtin | what shows it, ArduCopter | agree |"
     yield "|---|---|---|---|---|---|"
     yield from rows
     yield ""
-    yield said
+    yield agreement_text
     yield ""
 
 
-def row(one: ComparedAttack) -> str:
+def row(attack: ComparedAttack) -> str:
     """The line of one kind, in Markdown."""
-    cells = [words(one.first), words(one.second), signs(one.first), signs(one.second), verdict(one)]
-    return f"| `{one.kind}` | {' | '.join(cells)} |"
+    cells = [words(attack.first), words(attack.second), signs(attack.first), signs(attack.second), verdict(attack)]
+    return f"| `{attack.kind}` | {' | '.join(cells)} |"
 
 
 def summary(compared: Sequence[ComparedAttack]) -> str:
@@ -61,12 +61,12 @@ def summary(compared: Sequence[ComparedAttack]) -> str:
     return describe(agreement(compared))
 
 
-def describe(found: AttackAgreement) -> str:
+def describe(attack_agreement: AttackAgreement) -> str:
     """An agreement in words."""
     return (
-        f"Of {found.effective} attacks that change a flight of either, the reaction is the same in "
-        f"{found.effective_same}, at the same time and distance in {found.effective_alike}. "
-        f"Of all {found.kinds} attacks these are {found.same} and {found.alike}."
+        f"Of {attack_agreement.effective} attacks that change a flight of either, the reaction is the same in "
+        f"{attack_agreement.effective_same}, at the same time and distance in {attack_agreement.effective_alike}. "
+        f"Of all {attack_agreement.kinds} attacks these are {attack_agreement.same} and {attack_agreement.alike}."
     )
 
 
@@ -90,50 +90,51 @@ _SEEDS_HEAD: Final = (
 )
 
 
-def seeds_rows(one: SeededAttack) -> list[str]:
+def seeds_rows(attack: SeededAttack) -> list[str]:
     """The two lines of one kind over seeds, in Markdown."""
-    sides = (("builtin", one.first), ("ArduCopter", one.second))
-    return [f"| `{one.kind}` | {name} | {' | '.join(seeds_words(found))} |" for name, found in sides]
+    sides = (("builtin", attack.first), ("ArduCopter", attack.second))
+    return [f"| `{attack.kind}` | {name} | {' | '.join(seeds_words(reactions))} |" for name, reactions in sides]
 
 
-def seeds_words(found: Sequence[Reaction]) -> tuple[str, str, str]:
+def seeds_words(reactions: Sequence[Reaction]) -> tuple[str, str, str]:
     """How many seeds have each reaction, and the median, minimum and maximum of times and distances."""
-    counts = Counter(one.reaction for one in found).most_common()
-    times_s = [one.at_s for one in found if one.at_s is not None]
+    counts = Counter(reaction.reaction for reaction in reactions).most_common()
+    times_s = [reaction.at_s for reaction in reactions if reaction.at_s is not None]
     return (
         ", ".join(f"{reaction} {number}" for reaction, number in counts),
         _spread(times_s, ".1f", "s"),
-        _spread([one.departed_m for one in found], ".0f", "m"),
+        _spread([reaction.departed_m for reaction in reactions], ".0f", "m"),
     )
 
 
 def _spread(values: Sequence[float], digits: str, unit: str) -> str:
     if not values:
         return "none"
-    low, middle, high = (format(float(one), digits) for one in (min(values), np.median(values), max(values)))
+    low, middle, high = (format(float(value), digits) for value in (min(values), np.median(values), max(values)))
     return f"{middle} {unit}" if low == high else f"{middle} {unit} ({low} to {high})"
 
 
-def verdict(one: ComparedAttack) -> str:
+def verdict(attack: ComparedAttack) -> str:
     """Whether two reactions agree, or why they cannot be compared."""
-    if one.does_not_apply:
-        return f"{_DOES_NOT_APPLY}{one.does_not_apply}"
-    if one.undecided:
-        return f"{_UNDECIDED}{one.undecided}"
-    if one.alike:
+    if attack.does_not_apply:
+        return f"{_DOES_NOT_APPLY}{attack.does_not_apply}"
+    if attack.undecided:
+        return f"{_UNDECIDED}{attack.undecided}"
+    if attack.alike:
         return YES
-    return "in the reaction" if one.same else "no"
+    return "in the reaction" if attack.same else "no"
 
 
 def results(compared: Sequence[ComparedAttack]) -> dict[str, Any]:
     """All reactions as plain data."""
     rows = [
         {
-            "kind": one.kind, "same": one.same, "alike": one.alike, "does_not_apply": one.does_not_apply or None,
-            "undecided": one.undecided or None,
-            "builtin": _reaction(one.first), "ardupilot": _reaction(one.second),
+            "kind": attack.kind, "same": attack.same, "alike": attack.alike,
+            "does_not_apply": attack.does_not_apply or None,
+            "undecided": attack.undecided or None,
+            "builtin": _reaction(attack.first), "ardupilot": _reaction(attack.second),
         }
-        for one in compared
+        for attack in compared
     ]  # fmt: skip
     return {**asdict(agreement(compared)), "attacks": rows}
 
@@ -141,15 +142,15 @@ def results(compared: Sequence[ComparedAttack]) -> dict[str, Any]:
 def seeds_results(compared: Sequence[SeededAttack]) -> dict[str, Any]:
     """All reactions over seeds as plain data; the first is that of seed 1."""
     rows = [
-        {"kind": one.kind, "builtin": [*map(_reaction, one.first)], "ardupilot": [*map(_reaction, one.second)]}
-        for one in compared
+        {"kind": attack.kind, "builtin": [*map(_reaction, attack.first)], "ardupilot": [*map(_reaction, attack.second)]}
+        for attack in compared
     ]
     return {"attacks": rows}
 
 
-def _reaction(one: Reaction) -> dict[str, Any]:
-    shown = [{"at_s": at_s if isfinite(at_s) else None, "what": text} for at_s, text in one.signs]
-    return {**asdict(one), "signs": shown}
+def _reaction(reaction: Reaction) -> dict[str, Any]:
+    shown = [{"at_s": at_s if isfinite(at_s) else None, "what": text} for at_s, text in reaction.signs]
+    return {**asdict(reaction), "signs": shown}
 
 
 def _read(page: Path) -> str:
@@ -166,25 +167,27 @@ def check_page(page: Path, *, seeds: bool = False) -> None:
 
 def renew_page(compared: Sequence[ComparedAttack], page: Path) -> None:
     """Renew the table between `BEGIN` and `END` in a page: the rows of other kinds with an example stay."""
-    rows = _merged(page, ((one.kind, [row(one)]) for one in compared), seeds=False)
+    rows = _merged(page, ((attack.kind, [row(attack)]) for attack in compared), seeds=False)
     lines = [line for (line,) in rows.values()]
-    said = describe(count([told for line in lines if (told := _told(line)) is not None]))
-    _write_block(page, list(_table(lines, said)), seeds=False)
+    agreement_text = describe(count([parsed for line in lines if (parsed := _parse_agreement(line)) is not None]))
+    _write_block(page, list(_table(lines, agreement_text)), seeds=False)
 
 
 def renew_seeds(compared: Sequence[SeededAttack], page: Path) -> None:
     """Renew the table between `BEGIN_SEEDS` and `END_SEEDS` in a page: the rows of other kinds with an example stay."""
-    rows = _merged(page, ((one.kind, seeds_rows(one)) for one in compared), seeds=True)
+    rows = _merged(page, ((attack.kind, seeds_rows(attack)) for attack in compared), seeds=True)
     _write_block(page, [*_SEEDS_HEAD, *(line for lines in rows.values() for line in lines), ""], seeds=True)
 
 
 def _merged(page: Path, new: Iterable[tuple[str, list[str]]], *, seeds: bool) -> dict[str, list[str]]:
     """The rows of each kind of a page's table and `new`, which replace those of the page, in the order of the kinds."""
-    found: dict[str, list[str]] = {}
+    rows_by_kind: dict[str, list[str]] = {}
     for match in _ROW.finditer(_read_block(page, seeds=seeds)[0]):
-        found.setdefault(match[1], []).append(match[0])
-    found |= dict(new)
-    return {kind: found[kind] for kind in dict.fromkeys([*compared_kinds(), *found]) if kind in found}
+        rows_by_kind.setdefault(match[1], []).append(match[0])
+    rows_by_kind |= dict(new)
+    return {
+        kind: rows_by_kind[kind] for kind in dict.fromkeys([*compared_kinds(), *rows_by_kind]) if kind in rows_by_kind
+    }
 
 
 def _block(*, seeds: bool) -> re.Pattern[str]:
@@ -194,11 +197,11 @@ def _block(*, seeds: bool) -> re.Pattern[str]:
 
 def _read_block(page: Path, *, seeds: bool) -> re.Match[str]:
     """The table of a page with its marks."""
-    found = _block(seeds=seeds).search(_read(page))
-    if found is None:
+    match = _block(seeds=seeds).search(_read(page))
+    if match is None:
         begin, end = (BEGIN_SEEDS, END_SEEDS) if seeds else (BEGIN, END)
         raise InputError.one("--page", str(page), "a page without the marks", f"a page with {begin} and {end}")
-    return found
+    return match
 
 
 def _write_block(page: Path, lines: Sequence[str], *, seeds: bool) -> None:
@@ -209,7 +212,7 @@ def _write_block(page: Path, lines: Sequence[str], *, seeds: bool) -> None:
         file.write(text.encode())
 
 
-def _told(line: str) -> tuple[bool, bool, bool] | None:
+def _parse_agreement(line: str) -> tuple[bool, bool, bool] | None:
     """Whether the attack of a row is effective, its reactions the same, and alike; `None` if it is not counted."""
     cells = [cell.strip() for cell in line.strip("|").split(" | ")]
     first, second = (cell.partition(",")[0] for cell in cells[1:3])

@@ -127,7 +127,7 @@ def react(attacked: Flight, nominal: Flight, start_s: float, *, ordered: bool) -
     refusals = _refusals(attacked, nominal, start_s)
     departed_m, departed_s = _departure(attacked, nominal)
     changed = sorted([*modes, *([] if departed_s is None else [(departed_s, f"leaves its track by {DEPARTED_M:g} m")])])
-    found = {
+    rows_by_reaction = {
         "crashes": lost,
         "fails safe": safe,
         "stays down": _stays_down(attacked, nominal),
@@ -136,9 +136,9 @@ def react(attacked: Flight, nominal: Flight, start_s: float, *, ordered: bool) -
         "departs": changed,
         "rejects": refusals,
     }
-    reaction = next((name for name, rows in found.items() if rows), "ignores")
-    rows_of = (changed if reaction == "lands" else None) or found.get(reaction)
-    rows = [*lost, *safe, *kept, *modes, *(row for name in ("stays down", "lands") for row in found[name])]
+    reaction = next((name for name, rows in rows_by_reaction.items() if rows), "ignores")
+    rows_of = (changed if reaction == "lands" else None) or rows_by_reaction.get(reaction)
+    rows = [*lost, *safe, *kept, *modes, *(row for name in ("stays down", "lands") for row in rows_by_reaction[name])]
     if reaction in ("obeys", "departs") and departed_s is not None and not modes:
         rows += [row for row in changed if row[0] == departed_s]
     if reaction not in ("crashes", "fails safe"):
@@ -185,24 +185,26 @@ def _announced(flight: Flight) -> Happened:
     return tuple((at_s, text.partition(" - ")[0]) for at_s, text in flight.failsafes)
 
 
-def _new(mine: Happened, other: Happened) -> list[tuple[float, str]]:
+def _new(happened: Happened, other: Happened) -> list[tuple[float, str]]:
     """What happened in one flight, and in the other not within `TIME_S` of it."""
     return [
         (at_s, what)
-        for at_s, what in mine
+        for at_s, what in happened
         if not any(it == what and abs(at_s - when_s) <= TIME_S for when_s, it in other)
     ]
 
 
-def _absent(mine: Happened, other: Happened) -> list[tuple[float, str]]:
+def _absent(happened: Happened, other: Happened) -> list[tuple[float, str]]:
     """What never happened in the other flight."""
-    return [(at_s, what) for at_s, what in mine if what not in {it for _, it in other}]
+    return [(at_s, what) for at_s, what in happened if what not in {it for _, it in other}]
 
 
 def _refusals(attacked: Flight, nominal: Flight, start_s: float) -> list[tuple[float, str]]:
     """The refusals since the attack's start, if there are more than without the attack."""
-    mine, others = ([row for row in one.refusals if row[0] >= start_s] for one in (attacked, nominal))
-    return mine if len(mine) > len(others) else []
+    attacked_refusals, nominal_refusals = (
+        [row for row in flight.refusals if row[0] >= start_s] for flight in (attacked, nominal)
+    )
+    return attacked_refusals if len(attacked_refusals) > len(nominal_refusals) else []
 
 
 def _stays_down(attacked: Flight, nominal: Flight) -> list[tuple[float, str]]:
@@ -235,43 +237,45 @@ def read_flights(record: RunRecord) -> dict[str, Flight]:
     notes = read_notes(record, "events")
     tracks = truth_tracks(record)
     texts, refusals = _sent(record)
-    found = {}
-    for one in vehicles(record):
-        own = [(note.time_ns / NS_PER_S, note) for note in notes if note.about == one.id]
-        times_s, places_m = _sampled(tracks[one.id])
+    flights = {}
+    for vehicle in vehicles(record):
+        vehicle_notes = [(note.time_ns / NS_PER_S, note) for note in notes if note.about == vehicle.id]
+        times_s, places_m = _sampled(tracks[vehicle.id])
 
         def down(at_s: float, times_s: Floats = times_s, places_m: Floats = places_m) -> bool:
             """ArduPilot reports a landing wherever it is disarmed."""
             return bool(len(times_s)) and float(np.interp(at_s, times_s, places_m[:, 2]) - places_m[0, 2]) < AIRBORNE_M
 
-        found[one.id] = Flight(
-            outcome=str(record.outcomes.get(one.id, {}).get("state") or "unfinished"),
+        flights[vehicle.id] = Flight(
+            outcome=str(record.outcomes.get(vehicle.id, {}).get("state") or "unfinished"),
             lost=tuple(
-                (at_s, note.kind.removeprefix("event.").replace("_", " ")) for at_s, note in own if note.kind in _LOST
+                (at_s, note.kind.removeprefix("event.").replace("_", " "))
+                for at_s, note in vehicle_notes
+                if note.kind in _LOST
             ),
-            failsafes=tuple(texts[one.id]),
-            modes=tuple((at_s, str(note.data["mode"])) for at_s, note in own if note.kind == "event.mode"),
-            refusals=tuple(refusals[one.id]),
-            takeoff_s=next((at_s for at_s, note in own if note.kind == "event.takeoff"), None),
-            landings=tuple(at_s for at_s, note in own if note.kind == "event.landed" and down(at_s)),
+            failsafes=tuple(texts[vehicle.id]),
+            modes=tuple((at_s, str(note.data["mode"])) for at_s, note in vehicle_notes if note.kind == "event.mode"),
+            refusals=tuple(refusals[vehicle.id]),
+            takeoff_s=next((at_s for at_s, note in vehicle_notes if note.kind == "event.takeoff"), None),
+            landings=tuple(at_s for at_s, note in vehicle_notes if note.kind == "event.landed" and down(at_s)),
             time_s=times_s,
             enu_m=places_m,
         )
-    return found
+    return flights
 
 
 def ordered_vehicles(record: RunRecord) -> set[str]:
     """Aircraft to which frames that do harm were sent, on a link of their own, by the labels of a run."""
-    owners = {one.id for one in vehicles(record)}
-    found = set()
+    owners = {vehicle.id for vehicle in vehicles(record)}
+    ordered = set()
     for row in record.table("labels").to_pylist():
         if row["action"] not in _ORDERS or row["benign"]:
             continue
         frame = FrameId.parse(row["frame"])
         kind, _, owner = frame.link.partition(":")
         if kind in ("gcs", "autopilot") and frame.direction == "fwd" and owner in owners:
-            found.add(owner)
-    return found
+            ordered.add(owner)
+    return ordered
 
 
 def _sampled(track: Track) -> tuple[Floats, Floats]:
@@ -282,7 +286,7 @@ def _sampled(track: Track) -> tuple[Floats, Floats]:
 
 def _sent(record: RunRecord) -> tuple[dict[str, list[tuple[float, str]]], dict[str, list[tuple[float, str]]]]:
     """The announcements of failsafes and the refusals that each autopilot sent."""
-    owners = {link_name("autopilot", one.id): one.id for one in vehicles(record)}
+    owners = {link_name("autopilot", vehicle.id): vehicle.id for vehicle in vehicles(record)}
     texts: dict[str, list[tuple[float, str]]] = {owner: [] for owner in owners.values()}
     refusals: dict[str, list[tuple[float, str]]] = {owner: [] for owner in owners.values()}
     for frame in record.frames_with_payloads():
@@ -323,4 +327,4 @@ def _name(enum: str, number: int) -> str:
 
 def most_severe(reactions: Sequence[Reaction]) -> Reaction:
     """The most severe of several aircraft's reactions; of equal ones, the first."""
-    return min(reactions, key=lambda one: one.severity)
+    return min(reactions, key=lambda reaction: reaction.severity)

@@ -60,12 +60,12 @@ class MissionAgreement:
     @property
     def alike(self) -> int:
         """How many agree."""
-        return sum(one.alike for one in self.compared)
+        return sum(mission.alike for mission in self.compared)
 
     @property
     def decided(self) -> int:
         """How many agree or differ."""
-        return sum(not one.undecided for one in self.compared)
+        return sum(not mission.undecided for mission in self.compared)
 
     @property
     def share(self) -> float:
@@ -75,24 +75,24 @@ class MissionAgreement:
     @property
     def misses(self) -> dict[str, int]:
         """How many differ in each way, most frequent first."""
-        return dict(Counter(one.miss for one in self.compared if one.miss).most_common())
+        return dict(Counter(mission.miss for mission in self.compared if mission.miss).most_common())
 
     @property
     def undecided(self) -> dict[str, int]:
         """How many are undecided for each reason, most frequent first."""
-        return dict(Counter(one.undecided for one in self.compared if one.undecided).most_common())
+        return dict(Counter(mission.undecided for mission in self.compared if mission.undecided).most_common())
 
 
 def legal_missions(count: int, first: int = 0) -> list[RandomMission]:
     """The first `count` random missions from number `first` on that can be flown and are not too long."""
-    found: list[RandomMission] = []
+    missions: list[RandomMission] = []
     number = first
-    while len(found) < count:
+    while len(missions) < count:
         mission = random_mission(number)
         if is_legal(mission):
-            found.append(mission)
+            missions.append(mission)
         number += 1
-    return found
+    return missions
 
 
 def given_missions(files: Sequence[Path]) -> tuple[list[GivenMission], list[RefusedMission]]:
@@ -108,9 +108,9 @@ def given_missions(files: Sequence[Path]) -> tuple[list[GivenMission], list[Refu
             refused.append(RefusedMission.of(mission.file, problems))
         else:
             flyable.append(mission)
-    refused.sort(key=lambda one: files.index(one.file))
+    refused.sort(key=lambda refusal: files.index(refusal.file))
     if refused and not flyable:
-        problems = [Problem(str(one.file), one.reason, "a mission that can be flown") for one in refused]
+        problems = [Problem(str(refusal.file), refusal.reason, "a mission that can be flown") for refusal in refused]
         raise InputError("missions", problems)
     return flyable, refused
 
@@ -118,8 +118,8 @@ def given_missions(files: Sequence[Path]) -> tuple[list[GivenMission], list[Refu
 def _problems(mission: GivenMission) -> Sequence[Problem]:
     """What is wrong with a mission, by its ground station or in its run; the builtin stands for both autopilots."""
     try:
-        if found := check(flight_plan(mission), "mission"):
-            return found
+        if problems := check(flight_plan(mission), "mission"):
+            return problems
         with TemporaryDirectory() as scratch:
             scenario = fleet_scenario([mission], (0.0, 0.0), Path(scratch))
             build(scenario.model_copy(update={"operators": scenario.operators[:1]}))
@@ -163,19 +163,19 @@ def compare(
         progress = on_fleet(runs, len(fleet)) if on_fleet is not None else None
         return compare_fleet(folder / f"fleet-{runs:03}", fleet, wind, rates, on_progress=progress)
 
-    def found() -> MissionAgreement:
+    def agreement() -> MissionAgreement:
         return MissionAgreement(tuple(compared), shrunk, tuple(refused))
 
     folder.mkdir(parents=True, exist_ok=True)
     for start in range(0, len(missions), FLEET):
         fleet = missions[start : start + FLEET]
         compared += fly_fleet(fleet, (0.0, 0.0) if given else draw_wind(fleet[0].number))
-        write_results(folder, found())
+        write_results(folder, agreement())
     if shrink and not given:
-        for one in [one for one in compared if one.miss]:
-            shrunk[one.mission.number] = shrink_mission(one, fly_fleet)
-            write_results(folder, found())
-    return found()
+        for differing in [mission for mission in compared if mission.miss]:
+            shrunk[differing.mission.number] = shrink_mission(differing, fly_fleet)
+            write_results(folder, agreement())
+    return agreement()
 
 
 def draw_wind(number: int) -> tuple[float, float]:
@@ -187,16 +187,16 @@ def draw_wind(number: int) -> tuple[float, float]:
 ShrinkFleet = Callable[[Sequence[ComparableMission], tuple[float, float]], list[ComparedMission]]
 
 
-def shrink_mission(one: ComparedMission, fly_fleet: ShrinkFleet, most_runs: int = 8) -> ComparedMission:
-    """The simplest mission found that differs as `one` does, in at most `most_runs` runs.
+def shrink_mission(compared: ComparedMission, fly_fleet: ShrinkFleet, most_runs: int = 8) -> ComparedMission:
+    """The simplest mission found that differs as `compared` does, in at most `most_runs` runs.
 
     Each run flies up to `FLEET` missions that are one step simpler; the first of them that still differs in the same
     way is the next to be made simpler. A mission that differs without wind too is shown without.
     """
-    wind = (one.wind_mps, one.wind_from_deg)
+    wind = (compared.wind_mps, compared.wind_from_deg)
     tried: set[tuple[object, ...]] = set()
     for _ in range(most_runs):
-        whole = one.mission
+        whole = compared.mission
         assert isinstance(whole, RandomMission)
         candidates = []
         calm = (wind[0] > 0.0) and whole.items not in tried
@@ -209,18 +209,18 @@ def shrink_mission(one: ComparedMission, fly_fleet: ShrinkFleet, most_runs: int 
         if calm:
             tried.add(whole.items)
             still = fly_fleet([whole, *candidates[: FLEET - 1]], (0.0, 0.0))
-            found = [each for each in still if each.miss == one.miss]
-            if found:
+            similar = [candidate for candidate in still if candidate.miss == compared.miss]
+            if similar:
                 wind = (0.0, 0.0)
-                one = found[-1] if len(found) == 1 else found[1]
+                compared = similar[-1] if len(similar) == 1 else similar[1]
                 continue
         if not candidates:
             break
-        found = [each for each in fly_fleet(candidates, wind) if each.miss == one.miss]
-        if not found:
+        similar = [candidate for candidate in fly_fleet(candidates, wind) if candidate.miss == compared.miss]
+        if not similar:
             break
-        one = found[0]
-    return one
+        compared = similar[0]
+    return compared
 
 
 def write_results(folder: Path, agreement: MissionAgreement) -> None:
@@ -242,23 +242,23 @@ def results(agreement: MissionAgreement) -> dict[str, Any]:
         "share": round(agreement.share, 4) if agreement.decided else None,
         "misses": agreement.misses,
         "undecided": agreement.undecided,
-        "refused": [{"file": str(one.file), "reason": one.reason} for one in agreement.refused],
-        "compared": [_facts(one) for one in agreement.compared],
-        "shrunk": {str(number): _facts(one) for number, one in agreement.shrunk.items()},
+        "refused": [{"file": str(refusal.file), "reason": refusal.reason} for refusal in agreement.refused],
+        "compared": [_facts(mission) for mission in agreement.compared],
+        "shrunk": {str(number): _facts(mission) for number, mission in agreement.shrunk.items()},
     }
 
 
-def _facts(one: ComparedMission) -> dict[str, Any]:
+def _facts(compared: ComparedMission) -> dict[str, Any]:
     return {
-        "number": one.mission.number,
-        "items": one.mission.words,
-        "wind_mps": one.wind_mps,
-        "wind_from_deg": one.wind_from_deg,
-        "miss": one.miss,
-        "undecided": one.undecided,
-        "detail": one.detail,
-        "path_apart_m": None if np.isnan(one.path_apart_m) else round(one.path_apart_m, 3),
-        "time_apart_s": round(one.time_apart_s, 3),
+        "number": compared.mission.number,
+        "items": compared.mission.words,
+        "wind_mps": compared.wind_mps,
+        "wind_from_deg": compared.wind_from_deg,
+        "miss": compared.miss,
+        "undecided": compared.undecided,
+        "detail": compared.detail,
+        "path_apart_m": None if np.isnan(compared.path_apart_m) else round(compared.path_apart_m, 3),
+        "time_apart_s": round(compared.time_apart_s, 3),
     }
 
 
@@ -269,12 +269,12 @@ def page(agreement: MissionAgreement) -> Iterator[str]:
     yield f"# {agreement.alike} of {agreement.decided} missions agree{share}"
     yield ""
     yield count_files(len(compared), agreement.refused) + f" {len(compared) - agreement.decided} undecided."
-    yield from (f"- not flown: {one.file}: {one.reason}" for one in agreement.refused)
+    yield from (f"- not flown: {refusal.file}: {refusal.reason}" for refusal in agreement.refused)
     yield ""
-    alike = [one for one in compared if one.alike]
+    alike = [mission for mission in compared if mission.alike]
     if alike:
-        paths = np.array([one.path_apart_m for one in alike])
-        times = np.array([one.time_apart_s for one in alike])
+        paths = np.array([mission.path_apart_m for mission in alike])
+        times = np.array([mission.time_apart_s for mission in alike])
         yield (
             f"Of those alike, the tracks are {np.median(paths):.2f} m apart in the median and {paths.max():.2f} m at "
             f"most; the times of items differ by {np.median(times):.2f} s and {times.max():.2f} s."
@@ -289,12 +289,12 @@ def page(agreement: MissionAgreement) -> Iterator[str]:
     yield ""
     yield "| mission | wind | difference | builtin / ArduPilot | shrunk to |"
     yield "|---|---|---|---|---|"
-    for one in compared:
-        if not one.alike:
-            small = agreement.shrunk.get(one.mission.number, one)
+    for mission in compared:
+        if not mission.alike:
+            small = agreement.shrunk.get(mission.mission.number, mission)
             wind = f"{small.wind_mps:g} m/s from {small.wind_from_deg:g}°" if small.wind_mps else "none"
-            what = one.miss or f"undecided: {one.undecided}"
-            yield f"| {one.mission.number} | {wind} | {what} | {one.detail} | {small.mission.words} |"
+            what = mission.miss or f"undecided: {mission.undecided}"
+            yield f"| {mission.mission.number} | {wind} | {what} | {mission.detail} | {small.mission.words} |"
 
 
 def count_files(flown: int, refused: Sequence[RefusedMission]) -> str:

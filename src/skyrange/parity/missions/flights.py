@@ -271,7 +271,7 @@ def _differences(
     if bool(first.rejected) != bool(second.rejected):
         yield "accepted items", f"{first.rejected or 'accepted'} / {second.rejected or 'accepted'}"
     if first.took_off != second.took_off:
-        yield "take-off", " / ".join("takes off" if each.took_off else f"{each.outcome}" for each in flights)
+        yield "take-off", " / ".join("takes off" if flight.took_off else f"{flight.outcome}" for flight in flights)
     if bool(first.crashed) != bool(second.crashed):
         yield "crash", f"{first.crashed or first.outcome} / {second.crashed or second.outcome}"
     seqs = [[seq for _, seq in flight.items] for flight in flights]

@@ -65,21 +65,23 @@ def rounded_turn(mission: _Placed, first: _Flight, second: _Flight) -> str:
     if not turns or min(len(first.time_s), len(second.time_s)) < 2:
         return ""
     times_s = first.time_s[first.time_s <= second.time_s[-1]]
-    mine = np.degrees(first.heading_rad[: len(times_s)])
-    other = np.degrees(np.interp(times_s, second.time_s, second.heading_rad))
-    other += 360.0 * round(float(mine[0] - other[0]) / 360.0)
-    apart = np.abs(mine - other)
+    first_deg = np.degrees(first.heading_rad[: len(times_s)])
+    second_deg = np.degrees(np.interp(times_s, second.time_s, second.heading_rad))
+    second_deg += 360.0 * round(float(first_deg[0] - second_deg[0]) / 360.0)
+    apart = np.abs(first_deg - second_deg)
     last_near = np.maximum.accumulate(np.where(apart <= NEAR_DEG, np.arange(len(apart)), -1))
-    found = np.flatnonzero((apart > APART_DEG) & (last_near >= 0) & (times_s - times_s[last_near] >= APART_S))
-    if not len(found):
+    indices = np.flatnonzero((apart > APART_DEG) & (last_near >= 0) & (times_s - times_s[last_near] >= APART_S))
+    if not len(indices):
         return ""
-    far, at = int(found[0]), int(last_near[found[0]])
-    stays, turned = (other, mine) if np.ptp(other[at:far]) < np.ptp(mine[at:far]) else (mine, other)
+    far, at = int(indices[0]), int(last_near[indices[0]])
+    stays, turned = (
+        (second_deg, first_deg) if np.ptp(second_deg[at:far]) < np.ptp(first_deg[at:far]) else (first_deg, second_deg)
+    )
     sense = np.sign(turned[far] - turned[at])
     for degrees, direction in turns:
         off = (stays[at : far + 1] - degrees + 180.0) % 360.0 - 180.0
         if direction == sense and np.abs(off).max() <= NEAR_DEG:
-            who = "the first" if turned is mine else "the second"
+            who = "the first" if turned is first_deg else "the second"
             return f"turn to {degrees:g}° at {degrees:g}°, {times_s[at]:.1f} s: only {who} turns a circle"
     return ""
 
@@ -90,4 +92,4 @@ def read_headings(record: RunRecord) -> dict[str, Floats]:
     names = np.asarray(table.column("vehicle").to_pylist())
     qw, qx, qy, qz = (table.column(name).to_numpy().astype(np.float64) for name in ("qw", "qx", "qy", "qz"))
     heading = 0.5 * np.pi - np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
-    return {one.id: heading[names == one.id] for one in vehicles(record)}
+    return {vehicle.id: heading[names == vehicle.id] for vehicle in vehicles(record)}

@@ -76,8 +76,8 @@ class ChannelChanges:
             if link.told:
                 _tune(now, link.aircraft, announced.order, [link])
         _tune(now, station, announced.order, links)
-        told = sum(link.told for link in links)
-        what: dict[str, str | int] = {"from": was, "to": station.channel, "told": told, "of": len(links)}
+        informed = sum(link.told for link in links)
+        what: dict[str, str | int] = {"from": was, "to": station.channel, "told": informed, "of": len(links)}
         out.note("event.channel_change", station.name, what)
         return True
 

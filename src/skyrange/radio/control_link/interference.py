@@ -51,9 +51,9 @@ class Interference:
                 spans.append((begin, finish, burst.receiver_mw))
         cuts = sorted({start, end, *(span[0] for span in spans), *(span[1] for span in spans)})
         pieces = []
-        for one, other in pairwise(cuts):
-            power = self.noise_mw + math.fsum(mw for begin, finish, mw in spans if begin <= one and other <= finish)
-            pieces.append(((other - one) / (end - start), power))
+        for left, right in pairwise(cuts):
+            power = self.noise_mw + math.fsum(mw for begin, finish, mw in spans if begin <= left and right <= finish)
+            pieces.append(((right - left) / (end - start), power))
         return pieces
 
     def idle_from(self, at: Time, busy_dbm: float) -> Time:

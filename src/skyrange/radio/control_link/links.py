@@ -189,8 +189,8 @@ class ControlLinks:
                 for direction in (link.to_aircraft, link.to_station):
                     if direction.outcomes is not None and direction.snir_db(now) >= MIN_SNIR_DB[0]:
                         direction.heard_dbm = direction.signal_dbm
-                both = min(link.to_aircraft.snir_db(now), link.to_station.snir_db(now))
-                hears_beacons = success_probability(0, both, _BEACON_BITS) >= 0.5
+                worst_snir_db = min(link.to_aircraft.snir_db(now), link.to_station.snir_db(now))
+                hears_beacons = success_probability(0, worst_snir_db, _BEACON_BITS) >= 0.5
                 change = link.update_association(now, beacons_heard=hears_beacons)
                 if change:
                     kind = "event.link_up" if link.associated else "event.link_down"
@@ -207,11 +207,11 @@ class ControlLinks:
             gains = propagation.gains_db(table, foreign_rows, end_rows, centre, now).reshape(-1, 2).tolist()
             rows = sorted({*foreign_rows.tolist(), *end_rows.tolist()})
             noise = _NoiseAt(bursts, propagation, table, rows, centre_mhz=centre, width_mhz=WIDTH_MHZ, now=now)
-            for radio, both in zip(radios, gains, strict=True):
+            for radio, pair_gains in zip(radios, gains, strict=True):
                 attacker, link = radio.transmitter, radio.link
                 for end, gain, sent, heard in (
-                    (link.station, both[0], radio.to_station.path, radio.from_station),
-                    (link.aircraft, both[1], radio.to_aircraft.path, radio.from_aircraft),
+                    (link.station, pair_gains[0], radio.to_station.path, radio.from_station),
+                    (link.aircraft, pair_gains[1], radio.to_aircraft.path, radio.from_aircraft),
                 ):
                     if end.channel != channel:
                         gain = -math.inf
@@ -305,15 +305,15 @@ class ControlLinks:
         who = hash64(f"{link.name}|{receiver.name}")
         if self._chance.uniform4("deauthentication", who, frame.at_ns, frame.ref.serial)[0] >= heard:
             return
-        what: dict[str, str | float] = {"receiver": receiver.name, "rssi_dbm": round(frame.power_dbm + gain, 1)}
+        data: dict[str, str | float] = {"receiver": receiver.name, "rssi_dbm": round(frame.power_dbm + gain, 1)}
         if link.params.protected:
             self._refused[link.name] += 1
             count = self._refused[link.name]
             if worth_noting(count):
-                out.note("event.management_frame_refused", link.name, {**what, "count": count}, (frame.ref,))
+                out.note("event.management_frame_refused", link.name, {**data, "count": count}, (frame.ref,))
             return
         if frame.at_ns >= link.down_until:
-            out.note("event.deauthenticated", link.name, what, (frame.ref,))
+            out.note("event.deauthenticated", link.name, data, (frame.ref,))
         link.disconnect(frame.at_ns)
 
     # ---------------------------------------------------------------- cellular
@@ -383,13 +383,13 @@ class _NoiseAt:
 
         A reactive jammer that does not hear such a frame is left out.
         """
-        met = []
+        received = []
         for place, burst in enumerate(self._bursts):
             sent_db, received_db = self._gains[place, self._column[sender]], self._gains[place, self._column[receiver]]
             if burst.turnaround_ns and power_dbm + sent_db < PREAMBLE_DBM:
                 continue
             in_filter_dbm = burst.power_dbm + 10.0 * math.log10(self._shares[place])
-            met.append(
+            received.append(
                 BurstAtReceiver(
                     burst.from_ns,
                     burst.to_ns,
@@ -398,7 +398,7 @@ class _NoiseAt:
                     in_filter_dbm + sent_db,
                 )
             )
-        return met
+        return received
 
     def between(self, sender: Transmitter, receiver: Transmitter) -> list[BurstAtReceiver]:
         """The same for two radios of a Wi-Fi link."""

@@ -123,7 +123,7 @@ class CellularParams(Params):
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
-        names = [one.id for one in self.base_stations]
+        names = [station.id for station in self.base_stations]
         repeated = sorted({name for name in names if names.count(name) > 1})
         if repeated:
             raise refuse(Problem("base_stations", repeated[0], "ids that differ"))

@@ -69,12 +69,14 @@ class Propagation:
     def __deepcopy__(self, memo: object) -> Propagation:
         return self
 
-    def gains_db(self, radios: RadioTable, one: Ints, other: Ints, centre_mhz: float, at: Time) -> Floats:
+    def gains_db(self, radios: RadioTable, first: Ints, second: Ints, centre_mhz: float, at: Time) -> Floats:
         """(k,) gain of the path between the radios `one[i]` and `other[i]`, antennas included, the same both ways.
 
         `radios` has its rows in the order of the names. −inf beyond 20 km, and where a radio has no position.
         """
-        out = np.empty(len(one))
+        out = np.empty(len(first))
         pos, vel = radios.pos_enu_m, radios.vel_enu_mps
-        _fill_gains(self._params, self._obstacles, self._who, self._antenna, pos, vel, one, other, centre_mhz, at, out)
+        _fill_gains(
+            self._params, self._obstacles, self._who, self._antenna, pos, vel, first, second, centre_mhz, at, out
+        )
         return out

@@ -200,15 +200,15 @@ class ExternalMedium:
             )
         if self._until is not None and requests.at_ns.min() <= self._until:
             raise ValueError(f"a frame offered at {int(requests.at_ns.min())} ns, when {self._until} ns had passed")
-        ours = np.array([self._simulates(waveform) for waveform in requests.waveform.tolist()], dtype=bool)
-        if not ours.all():
-            self._builtin.offer(now, TxBatch(*(column[~ours] for column in requests)))
-        for row in np.flatnonzero(ours).tolist():
+        is_simulated = np.array([self._simulates(waveform) for waveform in requests.waveform.tolist()], dtype=bool)
+        if not is_simulated.all():
+            self._builtin.offer(now, TxBatch(*(column[~is_simulated] for column in requests)))
+        for row in np.flatnonzero(is_simulated).tolist():
             radio, at, kind, channel, power, size, key = (column[row].item() for column in requests)
             channel = _DEFAULT_CHANNEL if channel == ANY_CHANNEL else channel
             power = float(self._arrays.tx_power_dbm[radio, 0]) if np.isnan(power) else power
-            good = MIN_BYTES[kind] <= size <= MAX_BYTES[kind] and 1 <= channel <= 13 and key >= 0
-            if not good or not np.isfinite(power) or power > 60.0:
+            is_valid = MIN_BYTES[kind] <= size <= MAX_BYTES[kind] and 1 <= channel <= 13 and key >= 0
+            if not is_valid or not np.isfinite(power) or power > 60.0:
                 self._refused.append((key, radio, requests.channel[row].item(), at))
                 continue
             self._channels.add(channel)
@@ -355,14 +355,16 @@ class ExternalMedium:
             self._starts = {key: span for key, span in self._starts.items() if span[1] >= over}
         return OnAir(_columns(sent, Sent), _columns(heard, Heard))
 
-    def _merge(self, until: Time, one: OnAir, other: OnAir) -> OnAir:
+    def _merge(self, until: Time, first: OnAir, second: OnAir) -> OnAir:
         """Both answers and the refusals, in the order that the contract asks for."""
         late = [row for row in self._refused if row[3] <= until]
         self._refused = [row for row in self._refused if row[3] > until]
         refused = np.array([(k, r, c, at, at, int(TransmissionFate.REFUSED)) for k, r, c, at in late], dtype=np.int64)
-        sent = [np.concatenate(column) for column in zip(one.sent, other.sent, refused.reshape(-1, 6).T, strict=True)]
+        sent = [
+            np.concatenate(column) for column in zip(first.sent, second.sent, refused.reshape(-1, 6).T, strict=True)
+        ]
         order = np.lexsort((sent[0], sent[4]))
-        heard = [np.concatenate(column) for column in zip(one.heard, other.heard, strict=True)]
+        heard = [np.concatenate(column) for column in zip(first.heard, second.heard, strict=True)]
         heard_order = np.lexsort((heard[1], heard[0], heard[3]))
         return OnAir(Sent(*(column[order] for column in sent)), Heard(*(column[heard_order] for column in heard)))
 

@@ -99,8 +99,8 @@ def loss_table(
     """The table of (t, heights, rows, columns) losses in dB between (t, 3) places and the points of a grid."""
     places = np.ascontiguousarray(places_enu_m, dtype=np.float64).reshape(-1, 3)
     excess = np.empty((len(places), *grid.shape), dtype=np.float32)
-    for place, own, losses in zip(places, excess, loss_db, strict=True):
-        own[:] = losses - free_space_of(place, grid, frequency_mhz)
+    for place, place_excess, losses in zip(places, excess, loss_db, strict=True):
+        place_excess[:] = losses - free_space_of(place, grid, frequency_mhz)
     first, listed, west, south, side, columns, rows = _bins(places, reach_m)
     finite = excess[np.isfinite(excess)]
     gain = max(0.0, -float(finite.min())) if finite.size else 0.0
@@ -139,8 +139,8 @@ def _bins(places: Floats, reach_m: float) -> tuple[NDArray[np.int64], NDArray[np
         for r in range(max(row - 1, 0), min(row + 2, rows)):
             for c in range(max(column - 1, 0), min(column + 2, columns)):
                 lists[r * columns + c].append(index)
-    first = np.concatenate(([0], np.cumsum([len(each) for each in lists]))).astype(np.int64)
-    listed = np.array([index for each in lists for index in each], dtype=np.int32)
+    first = np.concatenate(([0], np.cumsum([len(indices) for indices in lists]))).astype(np.int64)
+    listed = np.array([index for indices in lists for index in indices], dtype=np.int32)
     return first, listed, west, south, side, columns, rows
 
 

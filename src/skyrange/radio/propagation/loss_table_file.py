@@ -136,7 +136,7 @@ def decode_loss_table(data: bytes, who: str = "loss table", where: str = "file")
     try:
         file = pq.ParquetFile(pa.BufferReader(data))
         described = (file.schema_arrow.metadata or {}).get(_KEY)
-        if described is None or [each.name for each in file.schema_arrow] != _SCHEMA.names:
+        if described is None or [field.name for field in file.schema_arrow] != _SCHEMA.names:
             raise InputError.one(who, where, "another Parquet file", "a loss table of skyrange", hint)
         header = _header(described, who, where)
         grid = header.grid.grid
@@ -161,13 +161,13 @@ def decode_loss_table(data: bytes, who: str = "loss table", where: str = "file")
 
 
 def _header(described: bytes, who: str, where: str) -> LossTableHeader:
-    told = parse_json(described, who, where)
-    version = told.get("version") if isinstance(told, dict) else None
+    header = parse_json(described, who, where)
+    version = header.get("version") if isinstance(header, dict) else None
     if version != VERSION:
         hint = "Make it anew with this version of skyrange: `skyrange radio map`."
         raise InputError.one(who, where, f"version {version!r}", f"a loss table of version {VERSION}", hint)
     try:
-        return LossTableHeader.model_validate(told)
+        return LossTableHeader.model_validate(header)
     except ValidationError as error:
         first = error.errors()[0]
         name = ".".join(map(str, first["loc"]))

@@ -52,7 +52,7 @@ class DirectionSpec:
 
 def direction_specs(header: Mapping[str, Any]) -> dict[LinkDirection, DirectionSpec]:
     """Both directions of every link that the header declares, by (link, direction)."""
-    found = {}
+    specs = {}
     for link in header.get("links") or ():
         channel = link.get("channel") or {}
         reliable = channel.get("mode") == "reliable"
@@ -66,8 +66,8 @@ def direction_specs(header: Mapping[str, Any]) -> dict[LinkDirection, DirectionS
         if reliable and channel.get("loss"):
             grace += _RETRANSMITTED_NS
         for direction, src, dst in (("fwd", link["a"], link["b"]), ("rev", link["b"], link["a"])):
-            found[link["name"], direction] = DirectionSpec(src, dst, reliable, grace)
-    return found
+            specs[link["name"], direction] = DirectionSpec(src, dst, reliable, grace)
+    return specs
 
 
 class RecordingSpans:
@@ -152,8 +152,8 @@ class CrossingMatcher:
         direction_key = row[:2]
         at = row[_INDEX["sent_ns"]]
         matching = self._matching.get(direction_key)
-        found = matching.match_received(at, row[_INDEX["payload"]]) if matching is not None else None
-        if found is None:
+        sent_frame = matching.match_received(at, row[_INDEX["payload"]]) if matching is not None else None
+        if sent_frame is None:
             src = self._directions[direction_key].src
             known = src not in self._spans or self._spans.recorded(src, at - TOLERANCE_NS)
             sender = OUTSIDE if known else UNRECORDED
@@ -163,8 +163,8 @@ class CrossingMatcher:
             self._emit(row, sender=sender, serial=serial)
         else:
             self.counts["matched"] += 1
-            sender, serial = found.row[_INDEX["sender"]], found.row[_INDEX["serial"]]
-            self._emit(found.row, arrived_ns=row[_INDEX["arrived_ns"]], fate=row[_INDEX["fate"]])
+            sender, serial = sent_frame.row[_INDEX["sender"]], sent_frame.row[_INDEX["serial"]]
+            self._emit(sent_frame.row, arrived_ns=row[_INDEX["arrived_ns"]], fate=row[_INDEX["fate"]])
         self._parts[row[_INDEX["part"]]].id_map.add(direction_key, row[_INDEX["serial"]], sender, serial)
 
     def _sweep(self, now: Time) -> None:

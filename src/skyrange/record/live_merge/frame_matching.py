@@ -73,22 +73,22 @@ class FrameMatcher(Generic[Row]):
         if candidates is None or not fitting:
             return None
         self.ambiguous += len(fitting) > 1
-        found = candidates.pop(min(fitting)[2])
+        matched = candidates.pop(min(fitting)[2])
         if not candidates:
             del self._pending[payload]
-        self._latest = max(self._latest, found.order)
-        return found
+        self._latest = max(self._latest, matched.order)
+        return matched
 
     def expired(self, now: Time) -> list[SentFrame[Row]]:
         """Remove and return the frames that can no longer arrive at `now`."""
-        gone = [frame for candidates in self._pending.values() for frame in candidates if self._stale(frame, now)]
-        for payload in {frame.payload for frame in gone}:
+        expired = [frame for candidates in self._pending.values() for frame in candidates if self._stale(frame, now)]
+        for payload in {frame.payload for frame in expired}:
             kept = [frame for frame in self._pending[payload] if not self._stale(frame, now)]
             if kept:
                 self._pending[payload] = kept
             else:
                 del self._pending[payload]
-        return gone
+        return expired
 
     def remaining(self) -> list[tuple[SentFrame[Row], bool]]:
         """The frames still pending at the end, each with whether it was overtaken on a reliable link and so is lost."""

@@ -71,11 +71,11 @@ def merge(
     try:
         for name, path in files:
             recorder.keep_file(name, path)
-        found = gather(parts, recorder, header)
+        gathered = gather(parts, recorder, header)
     except SkyrangeError:
         recorder.close("failed", extra)
         raise
-    recorder.close(status, {**found, **(extra or {})})
+    recorder.close(status, {**gathered, **(extra or {})})
 
 
 def gather(folders: Sequence[Path], recorder: Recorder, header: Mapping[str, Any]) -> dict[str, Any]:
@@ -239,5 +239,5 @@ def recover_run(run: Path, out: Path) -> None:
         raise InputError.one("merge", str(run), "still written to", "a range that has ended", "Stop it with Ctrl-C.")
     header: dict[str, Any] = {key: value for key, value in manifest.items() if key not in _OF_THE_WHOLE}
     why = {"error": manifest.get("error", "the supervisor was killed")}
-    settings = {key: value for key, value in manifest.get("record", {}).items() if key != "level"}  # which is full
+    settings = {key: value for key, value in manifest["record"].items() if key != "level"}  # which is full
     merge(parts, out, header, status="failed", extra=why, files=attached_files(run), **settings)

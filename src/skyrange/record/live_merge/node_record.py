@@ -111,10 +111,10 @@ class NodeRecord:
     def _scan_batch(self, batch: pa.Table) -> int:
         for name in batch.column_names:
             if name in ("time_ns", "at_ns", "sent_ns", "arrived_ns") and batch.num_rows:
-                found = pc.min_max(batch.column(name)).as_py()
-                if found["min"] is not None:
-                    self.first_ns = min(self.first_ns, found["min"] + self.offset_ns)
-                    self.last_ns = max(self.last_ns, found["max"] + self.offset_ns)
+                bounds = pc.min_max(batch.column(name)).as_py()
+                if bounds["min"] is not None:
+                    self.first_ns = min(self.first_ns, bounds["min"] + self.offset_ns)
+                    self.last_ns = max(self.last_ns, bounds["max"] + self.offset_ns)
         if "serial" in batch.column_names:
             for flow, serials in _flows(batch):
                 if self.directions.get(flow[:2]) != (INCOMING, flow[2]):
@@ -226,9 +226,9 @@ def _flows(table: pa.Table, which: str = "serials") -> Iterator[tuple[Flow, NDAr
     link, direction, sender = names
     flow = (numbers[0] * len(direction) + numbers[1]) * len(sender) + numbers[2]
     order = np.argsort(flow, kind="stable").astype(np.int64)
-    found, starts = np.unique(flow[order], return_index=True)
+    codes, starts = np.unique(flow[order], return_index=True)
     serials: NDArray[np.int64] = table.column("serial").to_numpy()
-    for code, rows in zip(found.tolist(), np.split(order, starts[1:]), strict=True):
+    for code, rows in zip(codes.tolist(), np.split(order, starts[1:]), strict=True):
         rest, last = divmod(code, len(sender))
         key = (link[rest // len(direction)], direction[rest % len(direction)], sender[last])
         yield key, rows if which == "rows" else serials[rows]
@@ -243,6 +243,6 @@ def _is_node_entry(node: object) -> TypeGuard[Mapping[str, Any]]:
     if not isinstance(node, Mapping):
         return False
     endpoints = node.get("endpoints")
-    if not isinstance(endpoints, list) or not all(isinstance(each, str) for each in endpoints):
+    if not isinstance(endpoints, list) or not all(isinstance(endpoint, str) for endpoint in endpoints):
         return False
     return isinstance(node.get("name"), str) and isinstance(node.get("offset_ns"), int)

@@ -32,9 +32,8 @@ _FRAME_COLUMNS: Final = ("link", "direction", "sent_ns", "arrived_ns", "fate", "
 
 
 def features_period_ns(manifest: Mapping[str, Any]) -> Time:
-    """The length of an interval by a run's manifest; a second in those of older versions."""
-    rate_hz = (manifest.get("record") or {}).get("features_hz", 1.0)
-    return from_seconds(1.0 / rate_hz)
+    """The length of an interval by a run's manifest."""
+    return from_seconds(1.0 / manifest["record"]["features_hz"])
 
 
 def merge_features(tables: Tables) -> Iterator[pa.Table]:
@@ -50,8 +49,8 @@ def merge_features(tables: Tables) -> Iterator[pa.Table]:
 def count_features(tables: Tables, period_ns: Time) -> pa.Table:
     """The whole table, counted in recorded frames; in memory."""
     parts = [_add_up(_describe(frames, period_ns)) for frames in tables.frames_with_payloads(_FRAME_COLUMNS)]
-    whole = pa.concat_tables([_SCHEMA.empty_table(), *parts])
-    return _add_up(whole)
+    counted = pa.concat_tables([_SCHEMA.empty_table(), *parts])
+    return _add_up(counted)
 
 
 def _describe(frames: pa.Table, period_ns: Time) -> pa.Table:
@@ -79,10 +78,10 @@ def _describe(frames: pa.Table, period_ns: Time) -> pa.Table:
 def _add_up(rows: pa.Table) -> pa.Table:
     """Rows of which those with the same key become one, in the order of their keys."""
     wanted = [*((name, "sum") for name in _SUMS), (_MAX, "max")]
-    found = rows.group_by(list(_KEY), use_threads=False).aggregate(wanted)
-    found = found.sort_by([(name, "ascending") for name in _KEY])
+    sums = rows.group_by(list(_KEY), use_threads=False).aggregate(wanted)
+    sums = sums.sort_by([(name, "ascending") for name in _KEY])
     return pa.table(
-        {name: found.column(_aggregated(name)).cast(_SCHEMA.field(name).type) for name in _SCHEMA.names},
+        {name: sums.column(_aggregated(name)).cast(_SCHEMA.field(name).type) for name in _SCHEMA.names},
         schema=_SCHEMA,
     )
 

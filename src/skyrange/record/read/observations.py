@@ -154,10 +154,10 @@ class Transmissions:
             return Payloads.of([]), np.full(len(row_of), -1, dtype=np.int64)
         keys = np.concatenate([batch.keys for batch in self._held])
         order = np.argsort(keys, kind="stable")
-        found = np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)
-        known = keys[order[found]] == wanted
-        held = pa.chunked_array([chunk for batch in self._held for chunk in batch.payloads.chunks], pa.binary())
-        payloads = payload_column(pa.chunked_array(held.take(pa.array(order[found[known]]))))
+        indices = np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)
+        known = keys[order[indices]] == wanted
+        stored = pa.chunked_array([chunk for batch in self._held for chunk in batch.payloads.chunks], pa.binary())
+        payloads = payload_column(pa.chunked_array(stored.take(pa.array(order[indices[known]]))))
         place = np.where(known, np.cumsum(known) - 1, -1)
         return payloads, place[row_of].astype(np.int64)
 
@@ -165,9 +165,9 @@ class Transmissions:
         """(n,) a number for each frame that rows name by link, direction, sender and serial."""
         codes, names = zip(*(_codes(rows, name) for name in ("link", "direction", "sender")), strict=True)
         joined = (codes[0] * len(names[1]) + codes[1]) * len(names[2]) + codes[2]
-        found, number = np.unique(joined, return_inverse=True)
-        flows = np.empty(len(found), dtype=np.int64)
-        for row, code in enumerate(found.tolist()):
+        codes_in_use, number = np.unique(joined, return_inverse=True)
+        flows = np.empty(len(codes_in_use), dtype=np.int64)
+        for row, code in enumerate(codes_in_use.tolist()):
             rest, sender = divmod(code, len(names[2]))
             link, direction = divmod(rest, len(names[1]))
             flow = (names[0][link], names[1][direction], names[2][sender])
@@ -250,22 +250,22 @@ def describe_observations(
 def _decode(payloads: Payloads, origin: Origin | None) -> dict[str, pa.Array]:
     """The decoded columns of some frames, one row each."""
     head = unpack_rows(payloads)
-    said = decode_broadcasts(head.bodies)
-    location, valid = said.location, head.valid & said.location.valid
+    broadcasts = decode_broadcasts(head.bodies)
+    location, valid = broadcasts.location, head.valid & broadcasts.location.valid
     columns: dict[str, pa.Array] = {
         "mac": _mac(head),
         "counter": _ints(head.counter, head.valid),
         "valid": pa.array(valid),
-        "messages": _messages(said, valid),
-        "version": _ints(said.version, valid),
+        "messages": _messages(broadcasts, valid),
+        "version": _ints(broadcasts.version, valid),
         "uas_id": _uas_ids(location.uas_id, location.id_type, location.has_id),
         "id_type": _ints(location.id_type, location.has_id),
         "ua_type": _ints(location.ua_type, location.has_id),
-        "second_uas_id": _uas_ids(said.second_uas_id, said.second_id_type, said.has_second_id),
-        "second_id_type": _ints(said.second_id_type, said.has_second_id),
-        "operator_id": _texts(said.operator_id, said.has_operator_id),
-        "self_id": _texts(said.self_id, said.has_self_id),
-        "auth_data": pa.array(said.auth_data, pa.binary(), mask=~said.has_authentication),
+        "second_uas_id": _uas_ids(broadcasts.second_uas_id, broadcasts.second_id_type, broadcasts.has_second_id),
+        "second_id_type": _ints(broadcasts.second_id_type, broadcasts.has_second_id),
+        "operator_id": _texts(broadcasts.operator_id, broadcasts.has_operator_id),
+        "self_id": _texts(broadcasts.self_id, broadcasts.has_self_id),
+        "auth_data": pa.array(broadcasts.auth_data, pa.binary(), mask=~broadcasts.has_authentication),
     }
     for name in NUMBERS:
         columns[name] = _floats(getattr(location, name))
@@ -273,25 +273,25 @@ def _decode(payloads: Payloads, origin: Origin | None) -> dict[str, pa.Array]:
         columns[name] = _ints(getattr(location, name), location.has_location)
     for name in ("operator_lat_deg", "operator_lon_deg", "operator_alt_geo_m", "area_radius_m", "area_ceiling_m",
                  "area_floor_m"):  # fmt: skip
-        columns[name] = _floats(getattr(said, name))
+        columns[name] = _floats(getattr(broadcasts, name))
     for name in ("operator_location_type", "area_count", "classification", "category", "ua_class",
                  "system_timestamp_s"):  # fmt: skip
-        columns[name] = _ints(getattr(said, name), said.has_system)
-    columns["operator_id_type"] = _ints(said.operator_id_type, said.has_operator_id)
-    columns["description_type"] = _ints(said.description_type, said.has_self_id)
+        columns[name] = _ints(getattr(broadcasts, name), broadcasts.has_system)
+    columns["operator_id_type"] = _ints(broadcasts.operator_id_type, broadcasts.has_operator_id)
+    columns["description_type"] = _ints(broadcasts.description_type, broadcasts.has_self_id)
     for name in ("auth_type", "auth_page"):
-        columns[name] = _ints(getattr(said, name), said.has_authentication)
+        columns[name] = _ints(getattr(broadcasts, name), broadcasts.has_authentication)
     for name in ("auth_last_page", "auth_length", "auth_timestamp_s"):
-        columns[name] = _ints(getattr(said, name), said.has_authentication & (said.auth_page == 0))
-    return columns | _local(said, origin)
+        columns[name] = _ints(getattr(broadcasts, name), broadcasts.has_authentication & (broadcasts.auth_page == 0))
+    return columns | _local(broadcasts, origin)
 
 
-def _local(said: BroadcastColumns, origin: Origin | None) -> dict[str, pa.Array]:
+def _local(broadcasts: BroadcastColumns, origin: Origin | None) -> dict[str, pa.Array]:
     """The claimed position in metres from the origin; null where it is unknown or no latitude."""
-    count = len(said.version)
+    count = len(broadcasts.version)
     if origin is None:
         return {name: pa.nulls(count, pa.float64()) for name in ("east_m", "north_m", "up_m")}
-    location = said.location
+    location = broadcasts.location
     with np.errstate(invalid="ignore"):
         latitude = np.where(np.abs(location.lat_deg) <= 90.0, location.lat_deg, np.nan)
     east_m, north_m = origin.to_enu(latitude, location.lon_deg)
@@ -316,9 +316,9 @@ def _mac(head: RidColumns) -> pa.Array:
     return pa.array([raw[at : at + 6].hex(":") for at in range(0, len(raw), 6)], pa.string(), mask=~head.valid)
 
 
-def _messages(said: BroadcastColumns, valid: Flags) -> pa.Array:
+def _messages(broadcasts: BroadcastColumns, valid: Flags) -> pa.Array:
     """The types of each body's messages as text, such as `basic_id location system`."""
-    known, number = np.unique(said.kinds, axis=0, return_inverse=True)
+    known, number = np.unique(broadcasts.kinds, axis=0, return_inverse=True)
     names = [" ".join(_NAMES.get(kind, str(kind)) for kind in row if kind != NO_MESSAGE) for row in known.tolist()]
     return pa.array(names, pa.string()).take(pa.array(number.reshape(-1), mask=~valid))
 

@@ -102,11 +102,9 @@ class RunRecord:
         return self.tables.rows(name)
 
     def _is_derived_now(self, name: str) -> bool:
-        """Whether a table is derived on request: the run did not end, is older than the table, or keeps the frames that
-        are counted in it.
-        """
+        """Whether a table is derived on request: the run did not end, or keeps the frames that are counted in it."""
         if name == "observations":
-            return self.level == FULL and (self.tables.spooled or not (self.path / f"{name}.parquet").exists())
+            return self.level == FULL and self.tables.spooled
         return name == "features" and (self.level == FULL or self.tables.spooled)
 
     def _derive(self, name: str) -> pa.Table:
@@ -246,6 +244,6 @@ def open_folder(path: Path | str) -> RunRecord:
 def _check(name: str) -> None:
     if name == FOLDER:
         hint = "Each MAVLink message has its own: record.telemetry('ATTITUDE'); record.messages names them."
-        raise InputError.one("record", "table", name, "a table of all messages no more", hint)
+        raise InputError.one("record", "table", name, "the name of one table", hint)
     if name not in TABLES:
         raise InputError.one("record", "table", name, f"one of {', '.join(TABLES)}", nearest(name, TABLES))

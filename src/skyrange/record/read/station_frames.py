@@ -77,12 +77,12 @@ class StationFrames:
                 continue
             rows = np.flatnonzero((self.kinds == kind) & chosen)
             singles = [place for place, row in enumerate(rows.tolist()) if row in self.singles] if self.singles else []
-            found = unpack_group(self.payloads, kind, rows)
+            group = unpack_group(self.payloads, kind, rows)
             for place in singles:
                 sequence, system, component, body = self.singles[int(rows[place])]
-                found.sequences[place], found.systems[place], found.components[place] = sequence, system, component
-                found.values[place] = np.frombuffer(body, dtype=payload_dtype(found.message_id))[0]
-            yield found
+                group.sequences[place], group.systems[place], group.components[place] = sequence, system, component
+                group.values[place] = np.frombuffer(body, dtype=payload_dtype(group.message_id))[0]
+            yield group
 
 
 class StationLinks:
@@ -189,8 +189,8 @@ def _ranks(names: pa.DictionaryArray) -> Ints:
     used = np.flatnonzero(np.bincount(numbers, minlength=len(names.dictionary)))
     ranks = np.empty(len(names.dictionary), dtype=np.int64)
     ranks[used[pc.array_sort_indices(names.dictionary.take(pa.array(used))).to_numpy()]] = np.arange(len(used))
-    found: Ints = ranks[numbers]
-    return found
+    row_ranks: Ints = ranks[numbers]
+    return row_ranks
 
 
 def decode_station_frames(rows: pa.Table) -> StationFrames:
@@ -199,7 +199,7 @@ def decode_station_frames(rows: pa.Table) -> StationFrames:
     all_received = np.ones(rows.num_rows, dtype=np.bool_)
     received = rows.column("received").to_numpy() if "received" in rows.column_names else all_received
     payloads = payload_column(rows.column("payload"))
-    found = StationFrames(
+    frames = StationFrames(
         rows.column("time_ns").to_numpy(),
         owners,
         owner,
@@ -207,15 +207,15 @@ def decode_station_frames(rows: pa.Table) -> StationFrames:
         payloads,
         classify_frames(payloads).copy(),  # what only `decode` can read is filled in
     )
-    for row in np.flatnonzero(found.kinds < 0).tolist():
+    for row in np.flatnonzero(frames.kinds < 0).tolist():
         try:
             message = decode(payloads[row])
         except DecodeError:
             continue
-        found.kinds[row] = kind_of_message(message.get_msgId())
+        frames.kinds[row] = kind_of_message(message.get_msgId())
         head = (message.get_seq(), message.get_srcSystem(), message.get_srcComponent())
-        found.singles[row] = (*head, encode_payload(message))
-    return found
+        frames.singles[row] = (*head, encode_payload(message))
+    return frames
 
 
 def _owners(rows: pa.Table) -> tuple[list[str], Ints]:
@@ -234,11 +234,11 @@ def payload_column(column: pa.ChunkedArray) -> Payloads:
     """A binary column without nulls as payloads, without copying."""
     if not len(column):
         return Payloads.of([])
-    whole = column.chunk(0) if column.num_chunks == 1 else pa.concat_arrays(column.chunks)
-    _, offsets, data = whole.buffers()
-    ends = np.frombuffer(offsets, dtype=np.int32)[whole.offset : whole.offset + len(whole) + 1].astype(np.int64)
-    held = np.frombuffer(data, dtype=np.uint8) if data is not None and data.size else np.zeros(0, dtype=np.uint8)
-    return Payloads(held, ends[:-1], np.diff(ends))
+    joined = column.chunk(0) if column.num_chunks == 1 else pa.concat_arrays(column.chunks)
+    _, offsets, data = joined.buffers()
+    ends = np.frombuffer(offsets, dtype=np.int32)[joined.offset : joined.offset + len(joined) + 1].astype(np.int64)
+    buffer = np.frombuffer(data, dtype=np.uint8) if data is not None and data.size else np.zeros(0, dtype=np.uint8)
+    return Payloads(buffer, ends[:-1], np.diff(ends))
 
 
 @dataclass(slots=True)
@@ -278,32 +278,32 @@ def name_of(message_id: int) -> str:
 
 def survey_messages(tables: Tables) -> MessageSurvey:
     """Determine the messages that occur, in one pass over all frames."""
-    found = MessageSurvey()
+    survey = MessageSurvey()
     for batch in _station_frames(tables):
         block = decode_station_frames(batch.filter(batch.column("received")))
         for operator, name in enumerate(block.operators):
             kinds = np.unique(block.kinds[(block.operator == operator) & (block.kinds >= 0)])
             if len(kinds):
-                found.operators.setdefault(name, set()).update(message_id_of_kind(kind) for kind in kinds.tolist())
-    return found
+                survey.operators.setdefault(name, set()).update(message_id_of_kind(kind) for kind in kinds.tolist())
+    return survey
 
 
 def read_station_frames(tables: Tables, block_rows: int = BLOCK_ROWS) -> Iterator[StationFrames]:
     """Blocks of frames received and sent by ground stations, in order of time, then of link, direction and frame."""
     ties = ("link", "direction", "sender", "serial")
-    held: list[pa.Table] = []
+    pending: list[pa.Table] = []
     rows = 0
     for ordered in sort_by_time(lambda: _station_frames(tables), "time_ns", ties, lambda: _station_times(tables)):
-        held.append(ordered)
+        pending.append(ordered)
         rows += ordered.num_rows
         if rows >= block_rows:
-            whole = pa.concat_tables(held)
+            joined = pa.concat_tables(pending)
             ready = rows - rows % block_rows
             for start in range(0, ready, block_rows):
-                yield decode_station_frames(whole.slice(start, block_rows))
-            held, rows = [whole.slice(ready)], rows - ready
+                yield decode_station_frames(joined.slice(start, block_rows))
+            pending, rows = [joined.slice(ready)], rows - ready
     if rows:
-        yield decode_station_frames(pa.concat_tables(held))
+        yield decode_station_frames(pa.concat_tables(pending))
 
 
 def text_of(raw: bytes) -> str:
@@ -311,14 +311,14 @@ def text_of(raw: bytes) -> str:
     return raw.split(b"\0", 1)[0].decode("ascii", "replace")
 
 
-def numeric_column(found: MessageGroup, cell: MessageColumn) -> NDArray[np.float64]:
+def numeric_column(group: MessageGroup, cell: MessageColumn) -> NDArray[np.float64]:
     """One numeric column of a group of messages."""
-    column = found.values[cell.field]
+    column = group.values[cell.field]
     picked: NDArray[np.float64] = (column if cell.element is None else column[:, cell.element]).astype(np.float64)
     return picked
 
 
-def text_column(found: MessageGroup, cell: MessageColumn) -> list[str]:
+def text_column(group: MessageGroup, cell: MessageColumn) -> list[str]:
     """One column of a group of messages as text."""
-    column = found.values[cell.field] if cell.element is None else found.values[cell.field][:, cell.element]
+    column = group.values[cell.field] if cell.element is None else group.values[cell.field][:, cell.element]
     return [text_of(value) if isinstance(value, bytes) else str(value) for value in column.tolist()]

@@ -127,7 +127,7 @@ class Tables:
             for path in self._parquet(name):
                 return self._parquet_schema(path)
         elif name == "truth":
-            for root, file in ((one, file) for one in self._roots() for file in spool_files(one, name)):
+            for root, file in ((folder, file) for folder in self._roots() for file in spool_files(folder, name)):
                 if file.closed:
                     return self._parquet_schema(file.path)
                 try:
@@ -149,16 +149,16 @@ class Tables:
         with `encoded` dictionaries. The rows of several shards are in order of time.
         """
         self.require(name)
-        whole = self.schema(name)
-        schema = whole
+        full_schema = self.schema(name)
+        schema = full_schema
         if columns is not None:
             schema = pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
-        shards, key = self._shards(name), time_key(whole)
+        shards, key = self._shards(name), time_key(full_schema)
         if len(shards) < 2 or key is None:
             for shard in shards:
                 yield from self._decoded(shard, name, schema, encoded=encoded)
             return
-        keyed = schema if key in schema.names else schema.append(whole.field(key))
+        keyed = schema if key in schema.names else schema.append(full_schema.field(key))
         streams = [_tabled(self._decoded(shard, name, keyed, encoded=encoded)) for shard in shards]
         for table in interleave(streams, key):
             yield from table.select(schema.names).combine_chunks().to_batches()
@@ -176,10 +176,10 @@ class Tables:
         names = names_of(schema) if encoded else []
         schema = encoded_schema(schema) if encoded else schema
         if isinstance(shard, Path):
-            found = self._recorded(shard, name, schema, names)
+            batches = self._recorded(shard, name, schema, names)
         else:
-            found = (batch for path in shard for batch in self._part(path, schema, names))
-        for batch in found:
+            batches = (batch for path in shard for batch in self._part(path, schema, names))
+        for batch in batches:
             yield decode_spooled(batch, schema)
 
     def _part(self, path: Path, schema: pa.Schema, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
@@ -235,9 +235,9 @@ class Tables:
             with self._name_damaged_file(path), pq.ParquetFile(path) as file:
                 table = file.read()
                 tables.append(table.cast(_plain(table.schema)))
-        whole = pa.concat_tables(tables)
-        key = time_key(whole.schema)
-        return whole if len(shards) == 1 or key is None else whole.sort_by([(key, "ascending")])
+        joined = pa.concat_tables(tables)
+        key = time_key(joined.schema)
+        return joined if len(shards) == 1 or key is None else joined.sort_by([(key, "ascending")])
 
     def file_batches(self, name: str) -> Iterator[pa.RecordBatch]:
         """The rows of `file` in batches, in the order of its parts."""
@@ -259,8 +259,8 @@ class Tables:
         self.require(name)
         if not self.spooled:
             return self.file_rows(f"{name}.parquet")
-        whole = arrow_schema(name)
-        first = pa.schema([whole.field(0)], metadata=whole.metadata)
+        full_schema = arrow_schema(name)
+        first = pa.schema([full_schema.field(0)], metadata=full_schema.metadata)
         shards = self._shards(name)
         return sum(batch.num_rows for shard in shards for batch in self._decoded(shard, name, first, encoded=False))
 
@@ -273,27 +273,28 @@ class Tables:
         frames end with the last one before the gap.
         """
         self.require("frames")
-        shards, held = self._shards("frames"), self._shards("payloads")
+        shards, payload_shards = self._shards("frames"), self._shards("payloads")
         if len(shards) < 2:
-            for shard, stored in zip(shards, held, strict=False):
+            for shard, stored in zip(shards, payload_shards, strict=False):
                 yield from self._frames_of(shard, stored, columns, encoded=encoded)
             return
         keyed = None if columns is None else list(dict.fromkeys([*columns, _SENT]))
         streams = [
-            self._frames_of(shard, stored, keyed, encoded=encoded) for shard, stored in zip(shards, held, strict=True)
+            self._frames_of(shard, stored, keyed, encoded=encoded)
+            for shard, stored in zip(shards, payload_shards, strict=True)
         ]
         for table in interleave(streams, _SENT):
             yield table if columns is None else table.select([*columns, "payload"])
 
     def _frames_of(
-        self, shard: _Shard, held: _Shard, columns: Sequence[str] | None, *, encoded: bool
+        self, shard: _Shard, payload_shard: _Shard, columns: Sequence[str] | None, *, encoded: bool
     ) -> Iterator[pa.Table]:
-        """The frames of one shard, whose payloads are in `held`."""
+        """The frames of one shard, whose payloads are in `payload_shard`."""
         schema = self.schema("frames")
         if columns is not None:
             wanted = list(dict.fromkeys([*columns, "payload_id"]))
             schema = pa.schema([schema.field(column) for column in wanted], metadata=schema.metadata)
-        stored = self._decoded(held, "payloads", arrow_schema("payloads"), encoded=False)
+        stored = self._decoded(payload_shard, "payloads", arrow_schema("payloads"), encoded=False)
         window = PayloadWindow()
         for batch in self._decoded(shard, "frames", schema, encoded=encoded):
             ids = batch.column("payload_id").to_numpy()
@@ -302,12 +303,12 @@ class Tables:
                 window.add(more)
             payloads = window.take(ids)
             window.drop_before_window(newest)
-            whole = len(payloads)
-            table = pa.Table.from_batches([batch]).slice(0, whole)
+            complete_rows = len(payloads)
+            table = pa.Table.from_batches([batch]).slice(0, complete_rows)
             if columns is not None:
                 table = table.select(list(columns))
             yield table.append_column(pa.field("payload", pa.binary()), payloads)
-            if whole < batch.num_rows:
+            if complete_rows < batch.num_rows:
                 return
 
     @contextmanager
@@ -339,17 +340,17 @@ def _skip(batches: Iterator[pa.RecordBatch], rows: int) -> Iterator[pa.RecordBat
 
 def combine_batches(batches: Iterable[pa.RecordBatch], rows: int) -> Iterator[pa.Table]:
     """Batches combined into tables of exactly `rows` rows; the last may have fewer."""
-    held: list[pa.RecordBatch] = []
+    pending: list[pa.RecordBatch] = []
     count = 0
     for batch in batches:
         while count + batch.num_rows >= rows:
-            yield pa.Table.from_batches([*held, batch.slice(0, rows - count)])
-            batch, held, count = batch.slice(rows - count), [], 0
+            yield pa.Table.from_batches([*pending, batch.slice(0, rows - count)])
+            batch, pending, count = batch.slice(rows - count), [], 0
         if batch.num_rows:
-            held.append(batch)
+            pending.append(batch)
             count += batch.num_rows
-    if held:
-        yield pa.Table.from_batches(held)
+    if pending:
+        yield pa.Table.from_batches(pending)
 
 
 def parquet_options(schema: pa.Schema) -> dict[str, object]:
@@ -396,5 +397,5 @@ def encoded_schema(schema: pa.Schema) -> pa.Schema:
 def _column(schema: pa.Schema, name: str) -> Column:
     """The declaration of a column; a string column that is not declared counts as free text."""
     table = (schema.metadata or {}).get(b"skyrange.table", b"").decode()
-    found = {column.name: column for column in columns_of(table)}
-    return found.get(name, Column(name, TEXT, "", ""))
+    declared = {column.name: column for column in columns_of(table)}
+    return declared.get(name, Column(name, TEXT, "", ""))

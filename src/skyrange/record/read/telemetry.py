@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from skyrange.codec.mavlink.frames import LAYOUTS
 from skyrange.codec.mavlink.message_columns import MessageGroup, message_columns, payload_dtype
@@ -20,8 +19,6 @@ from skyrange.record.spool import table_files
 
 FOLDER: Final = "telemetry"
 """The folder of the tables of a run that ended: `telemetry/ATTITUDE.parquet`."""
-UNION: Final = "telemetry.parquet"
-"""The one table of all messages, with the columns of all, that older versions wrote."""
 _IDS: Final = {name_of(number): number for number in LAYOUTS}
 
 
@@ -87,14 +84,10 @@ def count_messages(tables: Tables) -> dict[str, int]:
     """Rows by message, in order of name; of a run that did not end, counted in its frames now."""
     tables.require(FOLDER)
     counts: dict[str, int] = {}
-    union = tables.folder / UNION
     if tables.spooled:
         for block in read_station_frames(tables):
             for message, batch in received_messages(block):
                 counts[message] = counts.get(message, 0) + batch.num_rows
-    elif union.exists():
-        told = tables.file(UNION, arrow_schema(FOLDER)).column("message").combine_chunks()
-        counts = {pair["values"]: pair["counts"] for pair in told.value_counts().to_pylist()}
     else:
         for path in (tables.folder / FOLDER).glob("*.parquet"):
             counts[path.stem] = tables.file_rows(f"{FOLDER}/{path.name}")
@@ -109,13 +102,8 @@ def read_message(tables: Tables, message: str) -> pa.Table:
     tables.require(FOLDER)
     if tables.spooled:
         every = (pair for block in read_station_frames(tables) for pair in received_messages(block))
-        found = [batch for name, batch in every if name == message]
-        return pa.Table.from_batches(found, schema=encoded_message_schema(message)).cast(schema)
-    if (tables.folder / UNION).exists():
-        rows = tables.file(UNION, schema)
-        rows = rows.filter(pc.equal(rows.column("message"), message))
-        own = pa.schema([schema.field(name) for name in schema.names if name in rows.column_names])
-        return rows.select(own.names).cast(own)
+        batches = [batch for name, batch in every if name == message]
+        return pa.Table.from_batches(batches, schema=encoded_message_schema(message)).cast(schema)
     rows = tables.file(f"{FOLDER}/{message}.parquet", schema)
     if rows.num_rows and (np.diff(rows.column("time_ns").to_numpy()) < 0).any():  # parts that overlap in time
         rows = rows.sort_by([("time_ns", "ascending"), ("vehicle", "ascending")])  # stable: an aircraft is in one part

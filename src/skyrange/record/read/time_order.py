@@ -37,16 +37,16 @@ def sort_by_time(
     sooner. Memory: at most about `STRAGGLER_ROWS` rows, one batch, and the stragglers.
     """
     sorting = [(name, "ascending") for name in (key, *ties)]
-    found = _Bounds()
+    bounds = _Bounds()
     for keys in keys_of() if keys_of is not None else (_keys(table, key) for table in tables()):
-        found.add(keys)
+        bounds.add(keys)
     late: list[pa.Table] = []
-    if found.are_late:
-        for table, mark in zip(tables(), found.marks, strict=False):
+    if bounds.are_late:
+        for table, mark in zip(tables(), bounds.marks, strict=False):
             late.append(table.filter(pa.array(_keys(table, key) < mark)))
     stragglers = pa.concat_tables(late).sort_by(sorting) if late else None
     pool: pa.Table | None = None
-    for table, mark, bound in zip(tables(), found.marks, found.bounds(), strict=False):
+    for table, mark, bound in zip(tables(), bounds.marks, bounds.bounds(), strict=False):
         keys = _keys(table, key)
         prompt_rows = table if (keys >= mark).all() else table.filter(pa.array(keys >= mark))
         parts = [part for part in (pool, prompt_rows) if part is not None]
@@ -94,8 +94,8 @@ class _Bounds:
     def bounds(self) -> list[int]:
         """Of each batch, the least key of all later ones, stragglers aside."""
         later = np.array([*self._floors[1:], NEVER], dtype=np.int64)
-        found: list[int] = np.minimum.accumulate(later[::-1])[::-1].tolist()
-        return found
+        bounds: list[int] = np.minimum.accumulate(later[::-1])[::-1].tolist()
+        return bounds
 
 
 def _keys(table: pa.Table, key: str) -> NDArray[np.int64]:
@@ -146,8 +146,8 @@ class _Head:
         assert self._rows is not None
         keys = _keys(self._rows, key)
         count = len(keys) if bound == NEVER else int(np.searchsorted(keys, bound))
-        taken, self._rows = self._rows.slice(0, count), self._rows.slice(count)
-        return taken
+        rows, self._rows = self._rows.slice(0, count), self._rows.slice(count)
+        return rows
 
 
 _KEYS: Final = ("sent_ns", "time_ns")
@@ -198,5 +198,5 @@ class _ShardHead:
         assert self._rows is not None
         later = np.flatnonzero(self._rows.column(key).to_numpy() > bound)
         count = int(later[0]) if len(later) else self._rows.num_rows
-        taken, self._rows = self._rows.slice(0, count), self._rows.slice(count)
-        return taken
+        rows, self._rows = self._rows.slice(0, count), self._rows.slice(count)
+        return rows

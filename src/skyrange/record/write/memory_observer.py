@@ -86,15 +86,15 @@ class MemoryObserver:
     @property
     def digests(self) -> Digests:
         """The digests of everything observed so far."""
-        found = Digests()
+        digests = Digests()
         if self.frames:
-            found.add_frames(FrameEncoder(1 << 22).encode(self.frames).words)
+            digests.add_frames(FrameEncoder(1 << 22).encode(self.frames).words)
         if self.truth:
-            found.add_truth(truth_words(self.truth))
+            digests.add_truth(truth_words(self.truth))
         for time_ns, source, note in self.notes:
             if note.kind.startswith("event."):
-                found.add_event(note.about, time_ns, source, note.kind)
-        return found
+                digests.add_event(note.about, time_ns, source, note.kind)
+        return digests
 
     @property
     def outcomes(self) -> dict[str, dict[str, Any]]:

@@ -12,7 +12,7 @@ from contextlib import suppress
 from copy import deepcopy
 from pathlib import Path
 from time import monotonic
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import pyarrow as pa
 
@@ -30,13 +30,33 @@ from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, describe_platfo
 from skyrange.record.notes import outcomes, vehicle_ids
 from skyrange.record.schema import FORMAT, FULL, LEVELS, SUMMARY
 from skyrange.record.spool import SPOOL, Spool, shard_folder, write_error
+from skyrange.record.write.batch_rows import BatchRows
 from skyrange.record.write.files.finalisation import Shard, finalise, finish_shard
 from skyrange.record.write.files.part_writer import PART_ROWS, PartWriter, ignore_unfinished
 from skyrange.record.write.recording_state import RecordingState, check_rates, common_period_ns
+from skyrange.record.write.rows.frame_encoder import FrameEncoder
 from skyrange.record.write.waiting_rows import ForeignSource, ReceptionSource, WaitingRows
 
+WINDOW_BYTES = 4 << 20
+"""Bytes of payloads that are de-duplicated together, and of rows that are written at once."""
+_READING_PAUSE = 5.0
+"""Between two writes for a reader passes so much of the time that the first took."""
 _BATCH_ROWS = 4_096  # frames encoded together: enough to vectorise, few enough to keep the garbage collector idle
 _BLOCK_ROWS = 16_384  # the same for blocks, which are few objects: two or three megabytes
+
+
+class RowReader(Protocol):
+    """A reader of rows as they are recorded, which alters nothing and raises nothing."""
+
+    def add(self, table: str, batch: pa.RecordBatch) -> None:
+        """Take rows of a table, in the form of the spool, in the order recorded; those of payloads come before frames
+        that refer to them, and those of frames before receptions that name them.
+        """
+        ...
+
+    def complete(self) -> None:
+        """Take note that all rows up to now have been handed over."""
+        ...
 
 
 class Recorder:
@@ -78,8 +98,11 @@ class Recorder:
         self.block_rows = _BLOCK_ROWS
         """So many frames of blocks are written as soon as they are there, without `flush`."""
         self._reception_source: ReceptionSource | None = None
+        self._batch: BatchRows | None = None
+        """The rows of all runs of the batch that this is a run of."""
         self._shard = shard
         self._shards: list[Shard] = []
+        self._reader: RowReader | None = None
 
     @classmethod
     def open(
@@ -92,9 +115,10 @@ class Recorder:
         level: str = FULL,
         features_hz: float = 1.0,
         csv: bool = False,
-        spool_bytes: int = 4 << 20,
+        spool_bytes: int = WINDOW_BYTES,
         flush_s: float = 1.0,
         part_rows: int = PART_ROWS,
+        encoder: FrameEncoder | None = None,
     ) -> Self:
         """Begin a record in `path`, a folder that does not exist or is empty; its manifest says `running` from now on.
 
@@ -105,8 +129,8 @@ class Recorder:
         With `csv` it ends with CSV files and tlogs of what ground stations received and sent, if it keeps frames.
         Rows are written every `flush_s` of wall time or every `spool_bytes`, which is also how many bytes of payloads
         are de-duplicated together. A table of more than `part_rows` rows has several files; with 0 all rows stay in the
-        spool until `close`. Raises `InputError`, and leaves nothing behind, if the folder cannot be created,
-        is not empty or cannot be written.
+        spool until `close`. `encoder` is one that the runs of a batch share. Raises `InputError`, and leaves nothing
+        behind, if the folder cannot be created, is not empty or cannot be written.
         """
         folder = expand_user(path)
         check_rates(truth_hz, sensors_hz, features_hz)
@@ -132,7 +156,13 @@ class Recorder:
             remove_folder(folder, made)
             raise InputError.one("header", "manifest", str(error), "values that JSON can hold") from error
         state = RecordingState.start(
-            header, level, truth_hz=truth_hz, sensors_hz=sensors_hz, features_hz=features_hz, window_bytes=spool_bytes
+            header,
+            level,
+            truth_hz=truth_hz,
+            sensors_hz=sensors_hz,
+            features_hz=features_hz,
+            window_bytes=spool_bytes,
+            encoder=encoder,
         )
         spool = Spool(folder)
         writer = PartWriter(folder, manifest, spool, part_rows) if part_rows else None
@@ -149,7 +179,7 @@ class Recorder:
         sensors_hz: float = 2.0,
         level: str = FULL,
         features_hz: float = 1.0,
-        spool_bytes: int = 4 << 20,
+        spool_bytes: int = WINDOW_BYTES,
         flush_s: float = 1.0,
     ) -> Self:
         """Record a shard of a run in the folder that another process has opened, which has shard 0; `shard` is unique.
@@ -192,6 +222,19 @@ class Recorder:
         """Record the receptions of `source`, fetched at each flush from now on."""
         self._reception_source = source
 
+    def hand_rows_to(self, reader: RowReader, every_s: float) -> None:
+        """Hand all rows that are recorded from now on to `reader`, which is told every `every_s` of wall time that it
+        has all; less often if writing and reading them would take more than a sixth of the time.
+        """
+        self._reader = reader
+        self._flush_s = every_s
+        self._due_s = monotonic() + every_s
+
+    def join_batch(self, batch: BatchRows) -> WaitingRows:
+        """Have rows written with those of other runs, which `batch` has; returns those that wait here."""
+        self._batch = batch
+        return self._rows
+
     def attach_files(self, files: Mapping[str, bytes]) -> None:
         """Put files into the folder before the run starts, as `attach_file` does."""
         for name, data in files.items():
@@ -223,6 +266,14 @@ class Recorder:
             shutil.copyfile(path, target)
         except OSError as error:
             raise write_error(target, error) from error
+
+    def replace_file(self, name: str, data: bytes) -> None:
+        """Put another content into an attached file; `ComponentError` if writing fails."""
+        try:
+            put_file(self.path, name, data)
+        except InputError as error:
+            raise ComponentError("recorder", str(error)) from error
+        self._state.files[name] = describe_bytes(data)
 
     # ---------------------------------------------------------------- observations
 
@@ -285,22 +336,36 @@ class Recorder:
 
     def flush(self, *, last: bool = False) -> None:
         """Write all rows now, and with `last` those that wait for others to come; `ComponentError` if writing fails."""
-        self._due_s = monotonic() + self._flush_s
+        began = monotonic()
+        self._due_s = began + self._flush_s
         if not self._write_failed:
-            self._rows.write_frames()
-            self._rows.write_ticks()
+            self._write_frames()
+            if self._batch is None:
+                self._rows.write_ticks()
+            else:
+                self._batch.write_ticks()
             self._write_receptions()
             self._rows.write_notes()
             self._rows.write_study_rows(last=last)
         self._rows.clear()
+        if self._reader is not None:
+            self._reader.complete()
+            now = monotonic()
+            self._due_s = now + max(self._flush_s, (now - began) * _READING_PAUSE)
 
     def write_frames(self) -> None:
         """Write the frames that wait, and the receptions of frames; `ComponentError` if writing fails."""
         if self._write_failed:
             self._rows.clear()
             return
-        self._rows.write_frames()
+        self._write_frames()
         self._write_receptions()
+
+    def _write_frames(self) -> None:
+        if self._batch is None or self._batch.encoder is None:
+            self._rows.write_frames()
+        else:
+            self._batch.write_frames()
 
     def _write_receptions(self) -> None:
         """Write receptions soon after the frames that they name."""
@@ -322,6 +387,8 @@ class Recorder:
             self._write_failed = True
             raise
         self._state.count(table, batch.num_rows)
+        if self._reader is not None:
+            self._reader.add(table, batch)
 
     @property
     def digests(self) -> Digests:
@@ -401,7 +468,7 @@ class Recorder:
                     self._writer.read_spool()
                 shards = [finish_shard(self._writer, self._shard), *self._shards]
                 finished = finalise(self.path, self._manifest, shards, self._state.files)._asdict()
-                self._manifest |= {key: found for key, found in finished.items() if found is not None}
+                self._manifest |= {key: value for key, value in finished.items() if value is not None}
             self._manifest |= self._final_entries(status, more())
             write_manifest(self.path, self._manifest)
         except OSError as error:

@@ -41,6 +41,11 @@ SHARD_PAYLOADS: Final = 1 << 48
 """Numbers of payloads that each shard may use."""
 
 
+def make_encoder(level: str, window_bytes: int, shard: int = 0) -> FrameEncoder:
+    """The encoder of a shard of a run at a level of the record."""
+    return FrameEncoder(window_bytes, shard * SHARD_PAYLOADS, with_groups=level == STUDY)
+
+
 @dataclass(slots=True)
 class RecordingState:
     """What a fork copies. Those of the shards of a run add up."""
@@ -67,12 +72,15 @@ class RecordingState:
     @classmethod
     def start(
         cls, header: Mapping[str, Any], level: str, *, truth_hz: float, sensors_hz: float, features_hz: float,
-        window_bytes: int, shard: int = 0,
+        window_bytes: int, shard: int = 0, encoder: FrameEncoder | None = None,
     ) -> RecordingState:  # fmt: skip
-        """The state of a shard at the start; `window_bytes` is that of `FrameEncoder`, all else of `Recorder.open`."""
+        """The state of a shard at the start; `window_bytes` is that of `FrameEncoder`, all else of `Recorder.open`.
+
+        It has an encoder of its own unless it is given one that the runs of a batch share.
+        """
         return cls(
             level,
-            FrameEncoder(window_bytes, shard * SHARD_PAYLOADS, with_groups=level == STUDY),
+            encoder or make_encoder(level, window_bytes, shard),
             truth_ns=period_ns(truth_hz),
             sensors_ns=period_ns(sensors_hz),
             truth_due=-NEVER if truth_hz else NEVER,

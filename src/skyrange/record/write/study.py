@@ -122,7 +122,8 @@ class FeatureCounts:
             new = np.full(len(self._links) - len(self._newest), -1, dtype=np.int64)
             self._newest = np.concatenate([self._newest, new])
         if len(self._rows) < self._used + len(flow):
-            grown = np.empty((self._used + len(flow) + HELD_ROWS, _WIDTH), dtype=np.int64)
+            wanted = max(self._used + len(flow), min(2 * len(self._rows), HELD_ROWS))
+            grown = np.empty((wanted, _WIDTH), dtype=np.int64)
             grown[: self._used] = self._rows[: self._used]
             self._rows = grown
         self._used = _count(
@@ -234,8 +235,8 @@ class StudyRows:
         self._counts = FeatureCounts(features_ns)
         self._on_radio = np.zeros(0, dtype=np.bool_)  # of each flow
 
-    def add_frames(self, encoder: FrameEncoder, gathered: GatheredFrames) -> None:
-        """Add frames that `encoder` has just gathered, and take their payloads from it."""
+    def add_frames(self, encoder: FrameEncoder, gathered: GatheredFrames, payloads: pa.RecordBatch) -> None:
+        """Add frames that `encoder` has gathered; `payloads` are those that were new to it among them."""
         flows, columns = encoder.flows, gathered.columns
         if len(flows) > len(self._on_radio):
             self._on_radio = np.array([key[0].startswith(RADIO_LINK) for key in flows], dtype=np.bool_)
@@ -250,7 +251,7 @@ class StudyRows:
         )
         chosen = np.flatnonzero(self._on_radio[columns.flow])
         transmissions = encoder.table(gathered, chosen) if len(chosen) else None
-        self._observations.add_frames(transmissions, encoder.take_payloads(), gathered.last_ns)
+        self._observations.add_frames(transmissions, payloads, gathered.last_ns)
 
     def add_receptions(self, batch: pa.RecordBatch) -> None:
         """Add rows of `receptions`."""

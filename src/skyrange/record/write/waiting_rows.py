@@ -21,6 +21,7 @@ from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.medium import ReceptionOutcome, Receptions
 from skyrange.contracts.verdicts import Label
 from skyrange.core.time import Time
+from skyrange.record.digests import Words
 from skyrange.record.notes import (
     CRASH,
     OUTCOME,
@@ -35,6 +36,7 @@ from skyrange.record.notes import (
     table_of,
 )
 from skyrange.record.write.recording_state import RecordingState
+from skyrange.record.write.rows.frame_encoder import GatheredFrames
 from skyrange.record.write.rows.ticks import (
     SensorTick,
     TruthTick,
@@ -197,28 +199,70 @@ class WaitingRows:
 
     def write_frames(self) -> None:
         """Write the frames, or count them for the table `features`."""
+        frames = self.take_frames()
+        if not frames:
+            return
+        encoder = self._state.encoder
+        gathered = encoder.gather(frames)
+        words = encoder.words(gathered)
+        if self._state.keeps("frames"):
+            self._count(gathered, words)
+            payloads = encoder.take_payloads()
+            if payloads.num_rows:  # first, so that no frame's row is without its payload
+                self._append("payloads", payloads)
+            self._append("frames", encoder.table(gathered))
+        elif self._state.study_rows is None:
+            encoder.forget_payloads()
+            self.count_frames(gathered, words, None)
+        else:
+            self.count_frames(gathered, words, encoder.take_payloads())
+
+    def take_frames(self) -> list[Frame | FrameBlock]:
+        """The frames that wait, for `count_frames`: they wait no longer."""
         frames = self._frames
         self._frames = []
         self.single_frames = self.block_frames = 0
-        if not frames:
-            return
+        return frames
+
+    def keep_frames(self, gathered: GatheredFrames, words: Words, payloads: pa.RecordBatch) -> None:
+        """Keep frames, with the payloads that are new to the encoder among them; some may be other runs'."""
+        self._count(gathered, words)
+        self._append("payloads", payloads)
+        self._append("frames", self._state.encoder.table(gathered))
+
+    def count_frames(self, gathered: GatheredFrames, words: Words, payloads: pa.RecordBatch | None) -> None:
+        """Count frames at a level that does not keep them: for the digest, which takes their `words`, and in
+        `features`, with the payloads that are new to the encoder, or without.
+        """
+        self._count(gathered, words)
         state = self._state
-        gathered = state.encoder.gather(frames)
-        state.digests.add_frames(state.encoder.words(gathered))
-        state.last_ns = max(state.last_ns, gathered.last_ns)
-        if state.keeps("frames"):
-            payloads = state.encoder.take_payloads()
-            if payloads.num_rows:  # first, so that no frame's row is without its payload
-                self._append("payloads", payloads)
-            self._append("frames", state.encoder.table(gathered))
-            return
         state.leave_out("frames", gathered.rows)
-        if state.study_rows is None:
-            state.encoder.forget_payloads()
-            return
-        state.study_rows.add_frames(state.encoder, gathered)
-        if state.study_rows.is_full:
-            self.write_study_rows()
+        if state.study_rows is not None and payloads is not None:
+            state.study_rows.add_frames(state.encoder, gathered, payloads)
+            if state.study_rows.is_full:
+                self.write_study_rows()
+
+    def _count(self, gathered: GatheredFrames, words: Words) -> None:
+        self._state.digests.add_frames(words)
+        self._state.last_ns = max(self._state.last_ns, gathered.last_ns)
+
+    def keeps(self, table: str) -> bool:
+        """Whether the level keeps the rows of a table."""
+        return self._state.keeps(table)
+
+    def write_truth(self, words: Words, batch: pa.RecordBatch | None, last_ns: Time) -> None:
+        """Count truth up to `last_ns` for the digest, which takes its `words`, and write its rows if they are kept."""
+        self._state.digests.add_truth(words)
+        self._state.last_ns = max(self._state.last_ns, last_ns)
+        if batch is None:
+            self._state.leave_out("truth", len(words))
+        else:
+            self._append("truth", batch)
+
+    def write_sensors(self, table: str, batch: pa.RecordBatch, last_ns: Time) -> None:
+        """Write rows of `sensors` or `received_sensors`."""
+        self._state.last_ns = max(self._state.last_ns, last_ns)
+        self._append(table, batch)
 
     def write_ticks(self) -> None:
         """Write truth and sensors."""

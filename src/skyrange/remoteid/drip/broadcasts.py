@@ -53,19 +53,21 @@ class AuthenticationPages:
 
     def __init__(self, broadcasts: Sequence[Broadcast]) -> None:
         """Raises `ValueError` if none has a key."""
-        self._transports = [[int(kind) for name in one.transports for kind in TRANSPORTS[name]] for one in broadcasts]
+        self._transports = [
+            [int(kind) for name in broadcast.transports for kind in TRANSPORTS[name]] for broadcast in broadcasts
+        ]
         self._queues = {
             row: _Queue(
                 Sender(
-                    one.credentials.registration,
+                    broadcast.credentials.registration,
                     legacy=Transport.BT4 in self._transports[row],
-                    rates=one.credentials.rates,
-                    seed=one.credentials.seed,
+                    rates=broadcast.credentials.rates,
+                    seed=broadcast.credentials.seed,
                 ),
-                one.credentials.repeats,
+                broadcast.credentials.repeats,
             )
-            for row, one in enumerate(broadcasts)
-            if one.credentials is not None
+            for row, broadcast in enumerate(broadcasts)
+            if broadcast.credentials is not None
         }
         if not self._queues:
             raise ValueError("no aircraft has a key")
@@ -112,14 +114,14 @@ class AuthenticationPages:
 
     def take(self, now: Time, until: Time) -> list[DuePage]:
         """The frames that are due before `until`, in the order of the aircraft."""
-        found: list[DuePage] = []
+        due_pages: list[DuePage] = []
         for row, queue in self._queues.items():
             while not queue.is_empty and queue.next_ns < until:
                 at_ns = max(queue.next_ns, now)
                 waiting = queue.manifests or queue.links
-                found.append(DuePage(row, at_ns, *waiting.popleft()))
+                due_pages.append(DuePage(row, at_ns, *waiting.popleft()))
                 queue.next_ns = at_ns + PAGE_NS
-        return found
+        return due_pages
 
 
 def _bodies(pages: Sequence[Authentication], *, legacy: bool) -> list[bytes]:

@@ -69,7 +69,7 @@ class Schedule:
             Kind.RAA_HDA: rates.raa_hda_s,
             Kind.APEX_RAA: rates.apex_raa_s,
         }
-        self._period_ns = {kind: round(each * NS_PER_S) for kind, each in periods_s.items() if each != inf}
+        self._period_ns = {kind: round(period_s * NS_PER_S) for kind, period_s in periods_s.items() if period_s != inf}
         self._due_ns = dict.fromkeys(self._period_ns, start_ns)
 
     def due(self, next_ns: Time, pending: int) -> tuple[Kind, ...]:

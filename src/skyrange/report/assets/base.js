@@ -1,6 +1,6 @@
 // Data and state shared by the page's parts: the unpacked run, the clock, the focus, and small helpers.
-const RUN = JSON.parse(document.getElementById("run").textContent);
 const $ = (id) => document.getElementById(id);
+const RUN = JSON.parse(await unpackText($("run").textContent));
 const sums = (steps, scale) => {
   const out = new Float64Array(steps.length);
   let total = 0;
@@ -16,15 +16,6 @@ RUN.vehicles.forEach((v, i) => {
   v.truth = unpack(v.truth);
   v.belief = unpack(v.belief);
 });
-const unpackRing = (flat) => {
-  const ring = [];
-  let e = 0, n = 0;
-  for (let k = 0; k < flat.length; k += 2) ring.push([(e += flat[k]) / 10, (n += flat[k + 1]) / 10]);
-  return ring;
-};
-RUN.buildings = RUN.buildings.h.map((h, i) => ({ h: h / 10, rings: RUN.buildings.r[i].map(unpackRing) }));
-RUN.airspace = RUN.airspace.map((a) => ({ v: RUN.vehicles[a.v], name: a.name, from: a.t[0], until: a.t[1], low: a.h[0] / 10, high: a.h[1] / 10, ring: unpackRing(a.r) }));
-
 // Row of the last sample not after t, or -1.
 const rowAt = (track, t) => {
   let low = -1, high = track.size;
@@ -43,14 +34,12 @@ const at = (track, t) => {
   return [mix(track.e), mix(track.n), mix(track.u), mix(track.x)];
 };
 
-const stillness = matchMedia("(prefers-reduced-motion: reduce)");
 const scheme = matchMedia("(prefers-color-scheme: dark)");
 let theme = {};
-const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
 const readTheme = () => {
   const style = getComputedStyle(document.documentElement);
   theme = { dark: scheme.matches };
-  for (const name of ["paper", "card", "ink0", "dim", "rule", "soft", "accent", "sky0", "sky1", "ground", "gridline", "wall", "roof", "edge"]) {
+  for (const name of ["card", "ink0", "dim", "rule", "accent"]) {
     let value = style.getPropertyValue("--" + name).trim();
     if (value.length === 4) value = "#" + [...value.slice(1)].map((c) => c + c).join("");
     theme[name] = value;
@@ -59,8 +48,9 @@ const readTheme = () => {
 readTheme();
 const ink = (thing) => thing.ink[theme.dark ? 1 : 0];
 
-// The shared state; whoever draws registers with `onChange` and is called once a frame when something changed.
-const state = { t: RUN.end, playing: false, pace: 1, focus: -1, shown: RUN.operators.map(() => true) };
+// The shared state, which is the viewer's where the page has one; whoever draws registers with `onChange` and is called
+// once a frame when something changed.
+const state = { t: RUN.end, focus: -1, shown: RUN.operators.map(() => true) };
 // What has scrolled out of sight is not drawn.
 const listeners = [];
 let pending = false;
@@ -81,8 +71,37 @@ const changed = () => {
   });
 };
 scheme.addEventListener("change", () => { readTheme(); changed(); });
-const setTime = (t) => { state.t = Math.min(Math.max(t, RUN.start), RUN.end); changed(); };
-const setFocus = (index) => { if (state.focus !== index) { state.focus = index; changed(); } };
+const clamped = (t) => Math.min(Math.max(t, RUN.start), RUN.end);
+const setTime = (t) => {
+  if (viewer) viewer.store.seek(clamped(t));
+  else { state.t = clamped(t); changed(); }
+};
+const setFocus = (index) => {
+  if (state.focus === index) return;
+  if (viewer) viewer.store.show({ hovered: index });
+  else { state.focus = index; changed(); }
+};
+const followViewer = () => {
+  const { view, scene } = viewer.store;
+  if (!scene) return;
+  const focus = view.hovered >= 0 ? view.hovered : view.selected, now = { t: clamped(view.time), focus: focus < RUN.vehicles.length ? focus : -1, shown: [...view.operators] };
+  if (now.t === state.t && now.focus === state.focus && now.shown.join() === state.shown.join()) return;
+  Object.assign(state, now);
+  changed();
+};
+const followAddress = () => {
+  const asked = new URLSearchParams(location.hash.slice(1)), t = Number(asked.get("t") ?? NaN);
+  if (!Number.isFinite(t)) return;
+  state.focus = RUN.vehicles.findIndex((v) => v.id === asked.get("select"));
+  setTime(t);
+};
+if (viewer) {
+  viewer.store.subscribe(followViewer);
+  followViewer();
+} else {
+  addEventListener("hashchange", followAddress);
+  followAddress();
+}
 const visible = (v) => state.shown[v.op];
 
 const seconds = (t) => t < 100 ? t.toFixed(1) + " s" : Math.floor(t / 60) + " min " + (t % 60).toFixed(0).padStart(2, "0") + " s";

@@ -25,7 +25,7 @@ const buildChart = (figure) => {
     choice.append(button);
   }
   figure.querySelector("figcaption").append(choice);
-  figure.querySelector(".still").hidden = true;
+  figure.querySelector(".still")?.setAttribute("hidden", "");
   const canvas = make("canvas", { tabIndex: 0, role: "img", "aria-label": "Quantities over simulated time, one line per aircraft. Left and right arrow keys move the clock." });
   figure.append(make("div", { className: "plot" }, canvas));
   const still = make("canvas");                                        // all but the cursors, redrawn only when it differs

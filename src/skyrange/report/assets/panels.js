@@ -4,7 +4,7 @@ const buildPanel = (figure) => {
   const place = Number(figure.dataset.op), own = RUN.vehicles.filter((v) => v.op === place);
   if (!own.some((v) => v.belief.size)) return;
   const canvas = make("canvas", { tabIndex: 0, role: "img", "aria-label": `Positions that ${RUN.operators[place].id}'s ground station received, axes in metres. Arrow keys turn.` });
-  figure.querySelector(".still").hidden = true;
+  figure.querySelector(".still")?.setAttribute("hidden", "");
   figure.append(canvas);
   const low = [Infinity, Infinity, 0], high = [-Infinity, -Infinity, 1];
   for (const { belief: b } of own)

@@ -21,6 +21,7 @@ from skyrange.metrics.safety import mishap_kind
 from skyrange.metrics.time_series import Record, Track, belief_errors_m, belief_tracks, labelled_acts, read_notes
 from skyrange.report import quantities
 from skyrange.report.rendering import render
+from skyrange.report.viewer import at_moment
 
 _CHART_PX: Final = (760.0, 300.0)
 
@@ -50,21 +51,23 @@ def render_belief(
     `runs` are the attacked run and its twin, `tracks` their true tracks. Charts show the first `most` aircraft.
     """
     run, twin = runs
-    whom = with_altered_sensors(run)
-    if not whom:
+    vehicles = with_altered_sensors(run)
+    if not vehicles:
         return Markup()
-    drawn = whom[:most]
-    gaps = [_gaps(each, true, drawn) for each, true in zip(runs, tracks, strict=True)]
+    drawn = vehicles[:most]
+    gaps = [_gaps(each_run, true, drawn) for each_run, true in zip(runs, tracks, strict=True)]
     title = f"Distance of belief from truth in {subject.name}"
     away = draw_chart(
         subject, gaps[0], "metres from where it truly is", title, size_px=_CHART_PX, twins=gaps[1], spans=spans
     )
-    found, chart = innovations(run, drawn), None
-    if found:
-        said = "innovation over its gate, position or velocity, the larger"
+    run_lines, chart = innovations(run, drawn), None
+    if run_lines:
+        caption = "innovation over its gate, position or velocity, the larger"
         title = f"Innovations in {subject.name}"
-        chart = draw_chart(subject, found, said, title, size_px=_CHART_PX, twins=innovations(twin, drawn), spans=spans)
-    return render("pair/belief.html.jinja", gaps=away, innovations=chart, notes=_notes(run, subject, whom))
+        chart = draw_chart(
+            subject, run_lines, caption, title, size_px=_CHART_PX, twins=innovations(twin, drawn), spans=spans
+        )
+    return render("pair/belief.html.jinja", gaps=away, innovations=chart, notes=_notes(run, subject, vehicles))
 
 
 def innovations(run: Record, chosen: Sequence[str]) -> dict[str, Line]:
@@ -73,32 +76,32 @@ def innovations(run: Record, chosen: Sequence[str]) -> dict[str, Line]:
     Ends at the first collision or crash.
     """
     ends = _ends(run)
-    found: dict[str, Line] = {}
+    lines: dict[str, Line] = {}
     rows = run.telemetry("EKF_STATUS_REPORT", ["time_ns", "vehicle", *_RATIOS])
     for name in chosen:
-        own = rows.filter(pc.equal(rows.column("vehicle"), name))
-        times = own.column("time_ns").to_numpy()
-        ratios = np.stack([own.column(key).to_numpy().astype(np.float64) for key in _RATIOS]).max(axis=0)
+        vehicle_rows = rows.filter(pc.equal(rows.column("vehicle"), name))
+        times = vehicle_rows.column("time_ns").to_numpy()
+        ratios = np.stack([vehicle_rows.column(key).to_numpy().astype(np.float64) for key in _RATIOS]).max(axis=0)
         flying = times <= ends.get(name, NEVER)
         if flying.any():
-            found[name] = times[flying], ratios[flying]
-    return found
+            lines[name] = times[flying], ratios[flying]
+    return lines
 
 
 def believed_tracks(run: Record, chosen: Sequence[str]) -> dict[str, Track]:
     """Believed tracks of these aircraft up to their first collision or crash; without aircraft that never reported."""
     ends = _ends(run)
-    found = {name: track.until(ends.get(name, NEVER)) for name, track in belief_tracks(run).items() if name in chosen}
-    return {name: track for name, track in found.items() if len(track)}
+    tracks = {name: track.until(ends.get(name, NEVER)) for name, track in belief_tracks(run).items() if name in chosen}
+    return {name: track for name, track in tracks.items() if len(track)}
 
 
 def _ends(run: Record) -> dict[str, int]:
     """Time of each aircraft's first collision or crash, after which its estimator says nothing about an attack."""
-    found: dict[str, int] = {}
+    ends: dict[str, int] = {}
     for row in read_notes(run, "events"):
         if mishap_kind(row) in ("collision", "crash"):
-            found.setdefault(row.about, row.time_ns)
-    return found
+            ends.setdefault(row.about, row.time_ns)
+    return ends
 
 
 def _gaps(run: Record, tracks: Mapping[str, Track], chosen: Sequence[str]) -> dict[str, Line]:
@@ -108,13 +111,13 @@ def _gaps(run: Record, tracks: Mapping[str, Track], chosen: Sequence[str]) -> di
     }
 
 
-def _notes(run: Record, subject: Subject, whom: Sequence[str]) -> list[Mapping[str, Any]]:
+def _notes(run: Record, subject: Subject, vehicles: Sequence[str]) -> list[Mapping[str, Any]]:
     """Events of the estimators and estimator failsafes of these aircraft."""
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
     rows = [
         row
         for row in read_notes(run, "events")
-        if row.about in whom and (row.kind in _ESTIMATOR or mishap_kind(row) == "failsafe")
+        if row.about in vehicles and (row.kind in _ESTIMATOR or mishap_kind(row) == "failsafe")
     ]
     return [
         {
@@ -122,7 +125,7 @@ def _notes(run: Record, subject: Subject, whom: Sequence[str]) -> list[Mapping[s
             "vehicle": row.about,
             "what": row.kind.removeprefix("event.").replace("_", " "),
             "data": row.data,
-            "time": quantities.quantity(row.time_ns / NS_PER_S, "s", 2),
+            "time": at_moment(quantities.quantity(row.time_ns / NS_PER_S, "s", 2), row.time_ns / NS_PER_S, row.about),
         }
         for row in rows[:MAX_NOTES]
     ]

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from markupsafe import Markup
 
 from skyrange.figures.subject import Subject
 from skyrange.report import quantities
+from skyrange.report.pair.moments import Moments
 from skyrange.report.rendering import render
+from skyrange.report.viewer import at_moment
 from skyrange.statistics.means import Interval
 from skyrange.twins.attribution import unknown_subsets
-from skyrange.twins.effects import ENOUGH_PLACEBOS, OUTCOMES
+from skyrange.twins.effects import CLAIM_PLACEBOS, ENOUGH_PLACEBOS, OUTCOMES
 from skyrange.twins.lie_and_truth import REACTIONS, format_reaction, reacts, truth_name
 from skyrange.twins.pair_folder import Pair
 
@@ -33,11 +35,11 @@ _MEASURES = (
 _BADGES = {"complete": "ok", "failed": "bad", "unfinished": "wait"}
 
 
-def render_effects(subject: Subject, rows: Sequence[Row]) -> Markup:
-    """Render one row per aircraft against one twin, the farthest departure first."""
+def render_effects(subject: Subject, rows: Sequence[Row], find_moments: Callable[[Row], Moments]) -> Markup:
+    """Render one row per aircraft against one twin, the farthest departure first; numbers lead to their moments."""
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
     ordered = sorted(rows, key=lambda row: -row["departure_m"])
-    shown = [_row(row, places) for row in ordered[:MAX_ROWS]]
+    shown = [_row(row, places, find_moments(row)) for row in ordered[:MAX_ROWS]]
     return render("pair/effects.html.jinja", rows=shown, total=len(rows))
 
 
@@ -52,8 +54,8 @@ def render_operators(subject: Subject, rows: Sequence[Row]) -> Markup:
     return render(
         "pair/operators.html.jinja",
         rows=[
-            {"operator": name, "place": places[own[0]["vehicle"]], "numbers": _together(own)}
-            for name, own in owned.items()
+            {"operator": name, "place": places[operator_rows[0]["vehicle"]], "numbers": _together(operator_rows)}
+            for name, operator_rows in owned.items()
         ],
     )
 
@@ -68,21 +70,23 @@ def render_lie_and_truth(subject: Subject, rows: Sequence[Row]) -> Markup:
             "place": places[row["vehicle"]],
             "quiet": not reacts(row),
             "numbers": [
-                *(format_reaction(row, one) for one in REACTIONS),
+                *(format_reaction(row, reaction) for reaction in REACTIONS),
                 _change(row["min_separation_m"], row[truth_name("min_separation_m")]),
                 ((f"{row['apart_m']:.1f}", "m"),),
             ],
         }
         for row in ordered[:MAX_ROWS]
     ]
-    titles = [one.title for one in REACTIONS] + ["least separation", "lie from truth at most"]
+    titles = [reaction.title for reaction in REACTIONS] + ["least separation", "lie from truth at most"]
     return render("pair/honest.html.jinja", rows=shown, titles=titles, total=len(rows))
 
 
-def render_ensemble(subject: Subject, found: Mapping[str, Mapping[str, Interval]], affected: Sequence[str]) -> Markup:
+def render_ensemble(
+    subject: Subject, intervals: Mapping[str, Mapping[str, Interval]], affected: Sequence[str]
+) -> Markup:
     """Render means over seeds with their intervals, of aircraft that departed in at least one run."""
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
-    chosen = [name for name in found if name in affected] or list(found)
+    chosen = [name for name in intervals if name in affected] or list(intervals)
     return render(
         "pair/ensemble.html.jinja",
         measures=[name for _, name, *_ in _MEASURES],
@@ -90,14 +94,19 @@ def render_ensemble(subject: Subject, found: Mapping[str, Mapping[str, Interval]
             {
                 "vehicle": name,
                 "place": places[name],
-                "intervals": [_interval(found[name].get(key), unit, scale, n) for key, _, unit, scale, n in _MEASURES],
+                "intervals": [
+                    _interval(intervals[name].get(key), unit, scale, n) for key, _, unit, scale, n in _MEASURES
+                ],
             }
             for name in chosen[:MAX_ROWS]
         ],
     )
 
 
-def _row(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
+def _row(row: Row, places: Mapping[str, int], moments: Moments) -> Mapping[str, Any]:
+    def at(shown: str | quantities.Quantity, time_s: float | None) -> quantities.Shown:
+        return at_moment(shown, time_s, row["vehicle"])
+
     departed, energy = row["departed_s"], row["extra_energy_j"]
     to_its_end = () if row["outcome"] == row["outcome_twin"] else (("to its end", ""),)
     states = dict.fromkeys((row["outcome_twin"], row["outcome"]))
@@ -107,15 +116,18 @@ def _row(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
         "quiet": departed is None,
         "outcomes": [(_BADGES.get(state, "wait"), state) for state in states],
         "numbers": (
-            quantities.MISSING if departed is None else quantities.quantity(departed, "s", 1),
-            quantities.quantity(row["departure_m"], "m", 1),
-            quantities.signed(row["delay_s"], "s", 2),
-            (*quantities.signed(row["extra_distance_m"], "m", 1), *to_its_end),
-            (*quantities.signed(None if energy is None else energy / 1000.0, "kJ", 2), *to_its_end),
-            _change(row["min_separation_twin_m"], row["min_separation_m"]),
-            _change(row["min_wall_twin_m"], row["min_wall_m"]),
-            _counts(row["near_misses_twin"], row["near_misses"]),
-            _counts(row["collisions_twin"], row["collisions"]),
+            at(quantities.MISSING if departed is None else quantities.quantity(departed, "s", 1), departed),
+            at(quantities.quantity(row["departure_m"], "m", 1), moments.farthest_s),
+            at(quantities.signed(row["delay_s"], "s", 2), moments.end_s),
+            at((*quantities.signed(row["extra_distance_m"], "m", 1), *to_its_end), moments.end_s),
+            at(
+                (*quantities.signed(None if energy is None else energy / 1000.0, "kJ", 2), *to_its_end),
+                None if energy is None else moments.end_s,
+            ),
+            at(_change(row["min_separation_twin_m"], row["min_separation_m"]), moments.nearest_s),
+            at(_change(row["min_wall_twin_m"], row["min_wall_m"]), moments.wall_s),
+            at(_counts(row["near_misses_twin"], row["near_misses"]), moments.nearest_s if row["near_misses"] else None),
+            at(_counts(row["collisions_twin"], row["collisions"]), moments.collision_s),
         ),
     }
 
@@ -135,20 +147,20 @@ def _together(rows: Sequence[Row]) -> Sequence[str | quantities.Quantity]:
     )
 
 
-def _interval(found: Interval | None, unit: str, scale: float, decimals: int) -> Mapping[str, Any] | None:
-    if found is None:
+def _interval(interval: Interval | None, unit: str, scale: float, decimals: int) -> Mapping[str, Any] | None:
+    if interval is None:
         return None
     ends = [
         None if value is None else f"{value * scale:.{decimals}f}".replace("-", "−")
-        for value in (found.low, found.high)
+        for value in (interval.low, interval.high)
     ]
     return {
-        "mean": quantities.signed(found.mean * scale, unit, decimals),
+        "mean": quantities.signed(interval.mean * scale, unit, decimals),
         "low": None if None in ends else ends[0],
         "high": ends[1],
-        "n": found.n,
-        "without": found.without,
-        "bold": found.excludes_zero,
+        "n": interval.n,
+        "without": interval.without,
+        "bold": interval.excludes_zero,
     }
 
 
@@ -180,27 +192,30 @@ def describe_attribution(pair: Pair, subject: Subject, seed: int) -> Mapping[str
 def render_attribution(subject: Subject, rows: Sequence[Mapping[str, Any]]) -> Markup:
     """Render one row per aircraft and effect, with a column per attack and per fault."""
     attacks = list(dict.fromkeys(row["attack"] for row in rows))
-    faults = {row["attack"] for row in rows if row.get("fault")}
+    faults = {row["attack"] for row in rows if row["fault"]}
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
     effects: dict[tuple[str, str], dict[str, Mapping[str, Any]]] = {}
     for row in rows:
         effects.setdefault((row["vehicle"], row["outcome"]), {})[row["attack"]] = row
     shown = []
-    for (vehicle, outcome), own in list(effects.items())[:MAX_ROWS]:
-        first, unit = next(iter(own.values())), _UNITS[outcome]
+    for (vehicle, outcome), vehicle_effects in list(effects.items())[:MAX_ROWS]:
+        first, unit = next(iter(vehicle_effects.values())), _UNITS[outcome]
         shown.append(
             {
                 "vehicle": vehicle,
                 "place": places[vehicle],
                 "outcome": outcome,
-                "numbers": [_value(first[key], unit) for key in ("difference", "limit")],
-                "relations": [_describe_relation(own[attack]) for attack in attacks],
+                "numbers": [
+                    at_moment(_value(first["difference"], unit), first["departed_s"], vehicle),
+                    _value(first["limit"], unit),
+                ],
+                "relations": [_describe_relation(vehicle_effects[attack]) for attack in attacks],
             }
         )
     return render(
         "pair/attribution.html.jinja",
         rows=shown,
-        attacks=[f"{one} (fault)" if one in faults else one for one in attacks],
+        attacks=[f"{attack} (fault)" if attack in faults else attack for attack in attacks],
         total=len(effects),
     )
 
@@ -208,7 +223,7 @@ def render_attribution(subject: Subject, rows: Sequence[Mapping[str, Any]]) -> M
 def _describe_relation(row: Mapping[str, Any]) -> Mapping[str, str]:
     shift_s = row["shift_s"]
     shift = f"{row['shift']} by {abs(shift_s):.1f} s" if row["shift"] is not None else ""
-    return {"relation": row["relation"] if row.get("shown", True) else "not enough placebos", "shift": shift}
+    return {"relation": row["relation"] if row["shown"] else "not enough placebos", "shift": shift}
 
 
 def _value(value: float, unit: str) -> quantities.Quantity:
@@ -221,8 +236,6 @@ def _describe_placebos(rows: Sequence[Mapping[str, Any]]) -> str:
     """How far the limits can be trusted."""
     if not rows:
         return ""
-    if any("level" not in row for row in rows):
-        return "An older version of skyrange made this pair: it does not say how far its limits can be trusted."
     if all(row["level"] == 0.0 for row in rows):
         return (
             "A limit is the smallest difference that counts. No placebo is needed to find it: these runs repeat to the "
@@ -232,17 +245,20 @@ def _describe_placebos(rows: Sequence[Mapping[str, Any]]) -> str:
     what = (
         f"{fewest} placebo{'s' * (fewest != 1)}: a difference that is no effect exceeds it in 1 of {fewest + 1} cases"
     )
-    told = f"A limit is the smallest difference that counts, or the largest of {what}."
+    sentence = f"A limit is the smallest difference that counts, or the largest of {what}."
+    if fewest >= CLAIM_PLACEBOS:
+        return sentence
+    claim = f"a claim takes {CLAIM_PLACEBOS}, because each aircraft has a limit for each outcome"
     if all(row["shown"] for row in rows):
-        return told
-    return f"{told} An effect is shown from {ENOUGH_PLACEBOS} placebos on (--seeds)."
+        return f"{sentence} Fewer than {CLAIM_PLACEBOS} are a look: {claim} (--seeds)."
+    return f"{sentence} An effect is shown from {ENOUGH_PLACEBOS} placebos on; {claim} (--seeds)."
 
 
 def _describe_unknown(pair: Pair) -> str:
     """What the runs cannot tell, "" if they tell everything."""
     if pair.baseline is None:
         return "The runs with the attacks' counterfactuals were not made (--arms), so no effect is attributed."
-    unknown = unknown_subsets(pair.manifest.get("active", {}))
+    unknown = unknown_subsets(pair.manifest["active"])
     if not unknown:
         return ""
     return (

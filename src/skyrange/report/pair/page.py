@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,21 +18,31 @@ from skyrange.figures.twins import Span, draw_departures, draw_twin_heights, dra
 from skyrange.metrics.defences import read_defences
 from skyrange.metrics.links import read_receptions, summarise_receptions
 from skyrange.metrics.safety import find_mishaps
+from skyrange.metrics.summary import describe_missions
 from skyrange.metrics.time_series import RecordedNote, Track, read_notes, truth_tracks
 from skyrange.record import RunRecord
 from skyrange.report import quantities
 from skyrange.report.pair import belief, effect_tables, propagation_timeline
 from skyrange.report.pair.effect_tables import describe_attribution
+from skyrange.report.pair.moments import MomentFinder, render_incidents
 from skyrange.report.rendering import asset, content_policy, render
 from skyrange.report.run import sections
 from skyrange.report.run.page import colour_rules
+from skyrange.report.viewer import at_moment, embed_viewer, join_scripts, link_moment
 from skyrange.statistics.means import BOOTSTRAP_FROM, SKEWED
 from skyrange.twins.arms import HONEST
-from skyrange.twins.causal_path import find_causal_path
+from skyrange.twins.causal_path import Step, find_causal_path
 from skyrange.twins.pair_folder import Pair
+from skyrange.twins.verdict import describe_verdict
+from skyrange.view.folders import read_pair_arms
 
 MAX_DRAWN = 12
 """Aircraft in the charts over time: those that departed farthest."""
+
+SCRIPTS: Final = ("packed.js", "rows.js", "moments.js")
+"""Parts of the page's own script in order."""
+LEAD_S: Final = 6.0
+"""The page opens so long before the first act or the first departure, whichever is later."""
 
 _TWINS = {
     "nominal": "Against the nominal twin: every attack and fault is present and muted.",
@@ -57,25 +67,33 @@ def render_comparison(pair: Pair) -> str:
     events = read_notes(attacked, "events")
     propagation = [row for row in pair.propagation.to_pylist() if row["seed"] == seed]
     effects = pair.effects.to_pylist()
-    own = [row for row in effects if row["seed"] == seed and row["against"] == pair.twin]
-    affected = _affected(own)
+    seed_rows = [row for row in effects if row["seed"] == seed and row["against"] == pair.twin]
+    affected = _affected(seed_rows)
     shown = affected[:MAX_DRAWN] or [vehicle.id for vehicle in subject.fleet[:MAX_DRAWN]]
     spans = _spans(events, attacked.duration)
     places = _places(attacked)
     causes = find_causal_path(attacked, propagation)
-    style = asset("style.css") + colour_rules({}, subject)
+    embedded = embed_viewer(read_pair_arms(pair, seed))
+    style, script = embedded.style + asset("style.css") + colour_rules({}, subject), join_scripts(embedded, *SCRIPTS)
+    finder = MomentFinder(attacked, tracks, events)
     return render(
         "pair/page.html.jinja",
-        policy=content_policy(style),
+        policy=content_policy(style, script),
+        script=script,
+        stream=embedded.stream,
+        opens_s=_opening_s(propagation, seed_rows),
+        incidents=render_incidents({"attacked": attacked, pair.twin: twin}, subject),
+        verdict=describe_verdict(pair, seed),
         title=f"{pair.manifest['name']} · attacked and not · skyrange",
         style=style,
         name=str(pair.manifest["name"]),
         facts=[
             ("arms", " · ".join(pair.arms)),
+            ("missions complete", " · ".join(_missions(pair, arm, seed) for arm in ("attacked", pair.twin))),
             ("seed" if len(pair.seeds) == 1 else "seeds", ", ".join(map(str, pair.seeds))),
         ],
         failed=list(map(str, pair.failed_missions)),
-        numbers=_numbers(propagation, own),
+        numbers=_numbers(propagation, seed_rows),
         tables=_tables(attacked, propagation, spans),
         defences=_defences(attacked, twin),
         plan=draw_pair_plan(pair),
@@ -86,12 +104,17 @@ def render_comparison(pair: Pair) -> str:
             subject, propagation, [row["id"] for row in _declared(attacked)], spans, attacked.duration
         ),
         steps=propagation_timeline.render_steps(subject, propagation),
-        causal_path=draw_causal_path(causes) if causes.steps else None,
+        causal_path=draw_causal_path(causes, _link_step(subject)) if causes.steps else None,
         seed=seed,
         twin=pair.twin,
         near=f"{pair.manifest['near_m']:g}",
         attribution=describe_attribution(pair, subject, seed),
-        effects=[_effects(subject, effects, seed, arm) for arm in pair.twins],
+        effects=[
+            _effects(
+                subject, [row for row in effects if row["seed"] == seed], arm, finder, truth_tracks(pair.run(arm, seed))
+            )
+            for arm in pair.twins
+        ],
         truth=_lie_and_truth(pair, subject, seed),
         ensemble=_ensemble(pair, subject, effects),
         belief=belief.render_belief((attacked, twin), (tracks, twins), subject, spans, MAX_DRAWN),
@@ -100,20 +123,40 @@ def render_comparison(pair: Pair) -> str:
     )
 
 
+def _missions(pair: Pair, arm: str, seed: int) -> str:
+    states = [str(outcome.get("state")) for outcome in pair.run(arm, seed).outcomes.values()]
+    return f"{describe_missions(states).removesuffix(' missions')} {arm}"
+
+
+def _opening_s(propagation: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, Any]]) -> float | None:
+    """When the viewer opens: shortly before an aircraft departs, or before the first act where none does."""
+    departed = [row["departed_s"] for row in effects if row["departed_s"] is not None]
+    acts = [row["at_ns"] / NS_PER_S for row in propagation if row["phase"] == "onset"]
+    first = min(departed or acts, default=None)
+    return None if first is None else max(first - LEAD_S, 0.0)
+
+
+def _link_step(subject: Subject) -> Callable[[Step], str]:
+    vehicles = {vehicle.id for vehicle in subject.fleet}
+    return lambda step: link_moment(step.at_s, step.owner if step.owner in vehicles else "")
+
+
 def _defences(attacked: RunRecord, twin: RunRecord) -> list[dict[str, Any]]:
     """Rows of the defences: what each did in the attacked run, and its alarms in the twin."""
-    alarms = {one.id: one.alarms for one in read_defences(twin)}
+    alarms = {defence.id: defence.alarms for defence in read_defences(twin)}
     return [
         {
-            "id": one.id,
-            "kind": one.kind,
-            "params": one.params,
-            "touches": one.touches,
-            "acts": ", ".join(f"{count} {action}" for action, count in sorted(one.acts.items())) or "none",
-            "first": "none" if one.first_alarm_s is None else f"{one.first_alarm_s:.2f} s",
-            "numbers": [str(one.alarms), str(alarms.get(one.id, 0))],
+            "id": defence.id,
+            "kind": defence.kind,
+            "params": defence.params,
+            "touches": defence.touches,
+            "acts": ", ".join(f"{count} {action}" for action, count in sorted(defence.acts.items())) or "none",
+            "first": "none"
+            if defence.first_alarm_s is None
+            else at_moment(quantities.quantity(defence.first_alarm_s, "s", 2), defence.first_alarm_s),
+            "numbers": [str(defence.alarms), str(alarms.get(defence.id, 0))],
         }
-        for one in read_defences(attacked)
+        for defence in read_defences(attacked)
     ]
 
 
@@ -122,13 +165,13 @@ def draw_pair_plan(pair: Pair) -> Figure:
     seed = pair.seeds[0]
     attacked = pair.run("attacked", seed)
     tracks, events = truth_tracks(attacked), read_notes(attacked, "events")
-    own = [row for row in pair.effects.to_pylist() if row["seed"] == seed and row["against"] == pair.twin]
+    seed_rows = [row for row in pair.effects.to_pylist() if row["seed"] == seed and row["against"] == pair.twin]
     spans = _spans(events, attacked.duration)
     return draw_twin_plan(
         subject_of(attacked),
         tracks,
         truth_tracks(pair.run(pair.twin, seed)),
-        _affected(own),
+        _affected(seed_rows),
         _places(attacked),
         marks=find_mishaps(events, tracks),
         forged=_forged(attacked, tracks, spans),
@@ -148,37 +191,37 @@ def _declared(run: RunRecord) -> Sequence[Mapping[str, Any]]:
 
 def _places(run: RunRecord) -> dict[str, Place]:
     """Positions of attackers and of what they forge, by name."""
-    found: dict[str, Place] = {}
+    places: dict[str, Place] = {}
     for attack in _declared(run):
         for name, place in attack.get("shown", {}).items():
-            found[name if name not in found else f"{name} of {attack['id']}"] = tuple(place)
+            places[name if name not in places else f"{name} of {attack['id']}"] = tuple(place)
         for radio in attack.get("radios", []):
-            found[str(radio["endpoint"])] = tuple(radio["at_enu_m"])
-    return found
+            places[str(radio["endpoint"])] = tuple(radio["at_enu_m"])
+    return places
 
 
 def _forged(run: RunRecord, tracks: Mapping[str, Track], spans: Sequence[Span]) -> dict[str, tuple[Place, Place]]:
     """Aircraft whose position is forged: the true position at the attack's start, and the claimed one."""
     begun = {attack: start for start, _, attack in spans}
-    found: dict[str, tuple[Place, Place]] = {}
+    forged: dict[str, tuple[Place, Place]] = {}
     for attack in _declared(run):
         name = attack["params"].get("vehicle")
         claimed = attack.get("shown", {}).get(f"{name} as claimed")
         track = tracks.get(name)
         if claimed is not None and track is not None and len(track) and attack["id"] in begun:
             east_m, north_m, up_m = track.at(np.array([from_seconds(begun[attack["id"]])]))[0].tolist()
-            found[name] = (east_m, north_m, up_m), tuple(claimed)
-    return found
+            forged[name] = (east_m, north_m, up_m), tuple(claimed)
+    return forged
 
 
 def _believed(run: RunRecord, spans: Sequence[Span]) -> dict[str, Track]:
     """Believed tracks of aircraft with altered sensors, from the start of the first attack."""
-    whom = belief.with_altered_sensors(run)
-    if not whom or not spans:
+    vehicles = belief.with_altered_sensors(run)
+    if not vehicles or not spans:
         return {}
     start_ns = from_seconds(min(start for start, _, _ in spans))
-    found = {name: track.since(start_ns) for name, track in belief.believed_tracks(run, whom).items()}
-    return {name: track for name, track in found.items() if len(track)}
+    believed = {name: track.since(start_ns) for name, track in belief.believed_tracks(run, vehicles).items()}
+    return {name: track for name, track in believed.items() if len(track)}
 
 
 def _spans(events: Sequence[RecordedNote], end_s: float) -> list[Span]:
@@ -193,13 +236,16 @@ def _numbers(
     propagation: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, Any]]
 ) -> list[tuple[str, Any, str]]:
     """Tiles at the top of the page: name, value and caption."""
-    onset = min((row["at_ns"] for row in propagation if row["phase"] == "onset"), default=None)
+    onset_s = min((row["at_ns"] / NS_PER_S for row in propagation if row["phase"] == "onset"), default=None)
     acts = [row for row in propagation if row["phase"] in ("onset", "act")]
-    of_faults = sum(bool(row.get("fault")) for row in acts)
+    of_faults = sum(bool(row["fault"]) for row in acts)
     only_faults = bool(acts) and of_faults == len(acts)
     led = [row for row in propagation if row["phase"] == "propagation"]
     decided = [row for row in led if row["kind"] != "frame"]
-    first = min((row["at_ns"] for row in propagation if row["phase"] == "effect"), default=None)
+    first_s, first_vehicle = min(
+        ((row["at_ns"] / NS_PER_S, row["vehicle"]) for row in propagation if row["phase"] == "effect"),
+        default=(None, ""),
+    )
     departed = sum(row["departed_s"] is not None for row in effects)
     delays = [row["delay_s"] for row in effects if row["delay_s"] is not None]
     flown = [row for row in effects if row["outcome"] == row["outcome_twin"]]
@@ -207,7 +253,11 @@ def _numbers(
     energy = max((row["extra_energy_j"] for row in flown if row["extra_energy_j"] is not None), key=abs, default=None)
     worse = sum(row["outcome"] != row["outcome_twin"] for row in effects)
     return [
-        ("onset", quantities.duration(None if onset is None else onset / NS_PER_S), "the first act"),
+        (
+            "onset",
+            at_moment(quantities.duration(onset_s), onset_s),
+            "the first act",
+        ),
         (
             "acts of faults" if only_faults else "hostile acts",
             quantities.count(of_faults if only_faults else len(acts) - of_faults),
@@ -219,7 +269,11 @@ def _numbers(
             f"decisions and events, {quantities.count(len(led) - len(decided))} frames",
         ),
         ("departed", quantities.count(departed), f"of {quantities.count(len(effects))} aircraft"),
-        ("first effect", quantities.duration(None if first is None else first / NS_PER_S), "truth leaves the twin"),
+        (
+            "first effect",
+            at_moment(quantities.duration(first_s), first_s, first_vehicle),
+            "truth leaves the twin",
+        ),
         (
             "delay",
             quantities.signed(max(delays, key=abs, default=None), "s", 1),
@@ -261,16 +315,26 @@ def _attack(
         "touches": row["touches"],
         "technique": row.get("technique", ""),
         "threat": {name: text for name, text in row.get("threat", {}).items() if text},
-        "numbers": (quantities.quantity(begin, "s", 2), quantities.quantity(end, "s", 2), quantities.count(count)),
+        "numbers": (
+            at_moment(quantities.quantity(begin, "s", 2), begin),
+            at_moment(quantities.quantity(end, "s", 2), end),
+            quantities.count(count),
+        ),
     }
 
 
-def _effects(subject: Subject, effects: Sequence[Mapping[str, Any]], seed: int, against: str) -> Mapping[str, str]:
-    rows = [row for row in effects if row["seed"] == seed and row["against"] == against]
+def _effects(
+    subject: Subject,
+    effects: Sequence[Mapping[str, Any]],
+    against: str,
+    finder: MomentFinder,
+    twins: Mapping[str, Track],
+) -> Mapping[str, str]:
+    rows = [row for row in effects if row["against"] == against]
     return {
         "meaning": _TWINS[against],
         "operators": effect_tables.render_operators(subject, rows),
-        "aircraft": effect_tables.render_effects(subject, rows),
+        "aircraft": effect_tables.render_effects(subject, rows, lambda row: finder.find(row, twins)),
     }
 
 
@@ -281,7 +345,10 @@ def _lie_and_truth(pair: Pair, subject: Subject, seed: int) -> Mapping[str, Any]
         return None
     aircraft = pair.run(HONEST, seed).manifest["honest"]
     return {
-        "aircraft": ", ".join(f"{one['id']} ({one['airframe']}, {one['uas_id']})" for one in aircraft[:MAX_DRAWN]),
+        "aircraft": ", ".join(
+            f"{honest_aircraft['id']} ({honest_aircraft['airframe']}, {honest_aircraft['uas_id']})"
+            for honest_aircraft in aircraft[:MAX_DRAWN]
+        ),
         "count": len(aircraft),
         "table": effect_tables.render_lie_and_truth(subject, rows),
     }
@@ -292,8 +359,8 @@ def _ensemble(pair: Pair, subject: Subject, effects: Sequence[Mapping[str, Any]]
         return None
     affected = list(dict.fromkeys(row["vehicle"] for row in effects if row["departed_s"] is not None))
     table = effect_tables.render_ensemble(subject, pair.intervals(), affected)
-    told = {"bootstrap_from": BOOTSTRAP_FROM, "skewed": SKEWED}
-    return {"seeds": len(pair.seeds), "reference": pair.reference, "table": table, **told}
+    constants = {"bootstrap_from": BOOTSTRAP_FROM, "skewed": SKEWED}
+    return {"seeds": len(pair.seeds), "reference": pair.reference, "table": table, **constants}
 
 
 def _receptions(run: RunRecord, subject: Subject, places: Mapping[str, Place]) -> Mapping[str, Any] | None:

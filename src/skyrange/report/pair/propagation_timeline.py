@@ -14,6 +14,7 @@ from skyrange.figures.svg import format_number, format_tick, ticks
 from skyrange.figures.twins import Span
 from skyrange.report import quantities
 from skyrange.report.rendering import render
+from skyrange.report.viewer import at_moment, link_moment
 
 Row = Mapping[str, Any]
 
@@ -31,6 +32,9 @@ _MEANINGS = {
     "effect": "effect: truth departs from the twin",
 }
 
+_IN_ORDER_OF_TABS = frozenset({"onset", "effect"})
+"""Marks that the tab key reaches; the table of steps leads to the others."""
+
 
 def render_timeline(
     subject: Subject, propagation: Sequence[Row], attacks: Sequence[str], spans: Sequence[Span], end_s: float
@@ -38,8 +42,8 @@ def render_timeline(
     """Render the timeline; `propagation` are the rows of one seed."""
     lanes = []
     for name in attacks:
-        own = [span for span in spans if span[2] == name]
-        lanes.append(_lane(name, None, _of(propagation, "attack", name, ("onset", "act")), own, end_s))
+        attack_spans = [span for span in spans if span[2] == name]
+        lanes.append(_lane(name, None, _of(propagation, "attack", name, ("onset", "act")), attack_spans, end_s))
     touched = [vehicle for vehicle in subject.fleet if any(row["vehicle"] == vehicle.id for row in propagation)]
     for vehicle in touched[:MAX_LANES]:
         rows = _of(propagation, "vehicle", vehicle.id, ("propagation", "effect"))
@@ -68,6 +72,7 @@ def render_steps(subject: Subject, propagation: Sequence[Row]) -> Markup:
 
 
 def _step(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
+    at_s = row["at_ns"] / NS_PER_S
     what = str(row["kind"]).removeprefix("decision.").removeprefix("event.").replace("_", " ")
     if row["kind"] == "sensor" and row["link"]:
         what = f"alters {row['link'].partition(':')[0]}"
@@ -79,13 +84,13 @@ def _step(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
     return {
         "badge": {"onset": "bad", "propagation": "wait", "effect": "ok"}[row["phase"]],
         "phase": row["phase"],
-        "attack": f"{row['attack']} (fault)" if row.get("fault") else row["attack"] or "",
+        "attack": f"{row['attack']} (fault)" if row["fault"] else row["attack"] or "",
         "vehicle": row["vehicle"],
         "place": places.get(row["vehicle"]),
         "what": what,
         "data": json.loads(row["data"]) if row["data"] else None,
         "source": row["source"],
-        "numbers": (quantities.quantity(row["at_ns"] / NS_PER_S, "s", 2), depth),
+        "numbers": (at_moment(quantities.quantity(at_s, "s", 2), at_s, row["vehicle"] or ""), depth),
     }
 
 
@@ -110,13 +115,19 @@ def _lane(name: str, index: int | None, rows: Sequence[Row], spans: Sequence[Spa
         "index": index,
         "count": len(rows),
         "marks": [
-            (symbol, format_number(100 * min(row["at_ns"] / NS_PER_S / end_s, 1.0)), _title(row))
-            for symbol, own in drawn.items()
-            for row in _thinned(own)
+            (
+                symbol,
+                format_number(100 * min(row["at_ns"] / NS_PER_S / end_s, 1.0)),
+                _title(row),
+                link_moment(row["at_ns"] / NS_PER_S, row["vehicle"] or ""),
+                symbol in _IN_ORDER_OF_TABS,
+            )
+            for symbol, symbol_rows in drawn.items()
+            for row in _thinned(symbol_rows)
         ],
         "bands": [
-            (format_number(100 * begin / end_s), format_number(100 * max(end - begin, 0.0) / end_s), said)
-            for begin, end, said in spans
+            (format_number(100 * begin / end_s), format_number(100 * max(end - begin, 0.0) / end_s), label)
+            for begin, end, label in spans
         ],
     }
 

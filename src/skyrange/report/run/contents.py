@@ -1,4 +1,4 @@
-"""Data of a run's page, read from the record once, and what the page's script gets of it as JSON.
+"""Data of a run's page, read from the record once, and the tracks that its charts get of it as JSON.
 
 Numbers are integers in small units (centimetres, centiseconds, centimetres per second), each stored as the difference
 from the one before, which halves the file.
@@ -17,14 +17,13 @@ from skyrange.core.time import NS_PER_S
 from skyrange.figures.palette import ThemeColour, base_colours, theme_colour
 from skyrange.figures.subject import Subject, subject_of
 from skyrange.figures.track_simplification import select_samples
-from skyrange.metrics.approvals import Claim, FlightApprovals, Prism, measure_approvals, read_claims, shown_prisms
+from skyrange.metrics.approvals import Claim, FlightApprovals, measure_approvals, read_claims
 from skyrange.metrics.links import LinkStatistics, ReceptionSummary, link_statistics, reception_summaries
 from skyrange.metrics.paths import received_waypoints
 from skyrange.metrics.safety import Mishap, find_mishaps
 from skyrange.metrics.summary import FlightSummary, summarise_flights
 from skyrange.metrics.time_series import (
     EMPTY_TRACK,
-    Record,
     RecordedNote,
     Track,
     Vehicle,
@@ -37,6 +36,7 @@ from skyrange.metrics.time_series import (
     read_notes,
     truth_tracks,
 )
+from skyrange.record import RunRecord
 from skyrange.record.schema import keeps
 
 
@@ -48,7 +48,7 @@ class RunContents:
     last part has no motion and no event. Tracks end at `end_ns`; `flights` cover the whole record.
     """
 
-    record: Record
+    record: RunRecord
     subject: Subject
     operator_colours: Mapping[str, ThemeColour]
     truth: Mapping[str, Track]
@@ -93,7 +93,7 @@ class RunContents:
         return self.subject.colours
 
 
-def read_run(record: Record) -> RunContents:
+def read_run(record: RunRecord) -> RunContents:
     """Read a run."""
     subject = subject_of(record)
     has_frames = keeps(record.manifest, "frames")
@@ -126,15 +126,16 @@ def read_run(record: Record) -> RunContents:
     )
 
 
-MAX_TRUTH_POINTS = 60_000
+MAX_TRUTH_POINTS = 20_000
 """Samples of all true tracks."""
-MAX_BELIEF_POINTS = 40_000
+MAX_BELIEF_POINTS = 10_000
 """Samples of all believed tracks."""
 MAX_PER_TRACK = 3_000
-MAX_CITY_VERTICES = 60_000
-"""Corners of all drawn buildings; those nearest to the flights are kept."""
-MAX_VOLUMES = 4_000
-"""Claimed volumes that are drawn."""
+MANY_AIRCRAFT = 60
+"""With more aircraft the page draws simpler figures."""
+MAX_POINTS_OF_MANY = 12
+"""Samples of a track in the figures of many aircraft."""
+TOLERANCE_OF_MANY_M = 0.5
 TOLERANCE_M = 0.02
 """A dropped sample lies no farther than this from the drawn line, unless a track exceeds the limits above."""
 _SPEED_WEIGHT_S = 0.3
@@ -143,19 +144,30 @@ _SPEED_WEIGHT_S = 0.3
 Floats = NDArray[np.float64]
 
 
-def pack_scene(run: RunContents) -> tuple[dict[str, Any], dict[str, int]]:
-    """The data, and counts of the record and the page: `points`, `points_drawn`, `buildings`, `buildings_drawn`."""
+def draw_simply(tracks: Mapping[str, Track]) -> Mapping[str, Track]:
+    """The tracks for a figure: of many aircraft, with few samples each."""
+    if len(tracks) <= MANY_AIRCRAFT:
+        return tracks
+    return {name: track.take(_simplify(track)) for name, track in tracks.items()}
+
+
+def _simplify(track: Track) -> NDArray[np.int64]:
+    return select_samples(track.time_ns, track.enu_m, MAX_POINTS_OF_MANY, TOLERANCE_OF_MANY_M)
+
+
+def pack_tracks(run: RunContents) -> tuple[dict[str, Any], dict[str, int]]:
+    """The data, and counts of the record and the page: `points` and `points_drawn`."""
     fleet = run.fleet
     places = {name: number for number, name in enumerate(run.operator_colours)}
-    notes = {"points": 0, "points_drawn": 0, "buildings": len(run.record.city), "buildings_drawn": 0}
+    notes = {"points": 0, "points_drawn": 0}
     aircraft = []
     for vehicle in fleet:
         truth, belief = run.truth[vehicle.id], run.belief[vehicle.id]
         rows = _thinned(truth, truth.speed_mps, _budget(MAX_TRUTH_POINTS, len(fleet)))
         seen_gaps = belief_errors_m(truth, belief)
-        seen = _thinned(belief, seen_gaps, _budget(MAX_BELIEF_POINTS, len(fleet)))
+        belief_rows = _thinned(belief, seen_gaps, _budget(MAX_BELIEF_POINTS, len(fleet)))
         notes["points"] += len(truth) + len(belief)
-        notes["points_drawn"] += len(rows) + len(seen)
+        notes["points_drawn"] += len(rows) + len(belief_rows)
         aircraft.append(
             {
                 "id": vehicle.id,
@@ -164,59 +176,16 @@ def pack_scene(run: RunContents) -> tuple[dict[str, Any], dict[str, int]]:
                 "ink": list(run.colours[vehicle.id]),
                 "home": [round(value, 2) for value in vehicle.home_enu_m] if vehicle.home_enu_m else None,
                 "truth": _packed(truth, truth.speed_mps, rows),
-                "belief": _packed(belief, seen_gaps, seen),
-                "wp": [
-                    [round(v, 1) for v in point] for point in run.waypoints.get(vehicle.id, np.zeros((0, 3))).tolist()
-                ],
+                "belief": _packed(belief, seen_gaps, belief_rows),
             }
         )
-    buildings = _buildings(run.record.city, _centre(run.truth))
-    notes["buildings_drawn"] = len(buildings["h"])
     data = {
         "start": run.start_ns * 1e-9,
         "end": run.end_ns * 1e-9,
         "operators": [{"id": name, "ink": list(colour)} for name, colour in run.operator_colours.items()],
         "vehicles": aircraft,
-        "marks": [
-            {
-                "t": mark.time_ns * 1e-9,
-                "kind": mark.kind,
-                "at": [round(m, 2) for m in mark.enu_m],
-                "words": mark.description,
-            }
-            for mark in run.marks
-        ],
-        "buildings": buildings,
-        "airspace": [*_claimed(run), *_closed(run)],
     }
     return data, notes
-
-
-def _claimed(run: RunContents) -> list[dict[str, Any]]:
-    """Claimed volumes with the places of their aircraft."""
-    places = {vehicle.id: place for place, vehicle in enumerate(run.fleet)}
-    found = [one for one in shown_prisms(run.claims, run.end_ns) if one[0] in places]
-    return [{"v": places[vehicle], **_prism(prism)} for vehicle, prism in found[:MAX_VOLUMES]]
-
-
-def _closed(run: RunContents) -> list[dict[str, Any]]:
-    """Constraints with their names, from their publication on."""
-    found = []
-    for row in run.manifest.get("constraints") or []:
-        start, end = max(row["start_s"], row["published_s"]), min(row["end_s"], run.end_ns / NS_PER_S)
-        if start < end:
-            ring, times = np.array(row["corners_m"], float), (round(start * NS_PER_S), round(end * NS_PER_S))
-            found.append({"name": row["id"], **_prism(Prism(ring, row["lower_m"], row["upper_m"], *times))})
-    return found
-
-
-def _prism(prism: Prism) -> dict[str, Any]:
-    """Begin and end in seconds, heights and ring in decimetres."""
-    return {
-        "t": [round(prism.start_ns * 1e-9, 1), round(prism.end_ns * 1e-9, 1)],
-        "h": [round(prism.lower_m * 10), round(prism.upper_m * 10)],
-        "r": _ring(prism.ring_m),
-    }
 
 
 def _budget(total: int, count: int) -> int:
@@ -237,37 +206,3 @@ def _packed(track: Track, fourth: Floats, rows: NDArray[np.int64]) -> dict[str, 
 def _differences(values: Floats) -> list[int]:
     whole = np.rint(values).astype(np.int64)
     return [int(value) for value in np.diff(whole, prepend=0)]
-
-
-def _centre(tracks: Mapping[str, Track]) -> Floats:
-    points = [track.enu_m[:, :2] for track in tracks.values() if len(track)]
-    return np.mean([rows.mean(axis=0) for rows in points], axis=0) if points else np.zeros(2)
-
-
-def _buildings(city: Sequence[Mapping[str, Any]], centre: Floats) -> dict[str, list[Any]]:
-    """`h` heights and `r` rings of each building, in decimetres; a ring is [e, n, de, dn, de, dn, …]."""
-    solid = []
-    for building in city:
-        rings = [np.asarray(ring, dtype=np.float64)[:, :2] for ring in building.get("rings") or [] if len(ring) > 2]
-        if rings:
-            away = float(np.hypot(*(rings[0].mean(axis=0) - centre)))
-            solid.append((away, float(building.get("height_m") or 0.0), rings))
-    solid.sort(key=lambda row: row[0])
-    heights: list[int] = []
-    outlines: list[list[list[int]]] = []
-    corners = 0
-    for _, height, rings in solid:
-        corners += sum(len(ring) for ring in rings)
-        if corners > MAX_CITY_VERTICES:
-            break
-        heights.append(round(height * 10))
-        outlines.append([_ring(ring) for ring in rings])
-    return {"h": heights, "r": outlines}
-
-
-def _ring(ring: Floats) -> list[int]:
-    """One outline without the repeated last corner."""
-    if len(ring) > 3 and np.allclose(ring[0], ring[-1]):
-        ring = ring[:-1]
-    whole = np.rint(ring * 10).astype(np.int64)
-    return [int(value) for value in np.diff(whole, axis=0, prepend=np.zeros((1, 2), dtype=np.int64)).ravel()]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from markupsafe import Markup
@@ -17,14 +17,19 @@ from skyrange.figures import run as run_figures
 from skyrange.figures.palette import ThemeColour
 from skyrange.figures.subject import Subject
 from skyrange.figures.svg import format_number
-from skyrange.metrics.summary import FlightSummary, describe_radio_engine
-from skyrange.metrics.time_series import Record, Track
+from skyrange.metrics.safety import distinct_mishaps, mishap_kind
+from skyrange.metrics.summary import FlightSummary, describe_missions, describe_radio_engine
+from skyrange.metrics.time_series import Track
+from skyrange.record import RunRecord
 from skyrange.record.schema import FULL, level_of
 from skyrange.report import quantities
 from skyrange.report.rendering import asset, content_policy, render
 from skyrange.report.run import sections, timeline
-from skyrange.report.run.contents import RunContents, pack_scene, read_run
+from skyrange.report.run.contents import MANY_AIRCRAFT, RunContents, draw_simply, pack_tracks, read_run
 from skyrange.report.run.sections import render_airspace
+from skyrange.report.viewer import embed_viewer, join_scripts
+from skyrange.view.stream.recorded import RecordedArms
+from skyrange.view.stream.scene import ArmRecord
 
 _WARNINGS = {
     "running": (
@@ -35,6 +40,12 @@ _WARNINGS = {
     "failed": ("This run failed", "A component broke; what was recorded up to then is shown."),
 }
 _BADGES = {"complete": ("ok", "complete"), "failed": ("bad", "failed"), "unfinished": ("wait", "unfinished")}
+_MISHAPS: Final = {
+    "collision": ("collision", "collisions"),
+    "crash": ("crash", "crashes"),
+    "failsafe": ("failsafe", "failsafes"),
+    "breach": ("fence breach", "fence breaches"),
+}
 _WORST_FIRST = {"failed": 0, "unfinished": 1, "complete": 2}
 
 
@@ -49,19 +60,18 @@ def warning(run: RunContents) -> Mapping[str, str] | None:
 
 def level(run: RunContents) -> str:
     """The level at which the run was recorded if it is not `full`; else ""."""
-    found = level_of(run.manifest)
-    return found if found != FULL else ""
+    run_level = level_of(run.manifest)
+    return run_level if run_level != FULL else ""
 
 
 def identity(run: RunContents) -> Mapping[str, Any]:
     """The run's name, status, facts and fingerprint."""
-    manifest = run.manifest
+    manifest, states = run.manifest, [flight.state for flight in run.flights]
     return {
         "name": str(manifest.get("name") or "unnamed run"),
         "status": run.status,
-        "pill": "ok" if run.status == "complete" else "bad" if run.status == "failed" else "wait",
-        "completed": sum(flight.state == "complete" for flight in run.flights),
-        "fleet": len(run.fleet),
+        "missions": f"{describe_missions(states)} complete",
+        "pill": "bad" if "failed" in states else "ok" if set(states) <= {"complete"} else "wait",
         "facts": [
             ("seed", str(manifest.get("seed", "–"))),
             ("starts", str(manifest.get("start_utc") or "–")),
@@ -71,6 +81,18 @@ def identity(run: RunContents) -> Mapping[str, Any]:
         "fingerprint": str((manifest.get("digests") or {}).get("fingerprint") or ""),
         "versions": _versions(manifest),
     }
+
+
+def describe_run(run: RunContents) -> str:
+    """The run in a sentence: missions, mishaps and acts."""
+    mishaps = Counter(mishap_kind(row) for row in distinct_mishaps(run.events))
+    found = [f"{count} {_MISHAPS.get(kind, (kind, kind))[count > 1]}" for kind, count in mishaps.items()] or [
+        "no collision, crash or failsafe"
+    ]
+    acts = sum(act.kind.startswith("attack") for act in run.attacks)
+    hostile = [f"{quantities.count(acts)} hostile act{'s' * (acts > 1)}"] if acts else []
+    missions = describe_missions([flight.state for flight in run.flights])
+    return f"{missions} complete; {', '.join([*found, *hostile])}."
 
 
 def numbers(run: RunContents) -> list[tuple[str, Any, Any]]:
@@ -140,13 +162,10 @@ def mission_file_lines(manifest: Mapping[str, Any]) -> list[str]:
 
 
 def left_out(notes: Mapping[str, int]) -> str:
-    """What the page shows only in part, in words; `notes` are the counts of `scene_data.pack_scene`."""
-    thinned = (("points", "samples of tracks"), ("buildings", "buildings, the nearest to the flights,"))
-    return " and ".join(
-        f"{quantities.count(notes[f'{what}_drawn'])} of {quantities.count(notes[what])} {said}"
-        for what, said in thinned
-        if notes[f"{what}_drawn"] < notes[what]
-    )
+    """What the charts show only in part, in words; `notes` are the counts of `pack_tracks`."""
+    if notes["points_drawn"] == notes["points"]:
+        return ""
+    return f"{quantities.count(notes['points_drawn'])} of {quantities.count(notes['points'])} samples of tracks"
 
 
 def _outcome(run: RunContents, index: int, flight: FlightSummary, top: float) -> Mapping[str, Any]:
@@ -204,34 +223,40 @@ def _versions(manifest: Mapping[str, Any]) -> str:
     return " · ".join([*(f"{name} {value}" for name, value in versions.items() if name != "skyrange"), str(system)])
 
 
-SCRIPTS = ("base.js", "city.js", "gl.js", "flat.js", "scene.js", "panels.js", "chart.js", "page.js")
-"""Parts of the page's script in order, wrapped in one function."""
+SCRIPTS: Final = ("packed.js", "rows.js", "moments.js", "base.js", "panels.js", "chart.js", "page.js")
+"""Parts of the page's own script in order."""
 
 
-def render_run(record: Record) -> str:
+def render_run(record: RunRecord) -> str:
     """The page as text."""
     run = read_run(record)
-    scene, notes = pack_scene(run)
-    style = asset("style.css") + colour_rules(run.operator_colours, run.subject)
-    script = Markup('"use strict";(()=>{\n') + Markup("\n").join(asset(name) for name in SCRIPTS) + Markup("\n})();")
+    tracks, notes = pack_tracks(run)
+    name = str(run.manifest.get("name") or "run")
+    embedded = embed_viewer(RecordedArms([ArmRecord("run", name, record)], name=name, verdict=describe_run(run)))
+    style = embedded.style + asset("style.css") + colour_rules(run.operator_colours, run.subject)
+    script = join_scripts(embedded, *SCRIPTS)
+    truth, many = draw_simply(run.truth), len(run.fleet) > MANY_AIRCRAFT
     return render(
         "run/page.html.jinja",
         policy=content_policy(style, script),
-        title=f"{run.manifest.get('name') or 'run'} · skyrange",
+        title=f"{name} · skyrange",
         style=style,
         script=script,
-        scene=scene,
+        stream=embedded.stream,
+        tracks=tracks,
+        verdict=describe_run(run),
         warning=warning(run),
         level=level(run),
         has_frames=run.has_frames,
         **identity(run),
         numbers=numbers(run),
-        overview=run_figures.draw_overview(run.subject, run.truth, run.marks),
+        overview=run_figures.draw_overview(run.subject, truth, run.marks),
+        many=many,
         outcomes=render_outcomes(run),
         panels=_panels(run),
-        plan=run_figures.draw_plan(run.subject, run.truth, run.waypoints, marks=run.marks),
+        plan=run_figures.draw_plan(run.subject, truth, {} if many else run.waypoints, marks=run.marks),
         marked=bool(run.marks),
-        altitude=run_figures.draw_altitude(run.subject, run.truth),
+        altitude=None if many else run_figures.draw_altitude(run.subject, run.truth),
         gaps=render_gaps(run),
         airspace=render_airspace(run),
         quiet=timeline.quiet_end(run),
@@ -252,17 +277,19 @@ def render_run(record: Record) -> str:
 
 
 def _panels(run: RunContents) -> Sequence[Mapping[str, Any]]:
-    """One still figure per operator, which the page's script replaces by one that turns."""
+    """One still figure per operator, which the page's script replaces by one that turns; of many aircraft none."""
     panels = []
     for operator in run.operator_colours:
-        own = [vehicle for vehicle in run.fleet if vehicle.operator == operator]
+        vehicles = [vehicle for vehicle in run.fleet if vehicle.operator == operator]
         panels.append(
             {
                 "operator": operator,
-                "aircraft": len(own),
-                "positions": sum(each.positions for each in run.flights if each.vehicle.operator == operator),
-                "drawing": run_figures.draw_boxes(
-                    run.subject, run.belief, [operator] if own else [], "belief", titled=False
+                "aircraft": len(vehicles),
+                "positions": sum(flight.positions for flight in run.flights if flight.vehicle.operator == operator),
+                "drawing": None
+                if len(run.fleet) > MANY_AIRCRAFT
+                else run_figures.draw_boxes(
+                    run.subject, run.belief, [operator] if vehicles else [], "belief", titled=False
                 ),
             }
         )

@@ -28,7 +28,7 @@ from skyrange.report.run.contents import RunContents
 
 def render_airspace(run: RunContents) -> Markup | None:
     """Render a row for each flight; `None` where every flight was approved at once and nobody tracked it."""
-    tracked = {vehicle for vehicle, own in run.claims.items() if is_tracked(own)}
+    tracked = {vehicle for vehicle, vehicle_claims in run.claims.items() if is_tracked(vehicle_claims)}
     if not tracked and not any(flight.rejections for flight in run.approvals):
         return None
     places = {vehicle.id: place for place, vehicle in enumerate(run.fleet)}
@@ -40,8 +40,8 @@ def render_airspace(run: RunContents) -> Markup | None:
         claims = run.claims.get(flight.vehicle, ())
         share = inside_share(claims, run.truth[flight.vehicle]) if flight.vehicle in tracked else None
         volumes = claims[-1].volumes if claims else ()
-        begins_s = min((one.start_ns for one in volumes), default=0) * 1e-9
-        ends_s = max((one.end_ns for one in volumes), default=0) * 1e-9
+        begins_s = min((volume.start_ns for volume in volumes), default=0) * 1e-9
+        ends_s = max((volume.end_ns for volume in volumes), default=0) * 1e-9
         delay_s = flight.delay_s
         rows.append(
             {
@@ -68,21 +68,23 @@ def render_links(run: RunContents) -> Markup:
     roles = _roles(run.manifest)
     folds = []
     for place, operator in enumerate(run.operator_colours):
-        own = [stats for stats in run.links if stats.operator == operator]
-        if not own:
+        operator_links = [stats for stats in run.links if stats.operator == operator]
+        if not operator_links:
             continue
-        sent, delivered = sum(stats.sent for stats in own), sum(stats.delivered for stats in own)
+        sent, delivered = sum(stats.sent for stats in operator_links), sum(stats.delivered for stats in operator_links)
         folds.append(
             {
                 "place": place,
                 "operator": operator,
-                "count": len({(stats.kind, stats.owner) for stats in own}),
+                "count": len({(stats.kind, stats.owner) for stats in operator_links}),
                 "sent": sent,
                 "share": f"{100 * delivered / sent:.2f} % delivered" if sent else "silent",
-                "rows": [_row(each, f"{each.kind}:{each.owner}", roles, seconds) for each in own if each.sent],
+                "rows": [
+                    _row(stats, f"{stats.kind}:{stats.owner}", roles, seconds) for stats in operator_links if stats.sent
+                ],
             }
         )
-    kinds = [_row(each, each.kind, roles, seconds) for each in sum_by_kind(run.links)]
+    kinds = [_row(stats, stats.kind, roles, seconds) for stats in sum_by_kind(run.links)]
     return render("run/links.html.jinja", kinds=kinds, folds=folds)
 
 
@@ -109,12 +111,12 @@ def _row(stats: LinkStatistics, name: str, roles: Mapping[tuple[str, str], str],
 
 def _roles(manifest: Any) -> dict[tuple[str, str], str]:
     """For each kind and direction of link its ends, as `gcs → companion`, from the manifest."""
-    found = {}
+    roles = {}
     for row in manifest.get("links") or []:
         kind = str(row.get("name", "")).split(":", 1)[0]
         first, second = (_role(str(row.get(end, ""))) for end in "ab")
-        found[kind, "fwd"], found[kind, "rev"] = f"{first} → {second}", f"{second} → {first}"
-    return found
+        roles[kind, "fwd"], roles[kind, "rev"] = f"{first} → {second}", f"{second} → {first}"
+    return roles
 
 
 def _role(name: str) -> str:
@@ -164,23 +166,23 @@ def _positions(run: RunContents) -> Floats:
 
 @compiled
 def _share_to(table: LossTable, flown: Floats, place: Floats) -> float:
-    found = total = 0
+    covered = total = 0
     for k in range(flown.shape[0]):
         for n in range(flown.shape[1]):
             total += 1
-            found += _covers(table, flown[k, n], place)
-    return found / total if total > 0 else math.nan
+            covered += _covers(table, flown[k, n], place)
+    return covered / total if total > 0 else math.nan
 
 
 @compiled
 def _share_between(table: LossTable, flown: Floats) -> float:
-    found = total = 0
+    covered = total = 0
     for k in range(flown.shape[0]):
         for m in range(k):
             for n in range(flown.shape[1]):
                 total += 1
-                found += _covers(table, flown[k, n], flown[m, n])
-    return found / total if total > 0 else math.nan
+                covered += _covers(table, flown[k, n], flown[m, n])
+    return covered / total if total > 0 else math.nan
 
 
 @compiled

@@ -16,12 +16,13 @@ from skyrange.metrics.time_series import RecordedNote, Vehicle
 from skyrange.report import quantities
 from skyrange.report.rendering import render
 from skyrange.report.run.contents import RunContents
+from skyrange.report.viewer import link_moment
 
 MAX_MARKS = 400
 """Marks drawn in one lane; the table has more."""
 MAX_LANES = 24
 """With more aircraft the lanes scroll in a box below a fixed time axis."""
-MAX_ROWS = 1_500
+MAX_ROWS = 3_000
 """Rows of one table on the page."""
 
 HARD_MPS = 2.0
@@ -59,12 +60,12 @@ def quiet_end(run: RunContents) -> quantities.Quantity | None:
 def render_lanes(run: RunContents) -> Markup:
     """Render one lane per aircraft: modes as bands, events as marks, acts as strokes: red, or grey those of faults."""
     by_owner: dict[str, list[RecordedNote]] = {}
-    for happening in sorted([*run.events, *run.attacks], key=lambda each: each.time_ns):
+    for happening in sorted([*run.events, *run.attacks], key=lambda item: item.time_ns):
         by_owner.setdefault(happening.about.split(".", 1)[0], []).append(happening)
     modes: dict[str, int] = {}
     places = {operator: place for place, operator in enumerate(run.operator_colours)}
     groups = []
-    for operator, fleet in groupby(enumerate(run.fleet), key=lambda each: each[1].operator):
+    for operator, fleet in groupby(enumerate(run.fleet), key=lambda entry: entry[1].operator):
         drawn = [_lane(run, index, vehicle, by_owner.get(vehicle.id, []), modes) for index, vehicle in fleet]
         groups.append({"operator": operator, "place": places[operator], "lanes": drawn})
     return render(
@@ -93,9 +94,11 @@ def render_happenings(rows: Sequence[RecordedNote], run: RunContents, name: str,
 
 def _row(row: RecordedNote, places: Mapping[str, int]) -> Mapping[str, Any]:
     family, _, rest = row.kind.partition(".")
+    vehicle = row.about.split(".", 1)[0]
     return {
+        "link": link_moment(row.time_ns / NS_PER_S, vehicle if vehicle in places else ""),
         "time_s": row.time_ns * 1e-9,
-        "place": places.get(row.about.split(".", 1)[0]),
+        "place": places.get(vehicle),
         "about": row.about,
         "kind": row.kind,
         "family": family,
@@ -107,14 +110,14 @@ def _row(row: RecordedNote, places: Mapping[str, int]) -> Mapping[str, Any]:
 
 
 def _lane(
-    run: RunContents, index: int, vehicle: Vehicle, own: Sequence[RecordedNote], modes: dict[str, int]
+    run: RunContents, index: int, vehicle: Vehicle, notes: Sequence[RecordedNote], modes: dict[str, int]
 ) -> Mapping[str, Any]:
     return {
         "index": index,
         "name": vehicle.short,
-        "spoken": _spoken(vehicle.id, own),
-        "bands": _bands(run, own, modes),
-        "marks": _marks(run, own),
+        "spoken": _spoken(vehicle.id, notes),
+        "bands": _bands(run, notes, modes),
+        "marks": _marks(run, notes),
     }
 
 
@@ -123,9 +126,9 @@ def _part(run: RunContents, time_ns: int) -> str:
     return f"{100 * min(max((time_ns - run.start_ns) / (run.end_ns - run.start_ns), 0.0), 1.0):.2f}"
 
 
-def _bands(run: RunContents, own: Sequence[RecordedNote], modes: dict[str, int]) -> Sequence[Mapping[str, Any]]:
+def _bands(run: RunContents, notes: Sequence[RecordedNote], modes: dict[str, int]) -> Sequence[Mapping[str, Any]]:
     """The flight modes of one aircraft; `modes` numbers them in order of appearance and is extended."""
-    changes = [row for row in own if row.kind == "event.mode"]
+    changes = [row for row in notes if row.kind == "event.mode"]
     bands = []
     ends = [row.time_ns for row in changes[1:]] + [run.end_ns]
     for row, until in zip(changes, ends, strict=False):  # no change, no band
@@ -144,11 +147,11 @@ def _bands(run: RunContents, own: Sequence[RecordedNote], modes: dict[str, int])
     return bands
 
 
-def _marks(run: RunContents, own: Sequence[RecordedNote]) -> Sequence[Mapping[str, str]]:
+def _marks(run: RunContents, notes: Sequence[RecordedNote]) -> Sequence[Mapping[str, str]]:
     marks = []
-    for row in [row for row in own if row.kind != "event.mode" or mishap_kind(row)][:MAX_MARKS]:
-        said = " ".join(f"{key} {value}" for key, value in row.data.items())
-        title = f"{row.kind} at {row.time_ns * 1e-9:.2f} s {said}"
+    for row in [row for row in notes if row.kind != "event.mode" or mishap_kind(row)][:MAX_MARKS]:
+        details = " ".join(f"{key} {value}" for key, value in row.data.items())
+        title = f"{row.kind} at {row.time_ns * 1e-9:.2f} s {details}"
         marks.append({"place": _part(run, row.time_ns), "symbol": _symbol(row), "title": title})
     return marks
 
@@ -182,8 +185,8 @@ def _ticks(run: RunContents) -> list[tuple[str, str]]:
 
 def _legend(run: RunContents) -> list[tuple[str, str]]:
     """Names and meanings of the symbols in use."""
-    seen = {row.kind for row in run.events if _symbol(row) == _SYMBOLS.get(row.kind, ("", ""))[0]}
-    used = [pair for kind, pair in _SYMBOLS.items() if kind in seen]
+    kinds = {row.kind for row in run.events if _symbol(row) == _SYMBOLS.get(row.kind, ("", ""))[0]}
+    used = [pair for kind, pair in _SYMBOLS.items() if kind in kinds]
     if any(mishap_kind(row) == "failsafe" for row in run.events):
         used.append(("alarm", "failsafe"))
     if any(_symbol(row) == "failed" for row in run.events):
@@ -196,10 +199,10 @@ def _legend(run: RunContents) -> list[tuple[str, str]]:
     return used
 
 
-def _spoken(vehicle: str, own: Sequence[RecordedNote]) -> str:
+def _spoken(vehicle: str, notes: Sequence[RecordedNote]) -> str:
     """Description of a lane for screen readers."""
-    said = []
-    for row in own[:20]:
+    phrases = []
+    for row in notes[:20]:
         what = row.data.get("mode") if row.kind == "event.mode" else row.kind.split(".", 1)[-1].replace("_", " ")
-        said.append(f"{what} at {row.time_ns * 1e-9:.1f} s")
-    return f"{vehicle} of {operator_of(vehicle)}: {', '.join(said) or 'no events'}"
+        phrases.append(f"{what} at {row.time_ns * 1e-9:.1f} s")
+    return f"{vehicle} of {operator_of(vehicle)}: {', '.join(phrases) or 'no events'}"

@@ -53,13 +53,13 @@ class Kernel(NamedTuple):
 
 def load_kernels() -> list[Kernel]:
     """The kernels of the list that this version has: a list that is old costs only time."""
-    found: list[Kernel] = []
+    kernels: list[Kernel] = []
     for name, signatures in read_list().items():
         for signature in signatures:
             kernel = rebuild_kernel(name, signature)
             if kernel is not None:
-                found.append(kernel)
-    return found
+                kernels.append(kernel)
+    return kernels
 
 
 def read_list() -> dict[str, list[list[JsonValue]]]:
@@ -95,7 +95,7 @@ def rebuild_kernel(name: str, signature: list[JsonValue]) -> Kernel | None:
 
 def describe_arguments(arguments: tuple[types.Type, ...]) -> list[JsonValue]:
     """Types of arguments as JSON. Raises `TypeError` for a type that cannot be rebuilt from it."""
-    described = [_describe(one) for one in arguments]
+    described = [_describe(argument) for argument in arguments]
     if tuple(map(_rebuild, described)) != tuple(arguments):
         raise TypeError(f"{arguments} are other types when rebuilt from {described}")
     return described
@@ -117,7 +117,7 @@ def _describe(kind: Any) -> JsonValue:
     if isinstance(kind, types.BaseTuple):
         of: Any = kind  # numba's base class does not declare the attributes of all its subclasses
         made = {"named": _name(of.instance_class)} if isinstance(kind, types.BaseNamedTuple) else {}
-        return made | {"tuple": [_describe(one) for one in of.types]}
+        return made | {"tuple": [_describe(item) for item in of.types]}
     raise TypeError(f"{kind!r} has no description")
 
 
@@ -178,10 +178,10 @@ def _describe_fields(kind: types.Record) -> dict[str, JsonValue]:
 
 def _find_function(name: str) -> Dispatcher | None:
     try:
-        found = _find(name)
+        target = _find(name)
     except (ImportError, AttributeError):
         return None
-    return found if isinstance(found, Dispatcher) else None
+    return target if isinstance(target, Dispatcher) else None
 
 
 def _name(value: Any) -> str:
@@ -260,8 +260,8 @@ def _set_mark() -> None:
 
 
 def _find_missing(kernels: Sequence[Kernel]) -> list[Kernel]:
-    cached = {function: find_cached(function) for function in {one.function for one in kernels}}
-    return [one for one in kernels if one.arguments not in cached[one.function]]
+    cached = {function: find_cached(function) for function in {kernel.function for kernel in kernels}}
+    return [kernel for kernel in kernels if kernel.arguments not in cached[kernel.function]]
 
 
 def _compile_in_order(pool: ProcessPoolExecutor, kernels: Sequence[Kernel], jobs: int) -> Iterator[bool]:
@@ -269,14 +269,14 @@ def _compile_in_order(pool: ProcessPoolExecutor, kernels: Sequence[Kernel], jobs
 
     Ends early if a process of the pool ended, for example for want of memory: what is missing is compiled when called.
     """
-    sorter, lengths = _sort(sorted({one.function for one in kernels}, key=name_function))
-    left = Counter(one.function for one in kernels)
+    sorter, lengths = _sort(sorted({kernel.function for kernel in kernels}, key=name_function))
+    left = Counter(kernel.function for kernel in kernels)
     ready: list[Kernel] = []
     running: dict[Future[bool], Kernel] = {}
     while True:
         freed = set(sorter.get_ready())
-        ready += [one for one in kernels if one.function in freed]
-        ready.sort(key=lambda one: lengths[one.function])
+        ready += [kernel for kernel in kernels if kernel.function in freed]
+        ready.sort(key=lambda kernel: lengths[kernel.function])
         while ready and len(running) < jobs:
             kernel = ready.pop()
             running[pool.submit(_compile, kernel.name, kernel.signature)] = kernel
@@ -295,7 +295,7 @@ def _compile_in_order(pool: ProcessPoolExecutor, kernels: Sequence[Kernel], jobs
 
 def _sort(functions: Sequence[Dispatcher]) -> tuple[TopologicalSorter[Dispatcher], dict[Dispatcher, int]]:
     """The functions in the order of calls, and the length of code in the longest chain of callers of each."""
-    callees = {one: set(find_callees(one)).intersection(functions) for one in functions}
+    callees = {function: set(find_callees(function)).intersection(functions) for function in functions}
     while True:
         sorter = TopologicalSorter(callees)
         try:

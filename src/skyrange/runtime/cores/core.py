@@ -76,11 +76,11 @@ class Core:
         here = division.endpoints(scenario, member.number)
         self._here = here
         self._fleet = [division.vehicles(scenario, core) for core in range(member.count)]
-        mine = self._fleet[member.number]
-        self.built = self._build(frozenset(mine))
+        vehicles = self._fleet[member.number]
+        self.built = self._build(frozenset(vehicles))
         self._motion = FleetMotion(self._fleet)
         self._operators = division.operators[member.number]
-        self._vehicles = mine
+        self._vehicles = vehicles
         self._inbound: list[Transit] = []
         self._posted: deque[Time] = deque()
         """Barriers at which this core has posted, and what others posted is not collected yet."""
@@ -89,19 +89,19 @@ class Core:
         self.wall_s = 0.0
         self.setup_s = 0.0
 
-    def _build(self, mine: Container[str]) -> BuiltScenario:
-        """Build what is on this core, whose vehicles are `mine`; exchange what is wrong, because each checks its own.
+    def _build(self, vehicles: Container[str]) -> BuiltScenario:
+        """Build what is on this core, whose aircraft are `vehicles`; exchange what is wrong: each checks its own.
 
         The last core has the files that belong to no vehicle: the first one writes the manifest meanwhile.
         """
         built, error = None, None
         try:
             attached = self.member.number == self.member.count - 1
-            built = build(self._scenario, local=self._here, flown=mine, attached=attached)
-        except InputError as found:
-            error = found
-        told = [] if error is None else [error.who, *map(asdict, error.problems)]
-        parts = [json.loads(part) for part in self._gather(Topic.START, 0, told)]
+            built = build(self._scenario, local=self._here, flown=vehicles, attached=attached)
+        except InputError as refusal:
+            error = refusal
+        message = [] if error is None else [error.who, *map(asdict, error.problems)]
+        parts = [json.loads(part) for part in self._gather(Topic.START, 0, message)]
         problems = dict.fromkeys(Problem(**problem) for part in parts for problem in part[1:])
         if problems:
             if built is not None:
@@ -116,15 +116,17 @@ class Core:
         """
         world = self.built.wiring.world
         assert world is not None
-        told = {
+        message = {
             "preroll_ns": max(mount.engine.preroll_ns for mount in self.built.wiring.engines),
             "crossings": sorted(set(_list_crossings(self.built.wiring, self._here))),
             "ahead": arrive_ahead(self.built.wiring, self._here),
         }
-        parts = [json.loads(part) for part in self._gather(Topic.START, 1, told)]
+        parts = [json.loads(part) for part in self._gather(Topic.START, 1, message)]
         crossings = [Crossing(*link) for part in parts for link in part["crossings"]]
         self.period_ns, self.lag = find_barriers(crossings, world.quantum_ns, LONGEST_PERIOD_NS)
-        airframes = {vehicle_id(operator.id, one.id): one.airframe for operator, one in self._scenario.fleet}
+        airframes = {
+            vehicle_id(operator.id, vehicle.id): vehicle.airframe for operator, vehicle in self._scenario.fleet
+        }
         self._separation = Separation(
             self._motion,
             [AIRFRAMES[airframes[vehicle]] for vehicle in self._motion.vehicles],
@@ -263,7 +265,7 @@ class Core:
         self.kernel.finish()
         self.built.close()
         shard = self.recorder.leave() if self.member.number else None
-        told = {
+        summary = {
             "shard": shard,
             "engines": describe_engines(self.built.wiring.engines),
             "operators": list(self._operators),
@@ -273,18 +275,22 @@ class Core:
             "cpu_s": round(time.process_time(), 3),
             "peak_memory_mb": round(peak_memory_mb(), 1),
         }
-        return [json.loads(part) for part in self._gather(Topic.END, 0, told)]
+        return [json.loads(part) for part in self._gather(Topic.END, 0, summary)]
 
     def _gather(self, topic: Topic, now: Time, value: Any) -> list[bytes]:
         return self.member.gather(topic, now, json.dumps(value).encode())
 
     def _replicate(self, oracle: Oracle, *, ahead: bool) -> OracleReplica:
         radio = self._scenario.radio
-        operators = {} if radio is None else {one.id: one.operator for one in radio.receivers}
+        operators = {} if radio is None else {receiver.id: receiver.operator for receiver in radio.receivers}
         radios = [
-            one.name
-            for one in oracle.medium.radios
-            if self._is_own(endpoint(operators[one.name], "gcs") if one.name in operators else f"{one.name}.companion")
+            medium_radio.name
+            for medium_radio in oracle.medium.radios
+            if self._is_own(
+                endpoint(operators[medium_radio.name], "gcs")
+                if medium_radio.name in operators
+                else f"{medium_radio.name}.companion"
+            )
         ]
         table = _number_links(self.built.wiring.links, {port: place for place, port in enumerate(oracle.ports)})
         return OracleReplica(oracle, self.member, FleetMotion(self._fleet), table, radios, ahead=ahead)

@@ -70,7 +70,7 @@ def keep_own_acts(wiring: Wiring, divisible: Container[str]) -> Wiring:
 
 
 def _is_divisible(plan: Act, taps: Sequence[TapPlacement]) -> bool:
-    alone = plan.trigger is None and not plan.one_process and not plan.is_defence
+    alone = plan.trigger is None and not plan.manual and not plan.one_process and not plan.is_defence
     return alone and not plan.sensor_hooks and not plan.body_hooks and all(tap.side != ORACLE for tap in taps)
 
 
@@ -113,8 +113,10 @@ class Division:
 
     def vehicles(self, scenario: Scenario, core: int) -> list[str]:
         """The aircraft on a core, in the order of the scenario."""
-        mine = frozenset(self.operators[core])
-        return [vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet if operator.id in mine]
+        own_operators = frozenset(self.operators[core])
+        return [
+            vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet if operator.id in own_operators
+        ]
 
     def endpoints(self, scenario: Scenario, core: int) -> Endpoints:
         """The endpoints on a core. All have the oracle; the first has all that belongs to no operator."""
@@ -184,7 +186,7 @@ def divide(scenario: Scenario, cores: int) -> Division:
         return Division((everyone,), reason)
     dealt: list[list[str]] = [[] for _ in range(count)]
     loads = [0] * count
-    for operator in sorted(everyone, key=lambda one: (one not in binding.operators, -weights[one])):
+    for operator in sorted(everyone, key=lambda candidate: (candidate not in binding.operators, -weights[candidate])):
         core = 0 if operator in binding.operators else loads.index(min(loads))
         dealt[core].append(operator)
         loads[core] += weights[operator]

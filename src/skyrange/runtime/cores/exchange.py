@@ -117,7 +117,7 @@ class Member:
         """
         number = self._collected[topic]
         self._wait(topic, number + 1)
-        own = self._posted[topic].popleft()
+        own_part = self._posted[topic].popleft()
         self._collected[topic] += 1
         parts: list[bytes] = []
         sizes = []
@@ -131,8 +131,8 @@ class Member:
                     f"out of step at topic {topic.name}: core {self.number} is at {now} ns, core {member} at {then} ns",
                 )
             sizes.append(size)
-            mine = member == self.number
-            parts.append(own if mine else bytes(self._memory[start : start + min(size, self._area_bytes)]))
+            is_own = member == self.number
+            parts.append(own_part if is_own else bytes(self._memory[start : start + min(size, self._area_bytes)]))
         return self._collect_rest(now, parts, sizes) if max(sizes) > self._area_bytes else parts
 
     def gather(self, topic: Topic, now: int, part: bytes) -> list[bytes]:
@@ -157,14 +157,14 @@ class Member:
 
     def _collect_rest(self, now: int, parts: list[bytes], sizes: Sequence[int]) -> list[bytes]:
         """Whole parts, of which the first areas are there; all know the sizes, so all do this in the same round."""
-        own = parts[self.number]
+        own_part = parts[self.number]
         whole = [bytearray(part) for part in parts]
         for begin in range(self._area_bytes, max(sizes), self._area_bytes):
-            pieces = self.gather(Topic.PIECES, now, own[begin : begin + self._area_bytes])
+            pieces = self.gather(Topic.PIECES, now, own_part[begin : begin + self._area_bytes])
             for member, piece in enumerate(pieces):
                 if member != self.number:
                     whole[member] += piece
-        return [own if member == self.number else bytes(part) for member, part in enumerate(whole)]
+        return [own_part if member == self.number else bytes(part) for member, part in enumerate(whole)]
 
     def _wait(self, topic: Topic, rounds: int) -> None:
         """Wait until all others have posted so many rounds of a topic."""

@@ -48,7 +48,10 @@ def unpack_transits(data: bytes) -> Iterator[Transit]:
 
 def pack_inbox(inbox: Inbox) -> bytes:
     """What arrived: single frames, then the rows of all blocks."""
-    rows = [[*arrival.port, arrival.at, len(arrival.payload), arrival.src, arrival.ref] for arrival in inbox.singles]
+    rows = [
+        [arrival.port.endpoint, arrival.port.link, arrival.at, len(arrival.payload), arrival.src, arrival.ref]
+        for arrival in inbox.singles
+    ]
     singles = _pack_rows(rows, [arrival.payload for arrival in inbox.singles]) if rows else b""
     blocks = inbox.blocks
     if not blocks:

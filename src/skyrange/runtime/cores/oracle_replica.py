@@ -140,8 +140,8 @@ class OracleReplica:
         self._foreign += [inbox for core, inbox in enumerate(inboxes) if core != self._member.number and len(inbox)]
         everything = merge_inboxes(inboxes)
         self._oracle.observe(now, cast("World", self._motion))  # which has all that it reads
-        wish = self._oracle.next_wakeup()
-        if not len(everything) and (wish is None or wish > now):
+        wakeup_ns = self._oracle.next_wakeup()
+        if not len(everything) and (wakeup_ns is None or wakeup_ns > now):
             return Outbox()
         outbox = self._oracle.step(now, everything)
         if self._member.number:
@@ -150,10 +150,10 @@ class OracleReplica:
 
     def _post(self, now: Time) -> None:
         assert self._own is not None
-        own = self._motion.pack(*self._own)
+        own_motion = self._motion.pack(*self._own)
         arrived, self._arrived = self._arrived, []
         inbox = arrived[0] if len(arrived) == 1 else merge_inboxes(arrived)
-        self._member.post(Topic.RADIO, now, _SIZE.pack(len(own)) + own + pack_inbox(inbox))
+        self._member.post(Topic.RADIO, now, _SIZE.pack(len(own_motion)) + own_motion + pack_inbox(inbox))
 
     def close(self) -> None:
         """End the medium; again does nothing."""

@@ -15,6 +15,7 @@ from typing import Any
 
 from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
 from skyrange.core.time import Time, to_seconds
+from skyrange.runtime.acts import describe_manual_acts, list_acts, list_unstarted
 from skyrange.runtime.cores.core import ApproachError, Core
 from skyrange.runtime.cores.division import Division
 from skyrange.runtime.cores.exchange import CoreFailedError, Exchange, Member
@@ -31,14 +32,14 @@ _JOIN_S = 10.0
 def run_on_cores(
     scenario: Scenario,
     division: Division,
-    asked: int,
+    requested: int,
     out: Path | None = None,
     *,
     speed: float = 0.0,
     on_progress: OnProgress | None = None,
     cpus: Sequence[int] | None = None,
 ) -> Path:
-    """Run `scenario` on the cores of `division`, at least two, where `asked` were asked for; returns the run's folder.
+    """Run `scenario` on the cores of `division`, at least two, where `requested` were asked for; returns the folder.
 
     `out`, `speed` and `on_progress` are those of `Run.start` and `Run.execute`, and so are the errors. With `cpus` each
     core has one of these CPUs, with the programs that it starts. Also raises
@@ -58,7 +59,14 @@ def run_on_cores(
         member = exchange.join(0)
         try:
             return _lead(
-                scenario, division, asked, member, out, pace=Pace(speed), interrupt=interrupt, on_progress=on_progress
+                scenario,
+                division,
+                requested,
+                member,
+                out,
+                pace=Pace(speed),
+                interrupt=interrupt,
+                on_progress=on_progress,
             )
         except CoreFailedError as error:
             raise _explain(error, processes) from error
@@ -72,11 +80,11 @@ def run_on_cores(
 
 
 def _lead(
-    scenario: Scenario, division: Division, asked: int, member: Member, out: Path | None, *, pace: Pace,
+    scenario: Scenario, division: Division, requested: int, member: Member, out: Path | None, *, pace: Pace,
     interrupt: Interruptible, on_progress: OnProgress | None,
 ) -> Path:  # fmt: skip
     """The first core's part, which opens and closes the record."""
-    core = _begin(scenario, division, asked, member, out)
+    core = _begin(scenario, division, requested, member, out)
     recorder, end = core.recorder, core.built.duration_ns
     shown: Time = -1
     try:
@@ -119,12 +127,12 @@ def _lead(
     return recorder.path
 
 
-def _begin(scenario: Scenario, division: Division, asked: int, member: Member, out: Path | None) -> Core:
+def _begin(scenario: Scenario, division: Division, requested: int, member: Member, out: Path | None) -> Core:
     """Build the first core's part, and open the record with all others; they end where that is refused."""
     try:
         with collect_seldom():  # a collection would touch, and so copy, what the processes share
             core = Core(scenario, division, member)
-            core.built.header["cores"] = {"asked": asked, "used": division.cores, "reason": division.reason}
+            core.built.header["cores"] = {"asked": requested, "used": division.cores, "reason": division.reason}
             core.open(lambda built: open_record(built, out, flush_s=math.inf))
     except Exception as error:
         if not isinstance(error, CoreFailedError):
@@ -141,11 +149,14 @@ def _summarise(core: Core, parts: Sequence[Mapping[str, Any]], lag_s: float, fin
     timings = summarise_timings(
         simulated_s, core.setup_s, core.wall_s, finish_s, max_lag_s=lag_s, peak_memory_mb=memory_mb
     )
+    unstarted = list_unstarted(act.describe() for act in list_acts(core.kernel, core.built, 0).values())
     shown = ("operators", "vehicles", "wall_s", "waited_s", "cpu_s", "peak_memory_mb")
     return {
         "simulated_s": simulated_s,
         **({"engines": list(engines.values())} if engines else {}),
         "timings": timings,
+        **({"manual_acts": manual} if (manual := describe_manual_acts(core.kernel, 0)) else {}),
+        **({"warnings": [*core.built.header.get("warnings", ()), *unstarted]} if unstarted else {}),
         **({"withheld": list(withheld)} if (withheld := core.kernel.withheld) else {}),
         "cores": {
             **core.built.header["cores"],
@@ -171,8 +182,8 @@ def _work(exchange: Exchange, number: int, scenario: Scenario, division: Divisio
     """Another core's part; it ends when the first one does."""
     if cpus is not None:
         os.sched_setaffinity(0, {cpus[number]})
-    for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(one, signal.SIG_IGN)  # the first core stops the run at a barrier
+    for signal_number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(signal_number, signal.SIG_IGN)  # the first core stops the run at a barrier
     member = exchange.join(number)
     try:
         with collect_seldom():

@@ -41,6 +41,8 @@ class NodeConfig:
     """What to do about a radio engine of this node that dies."""
     watched: Watched = ()
     """Aircraft of this node that viewers see, and at which port."""
+    reports_events: bool = False
+    """Whether it tells the supervisor what happens, for a display."""
 
     def to_json(self) -> str:
         """The content of the file."""

@@ -106,7 +106,7 @@ def assign_components(
         part = parts[end]
         if part not in outside:
             dealt.setdefault((_node_of(part, kind, where), where[part]), set()).add(end)
-    nodes = tuple(Node(name, frozenset(own), host) for (name, host), own in dealt.items())
+    nodes = tuple(Node(name, frozenset(endpoints), host) for (name, host), endpoints in dealt.items())
     return Deployment(nodes, frozenset(outside), where)
 
 
@@ -131,7 +131,7 @@ def _placed(components: Sequence[str], hosts: Mapping[str, str]) -> tuple[dict[s
     for part in components:
         fitting = [address for pattern, address in hosts.items() if fnmatchcase(part, pattern)]
         where[part] = fitting[-1] if fitting else base
-    if ip_address(base).is_loopback and not all(ip_address(one).is_loopback for one in where.values()):
+    if ip_address(base).is_loopback and not all(ip_address(address).is_loopback for address in where.values()):
         hint = 'Say at which address the others reach this machine: hosts.world = "ADDRESS".'
         problems.append(Problem("hosts.world", base, "an address that other machines reach", hint))
     return where, problems

@@ -21,8 +21,10 @@ from skyrange.gcs.telemetry_streams import OPERATOR
 from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.record import Recorder
 from skyrange.record.schema import FULL
+from skyrange.runtime.event_reports import EventReport
 from skyrange.runtime.live.deployment import LOOPBACK, Deployment, Group, assign_components, component_of
 from skyrange.runtime.live.node.viewers import Watched, assign_viewer_ports
+from skyrange.runtime.live.supervisor.act_requests import ActRequests
 from skyrange.runtime.live.supervisor.namespaces import Namespaces, namespaces
 from skyrange.runtime.live.system import Process, RealSystem, System
 from skyrange.runtime.live.transport.addresses import Crossing, crossings
@@ -51,8 +53,8 @@ def set_boot_rates(scenario: Scenario, outside: Collection[str]) -> Scenario:
 def _with_rates(operator: Operator) -> Operator:
     vehicles = []
     for vehicle in operator.vehicles:
-        own = {canonical_name(name) for name in vehicle.params}
-        more = {name: rate_hz for name, rate_hz in BOOT_RATES.items() if name not in own}
+        set_names = {canonical_name(name) for name in vehicle.params}
+        more = {name: rate_hz for name, rate_hz in BOOT_RATES.items() if name not in set_names}
         chosen = vehicle.model_copy(update={"params": {**more, **vehicle.params}})
         vehicles.append(chosen if vehicle.autopilot in _KINDS else vehicle)
     return operator.model_copy(update={"vehicles": tuple(vehicles)})
@@ -113,6 +115,8 @@ class LiveRange:
     """Aircraft that viewers see, and at which port."""
     system: System = field(default_factory=RealSystem)
     """Clock, sockets and processes of this machine."""
+    requests: ActRequests = field(default_factory=ActRequests)
+    """What is to be started and stopped by hand."""
     members: dict[str, SupervisedNode] = field(default_factory=dict)
     waits_for: list[str] = field(default_factory=list)
     """Addresses of machines that have not joined yet."""
@@ -122,6 +126,10 @@ class LiveRange:
     """Connections to the control socket without a key of the range's."""
     zero_ns: int = 0
     """Time 0 on this machine's monotonic clock; 0 before it is set."""
+    reports_events: bool = False
+    """Whether the nodes report what happens; set before the start, by who takes the reports."""
+    reports: list[EventReport] = field(default_factory=list)
+    """What the nodes reported since somebody took it."""
     took_s: float = 0.0
     """Wall seconds from time 0 to the end."""
 
@@ -133,7 +141,9 @@ class LiveRange:
     @property
     def joining(self) -> tuple[str, ...]:
         """The addresses of the machines that have to join."""
-        return tuple(one for one in self.deployment.others if self.spaces is None or one not in self.spaces.names)
+        return tuple(
+            address for address in self.deployment.others if self.spaces is None or address not in self.spaces.names
+        )
 
     @property
     def now_s(self) -> float:
@@ -189,15 +199,21 @@ def prepare_range(
         raise InputError.one("live", "keys", f"none, and hosts {', '.join(planned.others)}", "keys to join with", hint)
     if spaces is None:
         machine.check_own_addresses(planned.base)
-    here = [one for one in places if planned.home(one.listener) and planned.host(one.listener) == planned.base]
-    machine.check_free([one for one in here if spaces is None])  # in networks that are not there yet nothing is taken
+    here = [
+        crossing
+        for crossing in places
+        if planned.home(crossing.listener) and planned.host(crossing.listener) == planned.base
+    ]
+    machine.check_free(
+        [crossing for crossing in here if spaces is None]
+    )  # in networks that are not there yet nothing is taken
     control_port = CONTROL_PORT + port_offset if planned.others else 0
     fleet = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in built.scenario.fleet]
-    seen = assign_viewer_ports(fleet, viewer_port, viewer_host) if viewer_port is not None else ()
+    viewers = assign_viewer_ports(fleet, viewer_port, viewer_host) if viewer_port is not None else ()
     death = on_death or scenario.live.on_death
     record = open_record(built, out)
     record.attach_files(built.files)
-    return LiveRange(built, planned, places, record, death, keys, control_port, spaces, motion, seen, machine)
+    return LiveRange(built, planned, places, record, death, keys, control_port, spaces, motion, viewers, machine)
 
 
 def _check_links_over_air(built: BuiltScenario, planned: Deployment) -> None:

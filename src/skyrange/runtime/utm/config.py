@@ -199,7 +199,7 @@ def _within(folder: Path, table: BaseModel) -> ServiceConfig:
         if isinstance(value, BaseModel):
             return _within(folder, value)
         if isinstance(value, tuple):
-            return tuple(moved(one) for one in value)
+            return tuple(moved(item) for item in value)
         return value
 
     changed = {name: moved(getattr(table, name)) for name in type(table).model_fields}

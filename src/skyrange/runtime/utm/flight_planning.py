@@ -73,12 +73,12 @@ class FlightPlanning:
         return 404, {"message": f"{method} {PREFIX}{path} is unknown"}
 
     def _find(self, id_: str) -> OperationalIntent | None:
-        return next((one for one in self._held() if one.id == id_ and one.operator == self._operator), None)
+        return next((intent for intent in self._held() if intent.id == id_ and intent.operator == self._operator), None)
 
     def _status(self, id_: str) -> api.FlightPlanStatus:
-        held = self._find(id_)
-        if held is not None:
-            return _STATUS[held.state]
+        intent = self._find(id_)
+        if intent is not None:
+            return _STATUS[intent.state]
         return api.FlightPlanStatus.Closed if id_ in self._planned else api.FlightPlanStatus.NotPlanned
 
     async def _put(self, plan: str, body: Mapping[str, Any]) -> _Answer:
@@ -112,11 +112,11 @@ class FlightPlanning:
         basic = info["basic_information"]
         references = (
             altitude["reference"]
-            for one in basic["area"]
-            for altitude in (one["volume"].get("altitude_lower"), one["volume"].get("altitude_upper"))
+            for area in basic["area"]
+            for altitude in (area["volume"].get("altitude_lower"), area["volume"].get("altitude_upper"))
             if altitude is not None
         )
-        if any(one is not api.AltitudeReference.W84 for one in references):
+        if any(reference is not api.AltitudeReference.W84 for reference in references):
             raise NotImplementedError("altitudes above ground or take-off are not supported")
         priority = (info.get("astm_f3548_21") or {}).get("priority") or 0
         return OperationalIntent(
@@ -130,23 +130,23 @@ class FlightPlanning:
 
     async def _delete(self, plan: str) -> _Answer:
         id_ = make_uuid(f"flight plan {self._operator} {plan}")
-        held = self._find(id_)
-        if held is None:
+        intent = self._find(id_)
+        if intent is None:
             return 404, {"message": f"there is no flight plan {plan[:64]}"}
-        response = await self._operators.ask(self._operator, Request.end(held))
+        response = await self._operators.ask(self._operator, Request.end(intent))
         if isinstance(response.body, DecisionBody):
             return 200, _result(api.PlanningActivityResult.Completed, api.FlightPlanStatus.Closed)
-        return 200, _result(_failure(response), _STATUS[held.state], response.body.message)
+        return 200, _result(_failure(response), _STATUS[intent.state], response.body.message)
 
     async def _clear(self, body: Mapping[str, Any]) -> _Answer:
         """End every flight plan in an area."""
         airspace = Airspace()
-        for one in self._held():
-            if one.operator == self._operator:
-                airspace.put(one.id, one.volumes)
+        for held_intent in self._held():
+            if held_intent.operator == self._operator:
+                airspace.put(held_intent.id, held_intent.volumes)
         failed = []
         area = volume_of(body["extent"], self._epoch, "extent")
-        for id_ in sorted({one.intent for one in airspace.find_overlaps([area])}):
+        for id_ in sorted({overlap.intent for overlap in airspace.find_overlaps([area])}):
             intent = self._find(id_)
             if intent is None:
                 continue
@@ -164,13 +164,13 @@ class FlightPlanning:
             return 400, {"message": "after: it is needed"}
         from_ns = Epoch.from_datetime(after).unix_ns
         until_ns = None if before is None else Epoch.from_datetime(before).unix_ns
-        found = [
-            self._notification(one)
-            for one in self._operators.notices[self._operator]
-            if from_ns <= one.at + self._epoch.unix_ns
-            and (until_ns is None or one.at + self._epoch.unix_ns <= until_ns)
+        notifications = [
+            self._notification(notice)
+            for notice in self._operators.notices[self._operator]
+            if from_ns <= notice.at + self._epoch.unix_ns
+            and (until_ns is None or notice.at + self._epoch.unix_ns <= until_ns)
         ]
-        return 200, {"user_notifications": found}
+        return 200, {"user_notifications": notifications}
 
     def _notification(self, notice: Notice) -> dict[str, Any]:
         count = notice.body.conflicts or 1

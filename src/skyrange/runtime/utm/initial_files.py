@@ -83,7 +83,7 @@ def write_authority(folder: Path, operators: Sequence[str], port: int) -> Path:
     _check({AUTHORITY: operators}, port, 1, "--authority", "operators, such as blue,green")
     _make_folder(folder)
     _write_certificates(folder, [AUTHORITY])
-    served = "".join(f'{one} = "{secrets.token_urlsafe(24)}"\n' for one in operators)
+    served = "".join(f'{operator} = "{secrets.token_urlsafe(24)}"\n' for operator in operators)
     path = folder / f"{AUTHORITY}.toml"
     _write_secret(path, f"{_service(AUTHORITY, AUTHORITY, port)}\n[authority.operators]\n{served}".encode())
     return path
@@ -100,10 +100,10 @@ def _check(services: Mapping[str, Sequence[str]], first_port: int, ports: int, o
     """Raise `InputError` for names and ports that cannot be; `option` is the one that has given the names."""
     problems = []
     for name, operators in services.items():
-        for one in (name, *operators):
-            if not ID_PATTERN.match(one) or (one == name and one in (AUTHORIZATION, DSS)):
+        for identifier in (name, *operators):
+            if not ID_PATTERN.match(identifier) or (identifier == name and identifier in (AUTHORIZATION, DSS)):
                 expected = f"a name of letters, digits, - and _, other than {AUTHORIZATION!r} and {DSS!r}"
-                problems.append(Problem(option, repr(one), expected, f"Write {example}."))
+                problems.append(Problem(option, repr(identifier), expected, f"Write {example}."))
     if not 1 <= first_port <= 65_536 - ports:
         problems.append(Problem("--port", str(first_port), "a port that leaves enough of them for all services"))
     if problems:
@@ -137,7 +137,7 @@ def _client(name: str, secret: str, scopes: Sequence[str]) -> str:
 def _uss(name: str, operators: Sequence[str], ports: Mapping[str, int], password: str, *, tests: bool) -> str:
     tokens = f'{_TOKENS}url = "https://localhost:{ports[AUTHORIZATION]}/token"\nsecret = "{password}"\n'
     uss = f'\n[uss]\ndss_url = "https://localhost:{ports[DSS]}"\n'
-    served = "".join(f'{one} = "{secrets.token_urlsafe(24)}"\n' for one in operators)
+    served = "".join(f'{operator} = "{secrets.token_urlsafe(24)}"\n' for operator in operators)
     planning = "flight_planning = true\n" if tests else ""
     return f"{_service(name, 'uss', ports[name])}{tokens}{uss}{planning}\n[uss.operators]\n{served}"
 
@@ -154,8 +154,10 @@ def _write_certificates(folder: Path, names: Sequence[str]) -> None:
         [x509.DNSName("localhost"), x509.IPAddress(ipaddress.ip_address("127.0.0.1"))]
     )
     for name in names:
-        own = ec.generate_private_key(ec.SECP256R1())
-        builder = _builder(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)]), subject, own.public_key())
+        private_key = ec.generate_private_key(ec.SECP256R1())
+        builder = _builder(
+            x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)]), subject, private_key.public_key()
+        )
         builder = builder.add_extension(alternatives, critical=False)
         builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         builder = builder.add_extension(_usage(signs_certificates=False), critical=True)
@@ -163,7 +165,7 @@ def _write_certificates(folder: Path, names: Sequence[str]) -> None:
         builder = builder.add_extension(signer, critical=False)
         certificate = builder.sign(key, hashes.SHA256())
         (folder / f"{name}.crt").write_bytes(certificate.public_bytes(Encoding.PEM))
-        _write_key(folder / f"{name}.key", own)
+        _write_key(folder / f"{name}.key", private_key)
 
 
 def _usage(*, signs_certificates: bool) -> x509.KeyUsage:

@@ -73,13 +73,19 @@ class Operators:
         if isinstance(body, DecisionBody) and body.conflicts:
             self.notices[operator].append(Notice(self._now(), body))
         version = body.version if isinstance(body, DecisionBody) else None
-        waiting = [one for one in self._open.get((operator, response.path), ()) if not one.future.done()]
-        for one in waiting:
+        waiting = [
+            open_request
+            for open_request in self._open.get((operator, response.path), ())
+            if not open_request.future.done()
+        ]
+        for open_request in waiting:
             if not isinstance(body, DecisionBody):
-                one.future.set_result(response)
+                open_request.future.set_result(response)
                 return
-            if body.decision == "Ended" or one.version == version:  # of one that came twice, the USS answers the first
-                one.future.set_result(response)
+            if (
+                body.decision == "Ended" or open_request.version == version
+            ):  # of one that came twice, the USS answers the first
+                open_request.future.set_result(response)
 
     def is_operator_port(self, port: Port) -> bool:
         """Whether a port is that of an operator."""

@@ -227,7 +227,7 @@ def _make_uss(
         limits=settings.limits.limits,
         epoch=UNIX,
         journal=journal,
-        own=() if journal is None else journal.intents(),
+        earlier_intents=() if journal is None else journal.intents(),
         constraints=settings.constraints,
     )
 

@@ -135,24 +135,24 @@ class Authorization:
         self._key = key
         self._count = 0
 
-    def answer(self, asked: Mapping[str, str], authorization: str) -> tuple[int, dict[str, Any]]:
+    def answer(self, form: Mapping[str, str], authorization: str) -> tuple[int, dict[str, Any]]:
         """Status and body of the response to a request.
 
-        `asked` are the fields of its form, or of its query. Name and secret of the client are in the `authorization`
+        `form` are the fields of its form, or of its query. Name and secret of the client are in the `authorization`
         header (Basic), or in the fields `client_id` and `client_secret` (RFC 6749, 2.3.1).
         """
         name, secret = _read_basic(authorization) if authorization else ("", "")
         if not name:
-            name, secret = asked.get("client_id", ""), asked.get("client_secret", "")
+            name, secret = form.get("client_id", ""), form.get("client_secret", "")
         client = self._config.clients.get(name)
         if client is None or not hmac.compare_digest(secret.encode(), client.secret.encode()):
             return 401, {"error": "invalid_client", "error_description": "no client with this name and secret"}
-        if asked.get("grant_type") != "client_credentials":
+        if form.get("grant_type") != "client_credentials":
             return 400, {"error": "unsupported_grant_type", "error_description": "grant_type is client_credentials"}
-        receiver = asked.get("intended_audience") or asked.get("audience") or ""
+        receiver = form.get("intended_audience") or form.get("audience") or ""
         if not receiver or len(receiver) > 256:
             return 400, {"error": "invalid_request", "error_description": "intended_audience: a receiver is needed"}
-        scopes = asked.get("scope", "").split()
+        scopes = form.get("scope", "").split()
         refused = sorted(set(scopes) - set(client.scopes))
         if refused:
             text = f"not for this client: {' '.join(refused)}"

@@ -93,13 +93,13 @@ class WebService:
 
     async def _ask_operator(self, operators: Operators, method: str, path: str, token: str, content: bytes) -> _Answer:
         """Pass the request of an operator on."""
-        found = [name for name, secret in self._routes.secrets.items() if _is_same(secret, token)]
-        if not found:
+        matching = [name for name, secret in self._routes.secrets.items() if _is_same(secret, token)]
+        if not matching:
             return 401, {"message": "the bearer token of an operator is needed"}
         if method not in ("PUT", "DELETE"):
             return 405, {"message": "an operational intent is PUT, and ended by DELETE"}
         request: Request = decode_request_body(method, path, content)
-        response = await operators.ask(found[0], request)
+        response = await operators.ask(matching[0], request)
         return response.status, response.body.model_dump(mode="json", exclude_none=True)
 
     async def _test(

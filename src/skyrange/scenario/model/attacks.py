@@ -70,6 +70,13 @@ class PluginTable(Model):
             raise wrong(f"{stop_s:g}", f"more than start_s, {start_s:g}")
         return stop_s
 
+    @field_validator("manual", check_fields=False)
+    @classmethod
+    def _starts_one_way(cls, manual: bool, info: ValidationInfo) -> bool:  # noqa: FBT001 - of pydantic
+        if manual and info.data.get("when") is not None:
+            raise wrong("true", "false with when: a condition starts it, or somebody does")
+        return manual
+
     @property
     def settings(self) -> Params:
         """The parameters as the kind's own model."""
@@ -85,6 +92,16 @@ class PluginTable(Model):
         raise NotImplementedError
 
 
+def manual_start() -> Any:
+    """The field `manual` of what acts."""
+    return Field(
+        default=False,
+        strict=True,
+        description="Whether it starts by hand, at or after start_s: from Python, in the viewer, or as manual_acts "
+        "has it.",
+    )
+
+
 class ActTable(PluginTable):
     """What an attack and a fault declare alike: when it acts, and with which parameters."""
 
@@ -94,7 +111,7 @@ class ActTable(PluginTable):
         default=0.0,
         ge=0,
         le=31_536_000,
-        description="Simulated time in seconds from which it acts, or waits for its condition.",
+        description="Simulated time in seconds from which it acts, or waits for its condition or for a start by hand.",
     )
     stop_s: Number | None = Field(
         default=None,
@@ -111,6 +128,7 @@ class ActTable(PluginTable):
     when: When | None = Field(
         default=None, description="Condition that starts it when it first holds, at or after start_s."
     )
+    manual: bool = manual_start()
     muted: bool = Field(default=False, strict=True, description="Whether to run it and discard its output.")
     anchor: str | None = Field(
         default=None,

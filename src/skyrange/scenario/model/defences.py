@@ -11,7 +11,7 @@ from skyrange.contracts.params import Params
 from skyrange.contracts.plugins.registry import DEFENCES, DETECTORS
 from skyrange.core.time import NS_PER_US, Time
 from skyrange.defence.contract import DefencePlugin
-from skyrange.scenario.model.attacks import PluginTable
+from skyrange.scenario.model.attacks import PluginTable, manual_start
 from skyrange.scenario.model.base import Id, Model, Number
 from skyrange.scenario.validation.plugin_params import known, normalized
 
@@ -39,11 +39,15 @@ class DefenceTable(PluginTable):
         description="Kind of defence, a plugin of skyrange.defences."
     )
     start_s: Number = Field(
-        default=0.0, ge=0, le=31_536_000, description="Simulated time in seconds from which it acts."
+        default=0.0,
+        ge=0,
+        le=31_536_000,
+        description="Simulated time in seconds from which it acts, or waits for a start by hand.",
     )
     stop_s: Number | None = Field(
         default=None, gt=0, le=31_536_000, description="Simulated time in seconds at which it stops; default: never."
     )
+    manual: bool = manual_start()
     muted: bool = Field(default=False, strict=True, description="Whether to run it and discard its output.")
     params: dict[str, Any] = Field(default_factory=dict, validate_default=True, description="Parameters of the kind.")
 

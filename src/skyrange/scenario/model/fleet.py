@@ -190,12 +190,12 @@ class Fleet(Model):
         problems = []
         last_s = self.depart_s + self.every_s * (self.count - 1)
         if last_s > LATEST_S:
-            found = f"the last aircraft departs at {last_s:g} s"
-            problems.append(Problem("every_s", found, f"at most {LATEST_S} s", "Reduce every_s or count."))
+            value = f"the last aircraft departs at {last_s:g} s"
+            problems.append(Problem("every_s", value, f"at most {LATEST_S} s", "Reduce every_s or count."))
         far_m = max(max(abs(start.east_m), abs(start.north_m)) for start in self.starts())
         if far_m > REACH_M:
-            found = f"the farthest aircraft starts {far_m:g} m from the origin"
-            problems.append(Problem("spacing_m", found, f"at most {REACH_M} m", "Reduce spacing_m or count."))
+            value = f"the farthest aircraft starts {far_m:g} m from the origin"
+            problems.append(Problem("spacing_m", value, f"at most {REACH_M} m", "Reduce spacing_m or count."))
         if problems:
             raise refuse(*problems)
         return self

@@ -118,11 +118,11 @@ def resolve_channel(rules: Iterable[Link], name: str, default: Channel) -> Chann
 
 def resolve_over_air(rules: Iterable[Link], name: str) -> WifiParams | CellularParams | None:
     """The parameters of the link's channel over the air, by the last rule that says what its channel is."""
-    found = None
+    params = None
     for rule in rules:
         if rule.channel is not None and fnmatchcase(name, rule.match):
-            found = rule.over_air
-    return found
+            params = rule.over_air
+    return params
 
 
 def link_names(operators: Iterable[Operator], *, radio: bool = False) -> list[str]:

@@ -151,7 +151,7 @@ def operator_names(given: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
             name = color if color in COLORS and color not in ids else _free("op", number, ids)
             ids.add(name)
         if not color:
-            free = [one for one in COLORS if one not in colors]
+            free = [colour for colour in COLORS if colour not in colors]
             color = name if name in COLORS else (free or COLORS)[0]
             colors.add(color)
         named.append((name, color))
@@ -209,7 +209,7 @@ def _vehicles(name: str, operator: Operator) -> tuple[Vehicle, ...]:
     return tuple(
         vehicle.model_copy(
             update={
-                "id": own,
+                "id": id_,
                 "network": network,
                 "system_id": system_id,
                 "params": {**operator.params, **vehicle.params},
@@ -217,7 +217,7 @@ def _vehicles(name: str, operator: Operator) -> tuple[Vehicle, ...]:
                 "avoidance": vehicle.avoidance or operator.avoidance,
             }
         )
-        for vehicle, own, (network, system_id) in zip(vehicles, ids, where, strict=True)
+        for vehicle, id_, (network, system_id) in zip(vehicles, ids, where, strict=True)
     )
 
 

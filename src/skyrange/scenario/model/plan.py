@@ -239,5 +239,5 @@ def route(to: Any, alt_m: float, **how: Any) -> Plan:
     """A plan to fly to `to`, [east_m, north_m] from the start, around buildings; `how` accepts those of `Route` and of
     `square`.
     """
-    own = {name: how.pop(name) for name in Route.model_fields if name in how}
-    return Plan(route=Route(to=to, alt_m=alt_m, **own), **how)
+    route_fields = {name: how.pop(name) for name in Route.model_fields if name in how}
+    return Plan(route=Route(to=to, alt_m=alt_m, **route_fields), **how)

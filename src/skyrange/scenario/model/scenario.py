@@ -32,6 +32,7 @@ from skyrange.scenario.model.constraints import ConstraintTable
 from skyrange.scenario.model.defences import DefenceCost, DefenceTable, DetectorTable
 from skyrange.scenario.model.fleet import Autopilots, Fleet, Start, Vehicle
 from skyrange.scenario.model.links import Hosts, Link, Processing, resolve_channel, resolve_over_air
+from skyrange.scenario.model.manual_acts import ManualActTable
 from skyrange.scenario.model.operators import Operator, ReplanningRules, VolumeMargins, name_operators
 from skyrange.scenario.model.plan import (
     Fence,
@@ -68,6 +69,7 @@ __all__ = [
     "Fleet",
     "Grid",
     "Link",
+    "ManualActTable",
     "Operator",
     "Origin",
     "Path",
@@ -353,6 +355,9 @@ class Scenario(Model):
     faults: tuple[FaultTable, ...] = Field(default=(), description="Benign faults; default: none.")
     defences: tuple[DefenceTable, ...] = Field(default=(), description="Defences, in order; default: none.")
     detectors: tuple[DetectorTable, ...] = Field(default=(), description="Detectors; default: none.")
+    manual_acts: tuple[ManualActTable, ...] = Field(
+        default=(), description="Starts and stops by hand, as in a run in which they were done; default: none."
+    )
 
     @field_validator("approvals")
     @classmethod
@@ -393,6 +398,16 @@ class Scenario(Model):
     def acts(self) -> tuple[ActTable, ...]:
         """Every attack and every fault, in order."""
         return (*self.attacks, *self.faults)
+
+    @property
+    def acting(self) -> dict[str, ActTable | DefenceTable]:
+        """Every attack, fault and defence by its id, in order."""
+        tables: tuple[ActTable | DefenceTable, ...] = (*self.acts, *self.defences)
+        return {table.id: table for table in tables}
+
+    def is_started(self, act: ActTable | DefenceTable) -> bool:
+        """Whether an attack, fault or defence starts by itself, or `manual_acts` start it."""
+        return not act.manual or any((one.act, one.action) == (act.id, "start") for one in self.manual_acts)
 
     def channel(self, name: str, default: Channel) -> Channel:
         """The channel of the link `name`: `default` with the changes of every rule in `links` that matches."""

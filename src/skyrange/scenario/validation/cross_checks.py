@@ -15,6 +15,7 @@ from skyrange.core.ids import vehicle_id
 from skyrange.scenario.model.attacks import check_act_vehicles
 from skyrange.scenario.model.fleet import MAX_SYSTEM_ID
 from skyrange.scenario.model.links import endpoint_names, find_matches, link_names
+from skyrange.scenario.model.manual_acts import find_manual_problems
 from skyrange.scenario.model.operators import Operator
 
 _NONE: tuple[Any, ...] = (None, (), [])
@@ -49,6 +50,7 @@ def cross_check(scenario: Any) -> list[Problem]:
         vehicles = [vehicle_id(o.id, v.id) for o, v in scenario.fleet]
         problems += check_act_vehicles("attacks", scenario.attacks, vehicles)
         problems += check_act_vehicles("faults", scenario.faults, vehicles)
+        problems += find_manual_problems(scenario.manual_acts, scenario.acting)
     return problems
 
 
@@ -137,15 +139,15 @@ def _find_processing_problems(scenario: Any) -> Iterator[Problem]:
     names = list(endpoint_names(scenario.operators)) if scenario.processing else []
     taken: dict[str, int] = {}
     for index, table in enumerate(scenario.processing):
-        where, found = f"processing.{index}.match", find_matches(table, names)
-        if not found:
+        where, matches = f"processing.{index}.match", find_matches(table, names)
+        if not matches:
             hint = nearest(table.match, names) or f"An example of an endpoint is {names[-1]!r}."
             yield Problem(where, table.match, "the name of an endpoint, or a pattern that matches an endpoint", hint)
-        twice = next((name for name in found if name in taken), None)
+        twice = next((name for name in matches if name in taken), None)
         if twice is not None:
             hint = f"processing.{taken[twice]} already limits {twice}."
             yield Problem(where, table.match, "endpoints that no other table matches", hint)
-        for name in found:
+        for name in matches:
             taken.setdefault(name, index)
 
 
@@ -169,7 +171,9 @@ def _find_authentication_problems(scenario: Any) -> Iterator[Problem]:
                 yield Problem(where, given, "a radio medium, which carries Remote ID", "Add a table [radio].")
     if scenario.radio is not None:
         needs |= any(receiver.verify is not None for receiver in scenario.radio.receivers)
-    verifying = [(row, one.settings) for row, one in enumerate(scenario.defences) if one.kind == "remote_id.drip"]
+    verifying = [
+        (row, defence.settings) for row, defence in enumerate(scenario.defences) if defence.kind == "remote_id.drip"
+    ]
     needs |= bool(verifying)
     settings = {vehicle_id(o.id, v.id) for o, v in scenario.fleet if v.remote_id is not None and v.remote_id.verify}
     for row, params in verifying:
@@ -179,8 +183,8 @@ def _find_authentication_problems(scenario: Any) -> Iterator[Problem]:
             hint = "Remove verify from remote_id, or name other aircraft."
             yield Problem(f"defences.{row}.params.vehicles", ", ".join(twice), expected, hint)
     if needs and not _FIRST_SIGNING <= scenario.start_utc <= _LAST_SIGNING:
-        found = scenario.start_utc.isoformat()
-        yield Problem("start_utc", found, "a time from 2019-01-02 to 2154, because DRIP's times start in 2019")
+        value = scenario.start_utc.isoformat()
+        yield Problem("start_utc", value, "a time from 2019-01-02 to 2154, because DRIP's times start in 2019")
 
 
 _FIRST_TIMESTAMP = datetime(2015, 1, 1, tzinfo=UTC)
@@ -192,8 +196,8 @@ def _find_signing_problems(scenario: Any) -> Iterator[Problem]:
     signs = any(operator.signing != "off" for operator in scenario.operators)
     signs |= any(table.kind == "mavlink.signing" for table in scenario.defences)
     if signs and scenario.start_utc < _FIRST_TIMESTAMP:
-        found = scenario.start_utc.isoformat()
-        yield Problem("start_utc", found, "2015-01-01 or later, because timestamps of MAVLink signatures start there")
+        value = scenario.start_utc.isoformat()
+        yield Problem("start_utc", value, "2015-01-01 or later, because timestamps of MAVLink signatures start there")
 
 
 def _twice(where: str, parts: Sequence[Any], key: str, expected: str) -> Iterator[Problem]:

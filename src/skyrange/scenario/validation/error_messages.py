@@ -83,23 +83,23 @@ def suggest_number(text: str, key: str) -> str:
     if match is None:
         return ""
     number, unit = float(match[1]), _SPELLINGS.get(match[2].lower(), match[2].lower())
-    ours = split_unit(key)[1]
-    if not unit or unit == ours:
+    expected_unit = split_unit(key)[1]
+    if not unit or unit == expected_unit:
         return f"Write {key} = {match[1]}" + (
-            f" without quotes, in {UNIT_NAMES[ours]}." if ours else " without quotes."
+            f" without quotes, in {UNIT_NAMES[expected_unit]}." if expected_unit else " without quotes."
         )
-    if not ours:
+    if not expected_unit:
         return "Write a number without quotes and without a unit."
-    return _as(number, unit, key, ours)
+    return _as(number, unit, key, expected_unit)
 
 
-def _as(value: object, unit: str, key: str, ours: str) -> str:
-    factor = _TO_OURS.get((unit, ours))
-    if unit == "" or unit == ours:
+def _as(value: object, unit: str, key: str, expected_unit: str) -> str:
+    factor = _TO_OURS.get((unit, expected_unit))
+    if unit == "" or unit == expected_unit:
         factor = 1.0 if unit else None
     if factor is not None and isinstance(value, (int, float)) and not isinstance(value, bool):
-        return f"Write {key} = {value * factor:.10g}, in {UNIT_NAMES[ours]}."
-    return f"Write {key}, in {UNIT_NAMES[ours]}."
+        return f"Write {key} = {value * factor:.10g}, in {UNIT_NAMES[expected_unit]}."
+    return f"Write {key}, in {UNIT_NAMES[expected_unit]}."
 
 
 def model_of(annotation: Any) -> type[BaseModel] | None:
@@ -148,15 +148,15 @@ def type_at(root: Any, keys: Iterable[str | int]) -> Any | None:
 
 def field_at(root: Any, keys: tuple[str | int, ...]) -> FieldInfo | None:
     """The field at the end of a path; if the path ends inside the value of a field, that field."""
-    found = None
+    field = None
     for depth, key in enumerate(keys):
         model = model_of(root)
         if model is not None and isinstance(key, str) and key in model.model_fields:
-            found = model.model_fields[key]
+            field = model.model_fields[key]
         root = type_below(root, keys[depth])
         if root is None:
             break
-    return found
+    return field
 
 
 def _options(annotation: Any) -> list[Any]:
@@ -218,8 +218,8 @@ def _explain(
     renamed: set[Loc] = set()
     for detail in details:
         if detail["type"] == "extra_forbidden":
-            found, instead = _unknown_key(detail, model, data)
-            problems.append(found)
+            problem, instead = _unknown_key(detail, model, data)
+            problems.append(problem)
             if instead:
                 renamed.add((*detail["loc"][:-1], instead))
     if between is not None and not any(d["type"] == "skyrange" and not d["loc"] for d in details):

@@ -31,8 +31,8 @@ def params_of(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "
         return plugin.params.model_validate(given)
     except ValidationError as error:
         prefix = f"{where}." if where else ""
-        found = explain_errors(error, plugin.params, given)
-        problems = [Problem(f"{prefix}{f.where}", f.value, f.expected, f.hint) for f in found]
+        explained = explain_errors(error, plugin.params, given)
+        problems = [Problem(f"{prefix}{f.where}", f.value, f.expected, f.hint) for f in explained]
         raise InputError("scenario", problems) from None
 
 

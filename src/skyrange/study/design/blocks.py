@@ -92,7 +92,7 @@ def _unit_points(study: Study, count: int, dimensions: int) -> Iterator[list[flo
     elif study.sampling == "random":
         chance = Chance(study.first_seed)
         for point in range(count):
-            yield [chance.uniform4(_POINTS, hash64(one.name), point)[0] for one in study.factors]
+            yield [chance.uniform4(_POINTS, hash64(factor.name), point)[0] for factor in study.factors]
     else:
         try:
             from scipy.stats import qmc
@@ -129,14 +129,18 @@ def list_blocks(study: Study) -> list[Block]:
 
 def scenario_in(study: Study, arm: StudyArm, block: Block) -> Scenario:
     """The scenario of one run. Raises `InputError` with the problems of the scenario as changed."""
-    whole = {one.key: one.value_of(block.values[one.name]) for one in study.varying if one.key in WHOLE_KEYS}
-    town = whole.get(BUILDINGS, "")
+    whole_values = {
+        factor.key: factor.value_of(block.values[factor.name]) for factor in study.varying if factor.key in WHOLE_KEYS
+    }
+    town = whole_values.get(BUILDINGS, "")
     changes = [*_set_grid(town), *study.changes]
-    changes += [change_of(one, block.values[one.name]) for one in study.varying if one.key not in WHOLE_KEYS]
+    changes += [
+        change_of(factor, block.values[factor.name]) for factor in study.varying if factor.key not in WHOLE_KEYS
+    ]
     changes += arm.changes
     changes += ["record.csv=false", *([f"record.level={study.level}"] if study.level is not None else [])]
     base = load_scenario(
-        whole.get(SCENARIO, study.scenario),
+        whole_values.get(SCENARIO, study.scenario),
         changes,
         seed=block.seed,
         buildings=town if isinstance(town, str) and is_city_file(town) else None,
@@ -151,16 +155,16 @@ def scenario_in(study: Study, arm: StudyArm, block: Block) -> Scenario:
             raise InputError(f"scenario {base.name}, arm {arm.id}", problems)
     acting = frozenset(acting_attacks(base))
     state = {"muted": Arm(NOMINAL), "active": Arm(ATTACKED, acting), "sham": Arm(SHAM)}[arm.attacks]
-    found = scenario_of(base, state, block.seed)
+    scenario = scenario_of(base, state, block.seed)
     if arm.faults is None:
-        return found
-    faults = tuple(one.model_copy(update={"muted": arm.faults == "muted" or one.muted}) for one in base.faults)
-    return found.model_copy(update={"faults": faults})
+        return scenario
+    faults = tuple(fault.model_copy(update={"muted": arm.faults == "muted" or fault.muted}) for fault in base.faults)
+    return scenario.model_copy(update={"faults": faults})
 
 
 def city_of(study: Study, block: Block) -> str | None:
     """The name of the city that a factor chooses; None without such a factor."""
-    return next((str(block.values[one.name]) for one in study.varying if one.key == BUILDINGS), None)
+    return next((str(block.values[factor.name]) for factor in study.varying if factor.key == BUILDINGS), None)
 
 
 def check_blocks(study: Study, blocks: list[Block]) -> None:
@@ -174,8 +178,8 @@ def check_blocks(study: Study, blocks: list[Block]) -> None:
             try:
                 _check_scenario(study, scenario_in(study, arm, block))
             except InputError as error:
-                known = {(one.where, one.value) for one in problems}
-                problems += [one for one in error.problems if (one.where, one.value) not in known]
+                known = {(problem.where, problem.value) for problem in problems}
+                problems += [problem for problem in error.problems if (problem.where, problem.value) not in known]
     if problems:
         raise InputError(f"study {study.name}", problems)
 
@@ -185,11 +189,11 @@ def _check_scenario(study: Study, scenario: Scenario) -> None:
     built = build(scenario)
     try:
         if study.learned is not None:
-            taken = {COLLECTOR, *study.learned.names}
+            used_ids = {COLLECTOR, *study.learned.names}
             problems = [
-                Problem(f"detectors.{place}.id", one.id, "an id that no learned detector has")
-                for place, one in enumerate(scenario.detectors)
-                if one.id in taken
+                Problem(f"detectors.{place}.id", detector.id, "an id that no learned detector has")
+                for place, detector in enumerate(scenario.detectors)
+                if detector.id in used_ids
             ]
             if problems:
                 raise InputError(f"scenario {scenario.name}", problems)
@@ -214,17 +218,17 @@ def _set_grid(town: Any) -> Iterator[str]:
 
 
 def _corners(study: Study, blocks: list[Block]) -> Iterator[Block]:
-    found = {blocks[0].name: blocks[0]}
+    corners = {blocks[0].name: blocks[0]}
     for factor in study.varying:
         if is_numeric(blocks, factor.name):
-            ordered = sorted(blocks, key=lambda one: one.values[factor.name])
-            found.update({block.name: block for block in (ordered[0], ordered[-1])})
+            ordered = sorted(blocks, key=lambda block: block.values[factor.name])
+            corners.update({block.name: block for block in (ordered[0], ordered[-1])})
         else:
             first: dict[str, Block] = {}
             for block in blocks:
                 first.setdefault(repr(block.values[factor.name]), block)
-            found.update({block.name: block for block in first.values()})
-    yield from found.values()
+            corners.update({block.name: block for block in first.values()})
+    yield from corners.values()
 
 
 def _defences(arm: StudyArm) -> Iterator[DefenceTable]:

@@ -74,7 +74,7 @@ class Factor(Model):
         if not isinstance(data, dict) or data.get("key") == SCENARIO or not names_files(str(data.get("key"))):
             return data
         values, named = data.get("values"), data.get("named", {})
-        if not isinstance(values, (list, tuple)) or not values or not all(isinstance(one, str) for one in values):
+        if not isinstance(values, (list, tuple)) or not values or not all(isinstance(file, str) for file in values):
             return data
         if not isinstance(named, dict):
             return data

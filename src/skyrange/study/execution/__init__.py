@@ -1,1 +1,1 @@
-"""Execution of a study: its blocks on processes of this machine or on a cluster."""
+"""Execution of plans of runs: blocks on processes of this machine or on a cluster, stored as they end, and resumed."""

@@ -1,6 +1,6 @@
 """Storage of finished blocks at an fsspec URL, through which nodes that share no folder return what they flew.
 
-URL/study.json               the digest of the study
+URL/plan.json                the digest of the study
 URL/files/BLOCK/…            the files that are kept of a block, by their paths in the study's folder
 URL/blocks/BLOCK.json        its result, written last: what is here is whole
 """
@@ -8,20 +8,15 @@ URL/blocks/BLOCK.json        its result, written last: what is here is whole
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.files import atomic_write
-from skyrange.study.design.blocks import Block
-from skyrange.study.design.model import Study
-from skyrange.study.execution.worker import fly_block
-from skyrange.study.folder import BLOCKS, BlockResult
+from skyrange.study.execution.store import BLOCKS, MANIFEST
 
 _FILES: Final = "files"
-_MANIFEST: Final = "study.json"
 
 
 class BlockStorage:
@@ -35,15 +30,15 @@ class BlockStorage:
     def claim(self, digest: str) -> None:
         """Make this the storage of a study. Raises `InputError` if it is that of another one."""
         system, root = _connect(self.url)
-        path = f"{root}/{_MANIFEST}"
+        path = f"{root}/{MANIFEST}"
         try:
             if not system.exists(path):
                 system.makedirs(f"{root}/{BLOCKS}", exist_ok=True)
                 system.pipe_file(path, json.dumps({"digest": digest}).encode())
-            found = json.loads(system.cat_file(path)).get("digest")
+            stored_digest = json.loads(system.cat_file(path)).get("digest")
         except (OSError, ValueError, AttributeError) as error:
             raise InputError.one("study", "--storage", self.url, f"a place to write to: {error}") from error
-        if found != digest:
+        if stored_digest != digest:
             hint = "Give each study a URL of its own."
             raise InputError.one("study", "--storage", self.url, "the storage of this study, not of another one", hint)
 
@@ -52,10 +47,10 @@ class BlockStorage:
         system, root = _connect(self.url)
         try:
             system.invalidate_cache()
-            found = system.ls(f"{root}/{BLOCKS}", detail=False) if system.exists(f"{root}/{BLOCKS}") else []
+            paths = system.ls(f"{root}/{BLOCKS}", detail=False) if system.exists(f"{root}/{BLOCKS}") else []
         except OSError as error:
             raise ComponentError("storage", f"{self.url}: {error}") from error
-        return {PurePosixPath(path).stem for path in found if path.endswith(".json")}
+        return {PurePosixPath(path).stem for path in paths if path.endswith(".json")}
 
     def put(self, name: str, root: Path) -> None:
         """Copy a finished block out of a folder that has no other one. Raises `ComponentError`."""
@@ -85,8 +80,8 @@ class BlockStorage:
         system, source = _connect(self.url)
         files = f"{source}/{_FILES}/{name}"
         try:
-            found = system.find(files) if system.exists(files) else []
-            for path in found:
+            paths = system.find(files) if system.exists(files) else []
+            for path in paths:
                 relative = PurePosixPath(path).relative_to(PurePosixPath(files))
                 if ".." in relative.parts:
                     raise ComponentError("storage", f"{self.url}: block {name} has a file {relative}")
@@ -97,16 +92,6 @@ class BlockStorage:
             raise ComponentError("storage", f"{self.url}: block {name}: {error}") from error
         with atomic_write(root / BLOCKS / f"{name}.json") as file:
             file.write(data)
-
-
-def fly_to_storage(study: Study, url: str, block: Block) -> BlockResult:
-    """Fly a block in a temporary folder of this machine, and put it into the storage at `url`."""
-    with tempfile.TemporaryDirectory(prefix="skyrange-block-") as scratch:
-        root = Path(scratch)
-        (root / BLOCKS).mkdir()
-        result = fly_block(study, block, root)
-        BlockStorage(url).put(block.name, root)
-    return result
 
 
 def _connect(url: str) -> tuple[Any, str]:

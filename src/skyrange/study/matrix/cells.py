@@ -1,4 +1,4 @@
-"""Measures of a cell: effect, alarms and cost, read from the pair of its row and column."""
+"""Measures of a cell: effect, alarms and cost, read from the runs of its arms with each seed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from skyrange.core.time import NS_PER_S, from_seconds
-from skyrange.metrics.aircraft import Measured, measure_departures, measure_growth, measure_straying
+from skyrange.metrics.aircraft import DEPARTED_M, Measured, measure_departures, measure_growth, measure_straying
 from skyrange.metrics.exact_difference import identify_flight
 from skyrange.metrics.links import link_statistics, measure_transit_ms
 from skyrange.metrics.safety import NEAR_M
@@ -21,9 +21,9 @@ from skyrange.record.read.run import RunRecord
 from skyrange.scoring.matching import count_episodes
 from skyrange.scoring.result_file import ScoreSettings
 from skyrange.statistics.means import Interval, estimate_mean
-from skyrange.twins.arms import ATTACKED, HONEST, NOMINAL
-from skyrange.twins.effects import ArmOutcomes
-from skyrange.twins.pair_folder import Pair
+from skyrange.twins.arms import ATTACKED, HONEST, NOMINAL, SHAM
+from skyrange.twins.effects import ArmOutcomes, effect_rows
+from skyrange.twins.failed_missions import find_failed_missions
 
 _STARTS: Final = ("event.attack_start", "event.fault_start")
 _STOPS: Final = ("event.attack_stop", "event.fault_stop")
@@ -60,6 +60,7 @@ class Cell:
     assumed: bool = False
     """Whether an attack of the row acts on a sensor whose reaction is assumed, as its kind says."""
     folder: str = ""
+    """The folder of its first seed, a pair, relative to that of the matrix; "" if it is not kept."""
     refused: str = ""
     """Why the defence cannot be declared in the row's scenario; "" if it can."""
     effects: Sequence[float] = ()
@@ -92,12 +93,6 @@ class Cell:
 
     Had they not been muted, every run would be the same, so their cells are not flown: they are this one.
     """
-    quiet: Mapping[str, Sequence[tuple[str, int]]] = field(default_factory=dict)
-    """Of an undefended cell: by column, the runs (arm and seed) in which its defences would have done nothing."""
-
-    def idle_cell(self, column: str) -> Cell:
-        """The cell of one of the `idle` columns."""
-        return replace(self, column=column, failed=(), idle=(), quiet={})
 
     @property
     def effect(self) -> Interval | None:
@@ -112,11 +107,11 @@ class Cell:
         largest of several means is larger than what it is the mean of. With one seed nothing is left to report on: then
         it is chosen and reported on the same.
         """
-        flown = [one for one in self.adaptive if one.effects]
+        flown = [cell for cell in self.adaptive if cell.effects]
         if not flown:
             return None
         half = len(self.effects) // 2
-        chosen = max([self, *flown], key=lambda one: math.fsum(one.effects[: half or None]))
+        chosen = max([self, *flown], key=lambda cell: math.fsum(cell.effects[: half or None]))
         return chosen.since(half)
 
     def since(self, first: int) -> Cell:
@@ -133,67 +128,78 @@ class Cell:
     @property
     def alarm_s(self) -> float | None:
         """Mean time to an alarm over the seeds, of a missed attack the time for which it was; `None` without seeds."""
-        told = [seen if at is None else at for at, seen in zip(self.alarms_s, self.watched_s, strict=True)]
-        return math.fsum(told) / len(told) if told else None
+        times_s = [watched_s if at is None else at for at, watched_s in zip(self.alarms_s, self.watched_s, strict=True)]
+        return math.fsum(times_s) / len(times_s) if times_s else None
 
     def data(self) -> dict[str, Any]:
         """As JSON data."""
-        data = asdict(self)
-        del data["quiet"]
-        return data
+        return asdict(self)
 
 
-def measure_cell(flown: Pair, cell: Cell, measure: str, detectors: Sequence[str]) -> Cell:
-    """`cell` with the measures of its pair; `detectors` are the ids of its defences, none for the undefended one."""
-    baseline = flown.baseline or NOMINAL
-    effects: list[float] = []
-    complete: list[bool] = []
-    growth: list[float | None] = []
-    alarms, watched, false_alarms, hours, nominal, fault_alarms = [], [], [], [], [], []
-    rows = [one for one in flown.effects.to_pylist() if one["against"] == baseline]
-    for seed in flown.seeds:
-        own = [one for one in rows if one["seed"] == seed]
-        attacked, twin = flown.run(ATTACKED, seed), flown.run(baseline, seed)
-        end_ns = _end_ns(attacked)
-        events = [(note.kind, note.time_ns) for note in read_notes(attacked, "events")]
-        start_ns = min((at for kind, at in events if kind in _STARTS), default=end_ns)
-        series = _SERIES[measure](attacked, twin) if measure in _SERIES else None
-        stop_ns = max((at for kind, at in events if kind in _STOPS), default=end_ns)
-        growth.append(None if series is None else measure_growth(series, start_ns, stop_ns))
-        if measure == "strayed_m" and series is not None:
-            effects.append(float(series.away_m.max(initial=0.0)))
-        elif measure == "telemetry":
-            effects.append(_missing_telemetry(attacked, twin))
-        else:
-            effects.append(max(_value(one, measure) for one in own))
-        complete.append(all(one["outcome"] == "complete" for one in own if one["outcome_twin"] == "complete"))
-        after = [at for at in alert_times_ns(attacked, detectors) if at >= start_ns]
-        alarms.append((after[0] - start_ns) / NS_PER_S if after and not cell.fault else None)
-        watched.append((end_ns - start_ns) / NS_PER_S)
-        fault_alarms += [count_alarms(attacked, detectors)] if cell.fault else []
-        if cell.candidate:
-            continue  # what a defence costs does not depend on the attack
-        quiet = flown.run(NOMINAL, seed)
-        false_alarms.append(count_alarms(quiet, detectors))
-        measured = ArmOutcomes.read(quiet, NEAR_M).measured
-        nominal.append(_nominal(quiet, measured))
-        hours.append(_flown_h(quiet, measured))
-    honest: list[bool] = []
-    if HONEST in flown.arms:
-        honest = [bool(alert_times_ns(flown.run(HONEST, seed), detectors)) for seed in flown.seeds]
-    return replace(
+def read_cell(data: Mapping[str, Any]) -> Cell:
+    """A cell without candidates from its JSON data."""
+    nominal = [
+        Nominal(**{**entry, "transit_ms": {role: (low, high) for role, (low, high) in entry["transit_ms"].items()}})
+        for entry in data["nominal"]
+    ]
+    return Cell(**{**data, "nominal": nominal, "adaptive": (), "idle": ()})
+
+
+_BY_SEED: Final = (
+    "failed", "effects", "complete", "growth_m_per_min", "alarms_s", "watched_s", "false_alarms", "flown_h",
+    "fault_alarms", "nominal", "honest_alarms",
+)  # fmt: skip
+"""Fields of a cell that are lists by seed."""
+
+
+def join_seeds(cells: Sequence[Cell]) -> Cell:
+    """The cell of all seeds, from those of one seed each, in order."""
+    lists: dict[str, Any] = {name: [value for cell in cells for value in getattr(cell, name)] for name in _BY_SEED}
+    return replace(cells[0], **lists)
+
+
+def measure_cell(runs: Mapping[str, RunRecord], cell: Cell, measure: str, detectors: Sequence[str]) -> Cell:
+    """`cell` with the measures of the runs of one seed, by arm.
+
+    `detectors` are the ids of its defences, none for the undefended one. The baseline is the sham where it was flown.
+    """
+    attacked, twin = runs[ATTACKED], runs[SHAM if SHAM in runs else NOMINAL]
+    events = [(note.kind, note.time_ns) for note in read_notes(attacked, "events")]
+    end_ns = _end_ns(attacked)
+    start_ns = min((at for kind, at in events if kind in _STARTS), default=end_ns)
+    stop_ns = max((at for kind, at in events if kind in _STOPS), default=end_ns)
+    series = _SERIES[measure](attacked, twin) if measure in _SERIES else None
+    baseline = ArmOutcomes.read(twin, NEAR_M)
+    rows = effect_rows(int(attacked.manifest["seed"]), "", ArmOutcomes.read(attacked, NEAR_M), baseline, DEPARTED_M)
+    if measure == "strayed_m" and series is not None:
+        effect = float(series.away_m.max(initial=0.0))
+    elif measure == "telemetry":
+        effect = _missing_telemetry(attacked, twin)
+    else:
+        effect = max(_value(row, measure) for row in rows)
+    after = [at for at in alert_times_ns(attacked, detectors) if at >= start_ns]
+    measured_cell = replace(
         cell,
-        failed=tuple(map(str, flown.failed_missions)),
-        effects=effects,
-        complete=complete,
-        growth_m_per_min=growth,
-        alarms_s=alarms,
-        watched_s=watched,
-        false_alarms=false_alarms,
-        flown_h=hours,
-        fault_alarms=fault_alarms,
-        nominal=nominal,
-        honest_alarms=honest,
+        failed=[
+            str(failure) for arm in (NOMINAL, SHAM) if arm in runs and (failure := find_failed_missions(runs[arm], arm))
+        ],
+        effects=[effect],
+        complete=[all(row["outcome"] == "complete" for row in rows if row["outcome_twin"] == "complete")],
+        growth_m_per_min=[None if series is None else measure_growth(series, start_ns, stop_ns)],
+        alarms_s=[(after[0] - start_ns) / NS_PER_S if after and not cell.fault else None],
+        watched_s=[(end_ns - start_ns) / NS_PER_S],
+        fault_alarms=[count_alarms(attacked, detectors)] if cell.fault else [],
+        honest_alarms=[bool(alert_times_ns(runs[HONEST], detectors))] if HONEST in runs else [],
+    )
+    if cell.candidate:
+        return measured_cell  # what a defence costs does not depend on the attack
+    quiet = runs[NOMINAL]
+    measured = (baseline if quiet is twin else ArmOutcomes.read(quiet, NEAR_M)).measured
+    return replace(
+        measured_cell,
+        false_alarms=[count_alarms(quiet, detectors)],
+        nominal=[_nominal(quiet, measured)],
+        flown_h=[_flown_h(quiet, measured)],
     )
 
 
@@ -209,11 +215,11 @@ def _value(row: dict[str, Any], measure: str) -> float:
 
 def _missing_telemetry(attacked: RunRecord, baseline: RunRecord) -> float:
     """Share of the frames that stations get on gcs links in the baseline and that are missing, in percent."""
-    mine, other = (
-        sum(one.delivered for one in link_statistics(run) if (one.kind, one.direction) == ("gcs", "rev"))
+    attacked_frames, baseline_frames = (
+        sum(link.delivered for link in link_statistics(run) if (link.kind, link.direction) == ("gcs", "rev"))
         for run in (attacked, baseline)
     )
-    return 100.0 * max(other - mine, 0) / max(other, 1)
+    return 100.0 * max(baseline_frames - attacked_frames, 0) / max(baseline_frames, 1)
 
 
 def alert_times_ns(run: RunRecord, detectors: Sequence[str]) -> list[int]:
@@ -244,15 +250,15 @@ def _flown_h(run: RunRecord, measured: Sequence[Measured]) -> float:
     reported as ended, or else to the end of the run.
     """
     last_s = _end_ns(run) / NS_PER_S
-    ends = [one.finished_s if one.landed_s is None else one.landed_s for one in measured]
-    return sum(last_s if one is None else one for one in ends) / _S_PER_H
+    ends = [aircraft.finished_s if aircraft.landed_s is None else aircraft.landed_s for aircraft in measured]
+    return sum(last_s if end_s is None else end_s for end_s in ends) / _S_PER_H
 
 
 def _nominal(run: RunRecord, measured: Sequence[Measured]) -> Nominal:
     return Nominal(
-        [one.landed_s for one in measured],
-        [one.energy_j for one in measured],
-        [one.outcome == "complete" for one in measured],
+        [aircraft.landed_s for aircraft in measured],
+        [aircraft.energy_j for aircraft in measured],
+        [aircraft.outcome == "complete" for aircraft in measured],
         identify_flight(run.manifest),
         run.table("frames", ["size"]).num_rows,
         measure_transit_ms(run),
@@ -263,22 +269,27 @@ def added_delay_s(cell: Cell, without: Cell) -> list[float]:
     """How much later missions end by touchdown in the nominal runs with a defence, in s: the mean over aircraft, by
     seed; of a seed in which no aircraft touches down in both, NaN.
     """
-    return _differences([one.landed_s for one in cell.nominal], [one.landed_s for one in without.nominal])
+    return _differences(
+        [nominal.landed_s for nominal in cell.nominal], [nominal.landed_s for nominal in without.nominal]
+    )
 
 
 def added_energy_j(cell: Cell, without: Cell) -> list[float]:
     """How much more energy aircraft use in the nominal runs with a defence, in joules: as `added_delay_s`."""
-    return _differences([one.energy_j for one in cell.nominal], [one.energy_j for one in without.nominal])
+    return _differences(
+        [nominal.energy_j for nominal in cell.nominal], [nominal.energy_j for nominal in without.nominal]
+    )
 
 
 def broken_missions(cell: Cell, without: Cell) -> tuple[int, int]:
     """Missions of the nominal runs that are complete without the defence alone, and those that are without it."""
     pairs = [
-        (mine, other)
-        for one, two in zip(cell.nominal, without.nominal, strict=True)
-        for mine, other in zip(one.complete, two.complete, strict=True)
+        (complete, complete_without)
+        for run, run_without in zip(cell.nominal, without.nominal, strict=True)
+        for complete, complete_without in zip(run.complete, run_without.complete, strict=True)
     ]
-    return sum(other and not mine for mine, other in pairs), sum(other for _, other in pairs)
+    broken = sum(complete_without and not complete for complete, complete_without in pairs)
+    return broken, sum(complete_without for _, complete_without in pairs)
 
 
 def added_frames(cell: Cell, without: Cell) -> list[float]:
@@ -291,26 +302,30 @@ def added_transit_ms(cell: Cell, without: Cell, roles: Sequence[str]) -> list[tu
 
     By seed, on links of those of `roles` that there are; of several, that whose 95th percentile grows most.
     """
-    found = []
-    for one, two in zip(cell.nominal, without.nominal, strict=True):
-        mine, other = one.transit_ms, two.transit_ms
+    growths = []
+    for run, run_without in zip(cell.nominal, without.nominal, strict=True):
+        delays, delays_without = run.transit_ms, run_without.transit_ms
         grown = [
-            (mine[role][1] - other[role][1], mine[role][0] - other[role][0])
+            (delays[role][1] - delays_without[role][1], delays[role][0] - delays_without[role][0])
             for role in roles
-            if role in mine and role in other
+            if role in delays and role in delays_without
         ]
         if grown:
             tail, median = max(grown)
-            found.append((median, tail))
-    return found
+            growths.append((median, tail))
+    return growths
 
 
-def _differences(mine: Sequence[Sequence[float | None]], other: Sequence[Sequence[float | None]]) -> list[float]:
-    found = []
-    for one, two in zip(mine, other, strict=True):
-        own = [a - b for a, b in zip(one, two, strict=True) if a is not None and b is not None]
-        found.append(math.fsum(own) / len(own) if own else math.nan)
-    return found
+def _differences(
+    values: Sequence[Sequence[float | None]], values_without: Sequence[Sequence[float | None]]
+) -> list[float]:
+    means = []
+    for seed_values, seed_values_without in zip(values, values_without, strict=True):
+        differences = [
+            a - b for a, b in zip(seed_values, seed_values_without, strict=True) if a is not None and b is not None
+        ]
+        means.append(math.fsum(differences) / len(differences) if differences else math.nan)
+    return means
 
 
 _SERIES: Final = {"departure_m": measure_departures, "strayed_m": measure_straying}

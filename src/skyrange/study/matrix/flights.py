@@ -1,133 +1,263 @@
-"""Flights of a matrix: a pair for each cell, several at a time, measured where it was flown."""
+"""Flights of a matrix: the arms of each cell with each seed, measured where they were flown."""
 
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
-import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from heapq import heappop, heappush
 from pathlib import Path
-from time import monotonic
-from typing import Any, Final
+from typing import Any, Final, Literal
 
+from skyrange.assembly.batches import count_together
 from skyrange.assembly.build import build
-from skyrange.core.errors import InputError, Problem, ShortfallError, SkyrangeError
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write, expand_user
-from skyrange.io.processes.program import end_with_parent
-from skyrange.record.folder import make_new_folder
+from skyrange.record import RunRecord
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.statistics.exact_intervals import load_special
-from skyrange.study.matrix.cells import Cell, measure_cell
-from skyrange.study.matrix.model import UNDEFENDED, Column, Matrix, Row
+from skyrange.study.execution.executors import Executor
+from skyrange.study.execution.plan import PlannedBlock, PlannedRun, RunPlan, digest_plan
+from skyrange.study.execution.plan_run import (
+    OnPlanProgress,
+    choose_executor,
+    forget_failures,
+    require_success,
+    run_plan,
+)
+from skyrange.study.execution.store import RunStore, claim_store
+from skyrange.study.matrix.cells import Cell, join_seeds, measure_cell, read_cell
+from skyrange.study.matrix.model import UNDEFENDED, Column, Matrix, Row, locate_scenarios
 from skyrange.study.matrix.verdicts import Verdicts, judge_cells
-from skyrange.study.pairing import pair
-from skyrange.twins.arms import NOMINAL, Selection, acting_attacks, claiming_attacks
-from skyrange.twins.pair_folder import Pair, folder_of
+from skyrange.study.pairing import compare_arms, work_of
+from skyrange.twins.arms import NOMINAL, Arm, acting_attacks, claiming_attacks, plan_arms, scenario_of
 
-FORMAT: Final = "skyrange.matrix/2"
+FORMAT: Final = "skyrange.matrix/3"
 MANIFEST: Final = "matrix.json"
 CELLS: Final = "cells"
 _SENSORS: Final = ("gnss", "baro", "compass", "imu", "gyro", "accel")
 
-OnCell = Callable[[int, int, float | None], None]
-"""Callback for progress: cells flown, cells in all, and the seconds that are left if they are known."""
+_ROUND_SEEDS: Final = 32
+"""Seeds of all cells that are flown before the next ones, so that a matrix that was interrupted has all cells."""
+
+Keep = Literal["results", "first", "everything"]
+"""What is kept of the runs of a cell: nothing but its measures; those of its first seed, as a pair with its report;
+or those of all seeds, each as a pair with its report."""
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
-    """One cell to be flown, or one candidate of an adversary in it."""
+class CellFlights:
+    """What is flown of one cell, or of one candidate of an adversary in it, with each seed."""
 
     row: Row
     column: Column | None
     scenario: Scenario
-    folder: Path
     name: str
-    """The folder's path within the matrix."""
-    seeds: int
+    """Of its folder among those of the row."""
     honest: bool = field(kw_only=True)
     candidate: str = ""
     muted: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Of an undefended cell: the defences of other cells that fly in it muted, ids by column."""
-    waits_for: str | None = None
-    """The column of the same row whose cell has runs that this one can take over, and is flown before."""
+    waits_for: str = ""
+    """The cell of the same row that has runs that this one can take over."""
 
     @property
-    def work(self) -> float:
-        """How long its flights may take compared with others: aircraft-seconds."""
-        arms = 4 if self.honest else 2
-        aircraft = sum(1 for _ in self.scenario.fleet)
-        return aircraft * self.scenario.duration_s * self.seeds * arms
+    def column_id(self) -> str:
+        """The id of its column."""
+        return UNDEFENDED if self.column is None else self.column.id
 
-    def fly(self, known: Mapping[tuple[str, int], Path]) -> Cell:
-        """Fly it as a pair in this process, and measure it; `known` are runs that need not be flown (`pair`).
+    def list_arms(self) -> list[Arm]:
+        """The arms that are flown: of a candidate the attacked one and its baseline alone."""
+        attacks = acting_attacks(self.scenario)
+        selection: Literal["baseline", "sham"] = "baseline" if self.candidate else "sham"
+        return plan_arms(attacks, selection, honest=self.honest)
 
-        An undefended cell says which columns are `idle` in it: their defences, present and muted, would have done
-        nothing in any of its runs, so in each cell of its row and one of these columns the runs would be the same.
-        """
-        lies = "sham" in acting_attacks(self.scenario).values()
-        arms: Selection = "baseline" if self.candidate else "sham" if lies else "nominal"
-        flown = pair(
-            self.scenario,
-            self.folder,
-            arms=arms,
-            seeds=self.seeds,
-            jobs=1,
-            honest=self.honest,
-            run_reports=False,
-            known=known,
-        )
-        quiet = self._quiet_runs(flown)
-        every = len(flown.arms) * len(flown.seeds)
-        detectors = [table.id for table in self.scenario.defences if not table.muted]
-        cell = Cell(
-            self.row.id,
-            self.column.id if self.column is not None else UNDEFENDED,
-            fault=not self.scenario.attacks,
-            assumed=rests_on_assumption(self.scenario),
-            folder=self.name,
-            candidate=self.candidate,
-            idle=tuple(column for column, runs in quiet.items() if len(runs) == every),
-            quiet=quiet,
-        )
-        return measure_cell(flown, cell, self.row.measure, detectors)
+    def seeds(self, count: int) -> range:
+        """The first seeds from that of the scenario on."""
+        return range(self.scenario.seed, self.scenario.seed + count)
 
-    def _quiet_runs(self, flown: Pair) -> dict[str, list[tuple[str, int]]]:
-        quiet: dict[str, list[tuple[str, int]]] = {column: [] for column in self.muted}
-        for arm in flown.arms:
-            for seed in flown.seeds:
-                withheld = flown.run(arm, seed).manifest.get("withheld", ()) if self.muted else ()
-                for column, ids in self.muted.items():
-                    if set(ids).isdisjoint(withheld):
-                        quiet[column].append((arm, seed))
-        return quiet
+    def block_name(self, seed: int) -> str:
+        """The name of the block of a seed."""
+        return f"{self.row.id}/{self.name}/seed-{seed}"
 
-    def runs(self, of: Cell, root: Path) -> dict[tuple[str, int], Path]:
-        """The runs of the cell that it waited for, by arm and seed, that its own would be equal to."""
-        if self.candidate:
-            same: Sequence[tuple[str, int]] = [(NOMINAL, seed) for seed in self._numbers]
-        else:
-            same = of.quiet.get(self.column.id, ()) if self.column is not None else ()
-        return {(arm, seed): root / of.folder / folder_of(arm, seed, self._numbers) for arm, seed in same}
+    def empty_cell(self) -> Cell:
+        """The cell without measures."""
+        fault, assumed = not self.scenario.attacks, rests_on_assumption(self.scenario)
+        return Cell(self.row.id, self.column_id, fault=fault, assumed=assumed, candidate=self.candidate)
 
-    @property
-    def _numbers(self) -> list[int]:
-        return [self.scenario.seed + k for k in range(self.seeds)]
+    def find_quiet(self, runs: Mapping[str, RunRecord]) -> dict[str, list[str]]:
+        """By column, the arms in which its defences, present and muted, would have done nothing."""
+        if not self.muted:
+            return {}
+        withheld = {arm: set(run.manifest.get("withheld", ())) for arm, run in runs.items()}
+        return {
+            column: [arm for arm, withheld_ids in withheld.items() if withheld_ids.isdisjoint(ids)]
+            for column, ids in self.muted.items()
+        }
 
 
 def rests_on_assumption(scenario: Scenario) -> bool:
     """Whether an attack acts on a sensor whose reaction is assumed, by what its kind says of realism."""
     return any(
-        one.startswith("assumed")
+        note.startswith("assumed")
         for attack in scenario.attacks
         if any(part in _SENSORS for part in attack.plugin.surface)
-        for one in attack.plugin.realism.values()
+        for note in attack.plugin.realism.values()
     )
+
+
+@dataclass(frozen=True)
+class MatrixPlan(RunPlan):
+    """The runs of a matrix: a block for each cell or candidate with each seed.
+
+    A block is measured where it was flown: `cell` has its measures, `runs` the folders of its arms, and `quiet` of an
+    undefended one the arms in which the defences of a column would have done nothing. Where these are all arms, the
+    block of that column is not flown: its measures are those of the undefended one.
+    """
+
+    matrix: Matrix
+    cells: Sequence[CellFlights]
+    keep: Keep = "first"
+
+    kind = "matrix"
+
+    @property
+    def name(self) -> str:
+        """The name of the matrix."""
+        return self.matrix.name
+
+    @cached_property
+    def together(self) -> int:
+        """See `RunPlan`: by the cell of which most fly together."""
+        return max((count_together(cell.scenario) for cell in self.cells), default=1)
+
+    @property
+    def blocks(self) -> Sequence[PlannedBlock]:
+        """Cell by cell, seed by seed."""
+        return self._blocks
+
+    @cached_property
+    def _blocks(self) -> list[PlannedBlock]:
+        return list(self._list_blocks())
+
+    @cached_property
+    def _of(self) -> dict[str, tuple[CellFlights, int]]:
+        """The cell and the seed of each block, by name."""
+        return {cell.block_name(seed): (cell, seed) for cell in self.cells for seed in cell.seeds(self.matrix.seeds)}
+
+    @cached_property
+    def _awaited(self) -> set[str]:
+        return {block.waits_for for block in self.blocks}
+
+    def _list_blocks(self) -> Iterator[PlannedBlock]:
+        for cell in self.cells:
+            arms = cell.list_arms()
+            work = work_of(cell.scenario) * len(arms)
+            alike = f"{cell.row.id}/{cell.name}"
+            for number, seed in enumerate(cell.seeds(self.matrix.seeds)):
+                name = cell.block_name(seed)
+                waits_for = f"{cell.row.id}/{cell.waits_for}/seed-{seed}" if cell.waits_for else ""
+                folders = tuple(f"{CELLS}/{name}/{arm.name}" for arm in arms)
+                yield PlannedBlock(name, folders, work, waits_for, number // _ROUND_SEEDS, alike)
+
+    def digest(self) -> str:
+        """See `RunPlan.digest`."""
+        return digest_plan(self.kind, self.tell(), [cell.scenario for cell in self.cells])
+
+    def tell(self) -> dict[str, Any]:
+        """The matrix, whose scenario files are absolute, and what is kept of its runs."""
+        return {"matrix": locate_scenarios(self.matrix).model_dump(mode="json"), "keep": self.keep}
+
+    def plan_runs(self, block: PlannedBlock, store: RunStore) -> list[PlannedRun]:
+        """A run for each arm, of which some may be those of the block that it waited for."""
+        cell, seed = self._of[block.name]
+        known = self._known_runs(cell, block, store)
+        return [
+            PlannedRun(
+                folder,
+                scenario_of(cell.scenario, arm, seed),
+                in_memory=not self._keeps(cell, seed),
+                same_as=known.get(arm.name),
+            )
+            for folder, arm in zip(block.folders, cell.list_arms(), strict=True)
+        ]
+
+    def _known_runs(self, cell: CellFlights, block: PlannedBlock, store: RunStore) -> dict[str, Path]:
+        """The runs of the block that it waited for, by arm, that its own would be equal to."""
+        data = store.read(block.waits_for)[1] if block.waits_for else None
+        if data is None:
+            return {}
+        same = [NOMINAL] if cell.candidate else data["quiet"].get(cell.column_id, ())
+        return {arm: store.path / data["runs"][arm] for arm in same if arm in data["runs"]}
+
+    def settle(self, block: PlannedBlock, store: RunStore) -> dict[str, Any] | None:
+        """The measures of the undefended block, if the column's defences would have done nothing in any of its runs."""
+        cell, _ = self._of[block.name]
+        data: dict[str, Any] | None = store.read(block.waits_for)[1]
+        if data is None or cell.candidate or len(data["quiet"].get(cell.column_id, ())) < len(block.folders):
+            return None
+        return {**data, "cell": {**data["cell"], "column": cell.column_id}, "quiet": {}}
+
+    def measure(
+        self, block: PlannedBlock, records: Mapping[str, RunRecord], errors: Mapping[str, str], store: RunStore
+    ) -> dict[str, Any] | None:
+        """The measures of the block; `None` if a run failed."""
+        if errors:
+            return None
+        cell, seed = self._of[block.name]
+        runs = {arm.name: records[folder] for arm, folder in zip(cell.list_arms(), block.folders, strict=True)}
+        detectors = [table.id for table in cell.scenario.defences if not table.muted]
+        empty = replace(cell.empty_cell(), folder=_folder_of(block) if self._keeps(cell, seed) else "")
+        measured = measure_cell(runs, empty, cell.row.measure, detectors)
+        folders = dict(zip(runs, block.folders, strict=True))
+        return {"cell": measured.data(), "runs": folders, "quiet": cell.find_quiet(runs)}
+
+    def reduce(self, block: PlannedBlock, records: Mapping[str, RunRecord], root: Path) -> int:
+        """Compare the runs that are kept, and delete those that are not and for which no other block waits."""
+        cell, seed = self._of[block.name]
+        if len(records) < len(block.folders):
+            return 0
+        if self._keeps(cell, seed):
+            compare_arms(root / _folder_of(block), cell.scenario, cell.list_arms(), seed)
+        elif block.name not in self._awaited:
+            self.release(block, root)
+        return 0
+
+    def release(self, block: PlannedBlock, root: Path) -> None:
+        """Delete the runs of a block that is not kept."""
+        if not self._keeps(*self._of[block.name]):
+            shutil.rmtree(root / _folder_of(block), ignore_errors=True)
+
+    def _keeps(self, cell: CellFlights, seed: int) -> bool:
+        return self.keep == "everything" or (self.keep == "first" and seed == cell.scenario.seed)
+
+    def read_cells(self, store: RunStore) -> dict[tuple[str, str], Cell]:
+        """The cells of all finished blocks, by row and column, with their candidates."""
+        cells: dict[tuple[str, str], Cell] = {}
+        for cell in self.cells:
+            seed_data = [store.read(cell.block_name(seed))[1] for seed in cell.seeds(self.matrix.seeds)]
+            joined = join_seeds([read_cell(data["cell"]) for data in seed_data])
+            arms, key = len(cell.list_arms()), (cell.row.id, cell.column_id)
+            if cell.candidate:
+                cells[key] = replace(cells[key], adaptive=(*cells[key].adaptive, joined))
+                continue
+            if cell.column is None:
+                idle = tuple(
+                    column for column in cell.muted if all(len(seed["quiet"][column]) == arms for seed in seed_data)
+                )
+                cells[key] = replace(joined, idle=idle)
+            else:
+                is_idle = cell.column_id in cells[cell.row.id, UNDEFENDED].idle
+                cells[key] = replace(joined, failed=[]) if is_idle else joined
+        return cells
+
+
+def _folder_of(block: PlannedBlock) -> str:
+    return f"{CELLS}/{block.name}"
 
 
 @dataclass(frozen=True)
@@ -146,8 +276,13 @@ class MatrixResult:
 
     @property
     def failed_missions(self) -> list[str]:
-        """Missions that failed in nominal and sham runs, with the row and the column."""
-        return [f"{row} with {column}: {line}" for (row, column), cell in self.cells.items() for line in cell.failed]
+        """Cells with missions that failed in nominal and sham runs: in how many runs, and what was in the first."""
+        return [
+            f"{row} with {column}: {cell.failed[0]}" + (f"; and in {more} more runs" if more else "")
+            for (row, column), cell in self.cells.items()
+            if cell.failed
+            for more in (len(cell.failed) - 1,)
+        ]
 
     def cell(self, row: str, column: str = UNDEFENDED) -> Cell:
         """The cell of a row and a column."""
@@ -155,56 +290,96 @@ class MatrixResult:
 
 
 def fly_matrix(
-    matrix: Matrix, out: str | Path | None = None, *, jobs: int | None = None, on_cell: OnCell | None = None
+    matrix: Matrix,
+    out: str | Path | None = None,
+    *,
+    jobs: int | None = None,
+    keep: Keep = "first",
+    executor: Executor | None = None,
+    on_progress: OnPlanProgress | None = None,
+    other_rows: Sequence[Row] = (),
 ) -> MatrixResult:
     """Fly every cell of a matrix into `out`, by default the first free folder `runs/NAME`, `runs/NAME-2` …
 
-    A defence that cannot be declared in a row's scenario leaves its cell unflown, with the reason. Raises `InputError`
-    before anything is written for a scenario that is wrong without defences, and without SciPy; `ShortfallError` after
-    Ctrl-C, with the cells flown so far in the folder; the error of a cell that failed.
+    A folder in which the same matrix was begun is gone on with. One of `jobs` is flown in this process; `executor`
+    flies them elsewhere. A defence that cannot be declared in a row's scenario leaves its cell unflown, with the
+    reason. `other_rows` of the same file are not flown: a column that can be declared in one of them is not wrong.
+    Raises `InputError` before anything is written for a scenario that is wrong without defences, for a column that can
+    be declared in no row, for a folder of something else, and without SciPy; `ShortfallError` after Ctrl-C, with the
+    blocks flown so far in the folder; `ComponentError` if a run failed, when all else has been flown.
     """
     jobs = jobs if jobs is not None else os.cpu_count() or 1
     if jobs < 1:
         raise InputError.one("matrix", "jobs", jobs, "1 or more")
     load_special()  # the limits of rates need it, when all has been flown
-    root = expand_user(out) if out is not None else free_folder(matrix.name)
-    cells: dict[tuple[str, str], Cell] = {}
     refusals: dict[tuple[str, str], Sequence[Problem]] = {}
-    tasks = list(_plan(matrix, root, refusals))
-    _check_columns(matrix, refusals)
-    for (row, column), problems in refusals.items():
-        cells[row, column] = Cell(row, column, refused="; ".join(str(problem) for problem in problems))
-    make_new_folder(root)
-    for task, cell in zip(tasks, _fly_all(tasks, root, jobs, on_cell), strict=True):
-        column = task.column.id if task.column is not None else UNDEFENDED
-        if task.candidate:
-            known = cells[task.row.id, column]
-            cells[task.row.id, column] = replace(known, adaptive=(*known.adaptive, cell))
-        else:
-            cells[task.row.id, column] = replace(cell, column=column)
-    result = MatrixResult(root, matrix, cells)
-    with atomic_write(root / MANIFEST) as file:
+    plan = MatrixPlan(matrix, list(_plan(matrix, refusals)), keep)
+    _check_columns(matrix, refusals, other_rows)
+    folder = expand_user(out) if out is not None else free_folder(matrix.name)
+    return _fly_plan(plan, refusals, folder, executor if executor is not None else choose_executor(jobs), on_progress)
+
+
+def _fly_plan(
+    plan: MatrixPlan,
+    refusals: Mapping[tuple[str, str], Sequence[Problem]],
+    folder: Path,
+    executor: Executor,
+    on_progress: OnPlanProgress | None,
+) -> MatrixResult:
+    """Fly what of a plan is not flown; `refusals` says why cells are not in it."""
+    store = claim_store(plan, folder)
+    forget_failures(store)
+    require_success(plan, run_plan(plan, store, executor, on_progress))
+    _remove_empty(store.path / CELLS)
+    refused = {
+        (row, column): Cell(row, column, refused="; ".join(map(str, problems)))
+        for (row, column), problems in refusals.items()
+    }
+    result = MatrixResult(store.path, plan.matrix, refused | plan.read_cells(store))
+    with atomic_write(store.path / MANIFEST) as file:
         file.write(f"{json.dumps(describe(result), indent=1)}\n".encode())
     return result
+
+
+def _remove_empty(folder: Path) -> None:
+    """Remove the folders of rows and columns of which nothing is kept; not before all is flown, because workers make
+    folders in them.
+    """
+    for path in (*folder.glob("*/*"), *folder.glob("*"), folder):
+        with suppress(OSError):  # something is in it
+            path.rmdir()
+
+
+def plan_matrix(matrix: Matrix, keep: Keep) -> MatrixPlan:
+    """The plan of a matrix, without the cells that cannot be flown. Raises as `fly_matrix`."""
+    return MatrixPlan(matrix, list(_plan(matrix, {})), keep)
+
+
+def resume_matrix(store: RunStore, executor: Executor, on_progress: OnPlanProgress | None = None) -> MatrixResult:
+    """Go on with the matrix in a folder: `skyrange resume`. Raises the errors of `fly_matrix`."""
+    load_special()
+    matrix = Matrix.model_validate(store.told["matrix"])
+    refusals: dict[tuple[str, str], Sequence[Problem]] = {}  # its columns were checked when it was begun
+    plan = MatrixPlan(matrix, list(_plan(matrix, refusals)), store.told["keep"])
+    return _fly_plan(plan, refusals, store.path, executor, on_progress)
 
 
 def describe(result: MatrixResult) -> dict[str, Any]:
     """A matrix as JSON data."""
     cells = [cell.data() for cell in result.cells.values()]
     verdicts = [
-        {"row": row, "column": column, "adaptive": adaptive, **found._asdict(), "stops": found.stops}
-        for (row, column, adaptive), found in result.verdicts.of.items()
+        {"row": row, "column": column, "adaptive": adaptive, **verdict._asdict(), "stops": verdict.stops}
+        for (row, column, adaptive), verdict in result.verdicts.of.items()
     ]
     matrix = result.matrix.model_dump(mode="json")
     return {"format": FORMAT, "matrix": matrix, "cells": cells, "verdicts": verdicts}
 
 
-def _plan(matrix: Matrix, root: Path, refusals: dict[tuple[str, str], Sequence[Problem]]) -> Iterator[Task]:
-    """Every flight of a matrix; why a cell cannot be flown is put into `refusals`, by row and column."""
+def _plan(matrix: Matrix, refusals: dict[tuple[str, str], Sequence[Problem]]) -> Iterator[CellFlights]:
+    """The flights of every cell; why a cell cannot be flown is put into `refusals`, by row and column."""
     for row in matrix.rows:
         scenario = row.load()
         build(scenario)  # errors of the scenario itself come before those of defences in it
-        folder = root / CELLS / row.id / UNDEFENDED
         honest = bool(claiming_attacks(scenario))
         defended: dict[str, Scenario] = {}
         for column in matrix.columns:
@@ -219,12 +394,11 @@ def _plan(matrix: Matrix, root: Path, refusals: dict[tuple[str, str], Sequence[P
         ids = {column.id: [table.id for table in column.tables()] for column in muted}
         if Scenario.cross_check(watched):  # two columns have ids in common
             watched, ids = scenario, {}
-        yield Task(row, None, watched, folder, _name(folder, root), matrix.seeds, honest=honest, muted=ids)
+        yield CellFlights(row, None, watched, UNDEFENDED, honest=honest, muted=ids)
         for column in columns:
-            folder = root / CELLS / row.id / column.id
             cell = defended[column.id]
-            waits_for = UNDEFENDED if column.id in ids else None
-            yield Task(row, column, cell, folder, _name(folder, root), matrix.seeds, honest=honest, waits_for=waits_for)
+            waits_for = UNDEFENDED if column.id in ids else ""
+            yield CellFlights(row, column, cell, column.id, honest=honest, waits_for=waits_for)
             candidates = [
                 (variant.about, changes)
                 for variant in row.adaptive
@@ -232,13 +406,11 @@ def _plan(matrix: Matrix, root: Path, refusals: dict[tuple[str, str], Sequence[P
                 for changes in variant.candidates
             ]
             for number, (about, changes) in enumerate(candidates, start=1):
-                each = folder.with_name(f"{column.id}-adaptive-{number}")
-                what = f"{about}: {', '.join(changes)}"
+                name = f"{column.id}-adaptive-{number}"
+                description = f"{about}: {', '.join(changes)}"
                 changed = _defended(row, column, changes)
-                waits_for = column.id if _differ_in_muted(cell, changed) else None
-                yield Task(
-                    row, column, changed, each, _name(each, root), matrix.seeds, what, honest=False, waits_for=waits_for
-                )
+                waits_for = column.id if _differ_in_muted(cell, changed) else ""
+                yield CellFlights(row, column, changed, name, honest=False, candidate=description, waits_for=waits_for)
 
 
 def _differ_in_muted(scenario: Scenario, changed: Scenario) -> bool:
@@ -246,28 +418,41 @@ def _differ_in_muted(scenario: Scenario, changed: Scenario) -> bool:
 
     Then their nominal runs are the same, and are their baselines.
     """
-    bare = [one.model_copy(update={"attacks": (), "faults": ()}) for one in (scenario, changed)]
+    bare = [compared.model_copy(update={"attacks": (), "faults": ()}) for compared in (scenario, changed)]
     states = [*acting_attacks(scenario).values(), *acting_attacks(changed).values()]
     return bare[0] == bare[1] and "sham" not in states
 
 
-def _check_columns(matrix: Matrix, refusals: Mapping[tuple[str, str], Sequence[Problem]]) -> None:
-    """Raise `InputError` for a column that cannot be declared in the scenario of any row: it is wrong by itself.
+def _check_columns(
+    matrix: Matrix, refusals: Mapping[tuple[str, str], Sequence[Problem]], other_rows: Sequence[Row]
+) -> None:
+    """Raise `InputError` for a column that cannot be declared in the scenario of any row, nor in that of one of
+    `other_rows`: it is wrong by itself.
 
     Its problems are those in the first row.
     """
     problems: list[Problem] = []
     for column in matrix.columns:
-        if all((row.id, column.id) in refusals for row in matrix.rows):
+        refused = all((row.id, column.id) in refusals for row in matrix.rows)
+        if refused and not any(_can_declare(row, column) for row in other_rows):
             first = matrix.rows[0].id
             problems += [
                 replace(
-                    one, where=f"columns.{column.id}, in the scenario of rows.{first}, as in every row: {one.where}"
+                    problem,
+                    where=f"columns.{column.id}, in the scenario of rows.{first}, as in every row: {problem.where}",
                 )
-                for one in refusals[first, column.id]
+                for problem in refusals[first, column.id]
             ]
     if problems:
         raise InputError(f"matrix {matrix.name}", problems)
+
+
+def _can_declare(row: Row, column: Column) -> bool:
+    try:
+        _defended(row, column)
+    except InputError:
+        return False
+    return True
 
 
 def _defended(row: Row, column: Column, changes: tuple[str, ...] = ()) -> Scenario:
@@ -279,124 +464,3 @@ def _defended(row: Row, column: Column, changes: tuple[str, ...] = ()) -> Scenar
         raise InputError(f"scenario {scenario.name}", problems)
     build(defended)
     return defended
-
-
-def _name(folder: Path, root: Path) -> str:
-    return folder.relative_to(root).as_posix()
-
-
-def _fly_all(tasks: list[Task], root: Path, jobs: int, on_cell: OnCell | None) -> list[Cell]:
-    """The cells of all tasks, flown `jobs` at a time in processes that are forked where the system can, so that they
-    know all plugins.
-    """
-    queue = _Queue(tasks, root, on_cell)
-    if jobs == 1 or len(tasks) == 1:
-        while (number := queue.take()) is not None:
-            queue.complete(number, tasks[number].fly(queue.known_runs(number)))
-        return queue.cells()
-    forks = "fork" in multiprocessing.get_all_start_methods()
-    context = multiprocessing.get_context("fork" if forks else "spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_process, initargs=(os.getpid(),)) as pool:
-        flying: dict[Future[Cell], int] = {}
-        try:
-            while True:
-                while len(flying) < jobs and (number := queue.take()) is not None:
-                    flying[pool.submit(tasks[number].fly, queue.known_runs(number))] = number
-                if not flying:
-                    return queue.cells()
-                ended, _ = wait(flying, return_when=FIRST_COMPLETED)
-                for future in ended:
-                    queue.complete(flying.pop(future), future.result())
-        except KeyboardInterrupt:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise ShortfallError(f"interrupted; {queue.progress} cells are in {root}", root) from None
-        except SkyrangeError:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
-
-
-class _Queue:
-    """Tasks in the order in which they are to be flown, with what is known of them, and their progress.
-
-    Undefended cells come first, because they tell which others need no flight; then those with the most work, so that
-    the last ones are short. A column that may be idle waits for the undefended cell of its row, a candidate of an
-    adversary for its cell, if they may have runs in common.
-    """
-
-    def __init__(self, tasks: Sequence[Task], root: Path, on_cell: OnCell | None) -> None:
-        self._tasks = tasks
-        self._root = root
-        self._on_cell = on_cell
-        self._done: dict[int, Cell] = {}
-        self._ready: list[tuple[bool, float, int]] = []
-        self._held: dict[tuple[str, str], list[int]] = {}
-        """Tasks that wait for the cell of a row and a column."""
-        self._cells: dict[tuple[str, str], Cell] = {}
-        """Cells by row and column, without candidates."""
-        self._began = monotonic()
-        self._flown = 0.0
-        for number, task in enumerate(tasks):
-            if task.waits_for is not None:
-                self._held.setdefault((task.row.id, task.waits_for), []).append(number)
-            else:
-                self._add(number)
-        self._tell()
-
-    def _add(self, number: int) -> None:
-        task = self._tasks[number]
-        heappush(self._ready, (task.column is not None, -task.work, number))
-
-    def take(self) -> int | None:
-        """The next task to be flown; `None` if none is ready."""
-        return heappop(self._ready)[2] if self._ready else None
-
-    def complete(self, number: int, cell: Cell) -> None:
-        """Take the cell of a task that was flown."""
-        self._flown += self._tasks[number].work
-        self._settle(number, cell)
-        self._tell()
-
-    def _settle(self, number: int, cell: Cell) -> None:
-        """Take the cell of a task, and release those that wait for it; idle ones are settled by it."""
-        task = self._tasks[number]
-        self._done[number] = cell
-        if task.candidate:
-            return
-        own = UNDEFENDED if task.column is None else task.column.id
-        self._cells[task.row.id, own] = cell
-        for held in self._held.pop((task.row.id, own), ()):
-            waiting = self._tasks[held]
-            if not waiting.candidate and waiting.column is not None and waiting.column.id in cell.idle:
-                self._settle(held, cell.idle_cell(waiting.column.id))
-            else:
-                self._add(held)
-
-    def known_runs(self, number: int) -> dict[tuple[str, int], Path]:
-        """Runs that a task need not fly."""
-        task = self._tasks[number]
-        if task.waits_for is None:
-            return {}
-        return task.runs(self._cells[task.row.id, task.waits_for], self._root)
-
-    def cells(self) -> list[Cell]:
-        """The cells of all tasks, in their order."""
-        return [self._done[number] for number in range(len(self._tasks))]
-
-    @property
-    def progress(self) -> str:
-        """How many cells are done, of how many."""
-        return f"{len(self._done)} of {len(self._tasks)}"
-
-    def _tell(self) -> None:
-        if self._on_cell is not None:
-            left = sum(task.work for number, task in enumerate(self._tasks) if number not in self._done)
-            left_s = (monotonic() - self._began) / self._flown * left if self._flown else None
-            self._on_cell(len(self._done), len(self._tasks), left_s)
-
-
-def _begin_process(parent: int) -> None:
-    """A process ends with its parent, and Ctrl-C reaches the parent alone, which lets cells that fly come to their
-    end.
-    """
-    end_with_parent(parent)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -14,6 +14,7 @@ from skyrange.core.files import MAX_TEXT_BYTES, expand_user, read_input
 from skyrange.scenario.model.base import Id, Model, Whole, items, refuse
 from skyrange.scenario.model.defences import DefenceCost, DefenceTable
 from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.shipped import FOLDER, source_of
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.scenario.toml_files import parse_toml
 from skyrange.scenario.validation.error_messages import input_error
@@ -144,6 +145,16 @@ class Matrix(Model):
         return self
 
 
+def locate_scenarios(matrix: Matrix) -> Matrix:
+    """The matrix with the files of its scenarios by absolute paths, so that it is the same from any folder."""
+    files = [(row, source_of(row.scenario)) for row in matrix.rows]
+    rows = (
+        row if file.is_relative_to(FOLDER) else row.model_copy(update={"scenario": str(file.absolute())})
+        for row, file in files
+    )
+    return matrix.model_copy(update={"rows": tuple(rows)})
+
+
 def _repeated(where: str, ids: Sequence[str]) -> Iterator[Problem]:
     for place, id_ in enumerate(ids):
         if id_ in ids[:place]:
@@ -178,7 +189,9 @@ def select(matrix: Matrix, rows: tuple[str, ...], columns: tuple[str, ...]) -> M
     kept = tuple(column for column in matrix.columns if not columns or column.id in columns)
     kinds = {kind for column in kept for kind in column.kinds}
     kept_rows = tuple(
-        row.model_copy(update={"adaptive": tuple(one for one in row.adaptive if set(one.knows) & kinds)})
+        row.model_copy(
+            update={"adaptive": tuple(candidate for candidate in row.adaptive if set(candidate.knows) & kinds)}
+        )
         for row in kept_rows
     )
     return matrix.model_copy(update={"rows": kept_rows, "columns": kept})

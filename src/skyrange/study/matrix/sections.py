@@ -76,6 +76,10 @@ their kinds say of their realism. Left out: {left_out}.
 """
 
 
+EFFECT: Final = "Effect"
+"""The title of the first section."""
+
+
 class Shown(NamedTuple):
     """One cell of a table: a text, and another one after it."""
 
@@ -106,11 +110,11 @@ def make_sections(result: MatrixResult) -> list[Section]:
     attacks, faults = attack_rows(result), fault_rows(result)
     assumed = [row.id for row in attacks if result.cell(row.id).assumed]
     kept = [row for row in attacks if row.id not in assumed] if assumed else []
-    found = [
-        Section("Effect", "", ["attack", UNDEFENDED, *ids], [_effects(result, row) for row in attacks]),
+    sections = [
+        Section(EFFECT, "", ["attack", UNDEFENDED, *ids], [_effects(result, row) for row in attacks]),
         Section(
             "Effect without assumed reactions of sensors",
-            ASSUMED.format(left_out=", ".join(f"`{one}`" for one in assumed)),
+            ASSUMED.format(left_out=", ".join(f"`{name}`" for name in assumed)),
             ["attack", UNDEFENDED, *ids],
             [_effects(result, row) for row in kept],
         ),
@@ -121,7 +125,7 @@ def make_sections(result: MatrixResult) -> list[Section]:
             "its run; and seeds with an alarm.",
             ["attack", *ids],
             [
-                [Shown(row.id, name=True), *(Shown(describe_cell(result, row, one).alarm) for one in ids)]
+                [Shown(row.id, name=True), *(Shown(describe_cell(result, row, column).alarm) for column in ids)]
                 for row in attacks
             ],
         ),
@@ -145,7 +149,16 @@ def make_sections(result: MatrixResult) -> list[Section]:
         ),
         Section("Cells that are not flown", "", ["defence", "why"], list(_reasons(result))),
     ]
-    return [section for section in found if section.rows]
+    return [section for section in sections if section.rows]
+
+
+def describe_quick_look(result: MatrixResult) -> str:
+    """One line that says that the seeds are too few for any verdict; "" if they are not."""
+    seeds, needed = result.matrix.seeds, result.verdicts.seeds_needed
+    if seeds >= needed:
+        return ""
+    count = f"{seeds} seed{'s' * (seeds > 1)}"
+    return f"A quick look with {count} carries no claim: a verdict takes {needed} seeds, of an adversary {2 * needed}."
 
 
 def introduce(result: MatrixResult) -> str:
@@ -160,6 +173,8 @@ def write_markdown(result: MatrixResult, title: str, figure: str, *, links: bool
     if failed := result.failed_missions:
         parts.append("**Missions failed without an attack:**\n")
         parts.append("".join(f"- {line}\n" for line in failed))
+    if quick_look := describe_quick_look(result):
+        parts.append(f"**{quick_look}**\n")
     parts.append(introduce(result))
     if figure:
         parts.append(f"![Effect with each defence, as a share of the undefended effect]({figure})\n")
@@ -190,7 +205,7 @@ def _mark(text: str, *, strong: bool, slanted: bool) -> str:
 
 def _effects(result: MatrixResult, row: Row) -> list[Shown]:
     line = [Shown(f"{row.id} ({UNITS[row.measure][0]})", name=True)]
-    for column in (UNDEFENDED, *(one.id for one in result.matrix.columns)):
+    for column in (UNDEFENDED, *(defence.id for defence in result.matrix.columns)):
         text = describe_cell(result, row, column)
         after = "" if column == UNDEFENDED or text.refused else text.adaptive
         line.append(
@@ -211,19 +226,19 @@ _VERDICT_HEAD: Final = ("attack", "defence", "adversary", "harm", "missions", "p
 
 
 def _verdicts(result: MatrixResult) -> Iterator[list[Shown]]:
-    for (row, column, adaptive), one in result.verdicts.of.items():
-        if not one.below:
+    for (row, column, adaptive), verdict in result.verdicts.of.items():
+        if not verdict.below:
             continue
-        verdict = "stops" if one.stops else "not shown: grows" if one.grows else "not shown"
-        if one.in_every_flight and not one.stops:
+        word = "stops" if verdict.stops else "not shown: grows" if verdict.grows else "not shown"
+        if verdict.in_every_flight and not verdict.stops:
             needed = result.verdicts.seeds_needed * (2 if adaptive else 1)
-            verdict = f"in every flight; a verdict takes {needed} seeds"
+            word = f"in every flight; a verdict takes {needed} seeds"
         texts = (
             "knows the defence" if adaptive else "",
-            f"{one.below} of {one.seeds}, p = {one.harm_p:.2g}",
-            f"{one.kept} of {one.seeds}, p = {one.missions_p:.2g}",
-            f"{one.p:.2g}",
-            verdict,
+            f"{verdict.below} of {verdict.seeds}, p = {verdict.harm_p:.2g}",
+            f"{verdict.kept} of {verdict.seeds}, p = {verdict.missions_p:.2g}",
+            f"{verdict.p:.2g}",
+            word,
         )
         yield [Shown(row, name=True), Shown(column, name=True), *map(Shown, texts)]
 
@@ -236,19 +251,19 @@ _COST_HEAD: Final = (
 
 def _costs(result: MatrixResult) -> Iterator[list[Shown]]:
     for column in result.matrix.columns:
-        one = cost_of(result, column)
+        cost = cost_of(result, column)
         texts = (
-            _count(one.all),
-            _count(one.simulated),
-            _count(one.adaptive) if one.adaptive.of else "non-adaptive",
-            format_alarms(one.false_alarms, one.flown_h, one.false_per_h),
-            _harms(one.faults),
-            f"{one.honest_alarms} of {one.of_honest}" if one.of_honest else "–",
-            f"{one.broken} of {one.missions}",
-            _difference(one.delay),
-            _difference(one.energy),
-            f"{one.frames_per_h:+.0f}",
-            "–" if one.latency_ms is None else f"{one.latency_ms[0]:+.2f}, {one.latency_ms[1]:+.2f}",
+            _count(cost.all),
+            _count(cost.simulated),
+            _count(cost.adaptive) if cost.adaptive.of else "non-adaptive",
+            format_alarms(cost.false_alarms, cost.flown_h, cost.false_per_h),
+            _harms(cost.faults),
+            f"{cost.honest_alarms} of {cost.of_honest}" if cost.of_honest else "–",
+            f"{cost.broken} of {cost.missions}",
+            _difference(cost.delay),
+            _difference(cost.energy),
+            f"{cost.frames_per_h:+.0f}" if cost.flown_h else "–",
+            "–" if cost.latency_ms is None else f"{cost.latency_ms[0]:+.2f}, {cost.latency_ms[1]:+.2f}",
         )
         yield [Shown(column.id, name=True), *map(Shown, texts)]
 
@@ -256,11 +271,11 @@ def _costs(result: MatrixResult) -> Iterator[list[Shown]]:
 def _harms(faults: Sequence[FaultHarm]) -> str:
     """The faults with which a defence does harm; "none" if it was flown with faults and does none."""
     texts = []
-    for one in faults:
-        if one.is_harm:
-            unit, factor = UNITS[one.measure]
-            change = f"{factor * one.without:.1f} → {factor * one.defended:.1f} {unit}"
-            texts.append(f"{one.row}: {change}, {one.alarms_per_h:.0f} alarms/h")
+    for harm in faults:
+        if harm.is_harm:
+            unit, factor = UNITS[harm.measure]
+            change = f"{factor * harm.without:.1f} → {factor * harm.defended:.1f} {unit}"
+            texts.append(f"{harm.row}: {change}, {harm.alarms_per_h:.0f} alarms/h")
     return "; ".join(texts) or ("none" if faults else "–")
 
 
@@ -289,7 +304,7 @@ def _difference(value: Interval | None) -> str:
 
 def _faults(result: MatrixResult, row: Row) -> list[Shown]:
     line = [Shown(f"{row.id} ({UNITS[row.measure][0]})", name=True)]
-    for column in (UNDEFENDED, *(one.id for one in result.matrix.columns)):
+    for column in (UNDEFENDED, *(defence.id for defence in result.matrix.columns)):
         cell = result.cell(row.id, column)
         after = "" if column == UNDEFENDED or cell.refused else _alarm_rate(cell)
         line.append(Shown(format_effect(cell.effect, row.measure, unit=False), folder=cell.folder, after=after))
@@ -305,9 +320,9 @@ def _alarm_rate(cell: Cell) -> str:
 def _candidates(result: MatrixResult) -> Iterator[list[Shown]]:
     for row in attack_rows(result):
         for column in result.matrix.columns:
-            for one in result.cell(row.id, column.id).adaptive:
-                effect = Shown(format_effect(one.effect, row.measure), folder=one.folder)
-                yield [Shown(row.id, name=True), Shown(column.id, name=True), Shown(one.candidate), effect]
+            for candidate in result.cell(row.id, column.id).adaptive:
+                effect = Shown(format_effect(candidate.effect, row.measure), folder=candidate.folder)
+                yield [Shown(row.id, name=True), Shown(column.id, name=True), Shown(candidate.candidate), effect]
 
 
 def _reasons(result: MatrixResult) -> Iterator[list[Shown]]:

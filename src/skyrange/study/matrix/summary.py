@@ -141,9 +141,9 @@ def describe_cell(result: MatrixResult, row: Row, column: str) -> CellText:
     """One cell as it is shown."""
     cell, without, verdicts = result.cell(row.id, column), result.cell(row.id), result.verdicts
     best = cell.best_adaptive
-    told = sum(at is not None for at in cell.alarms_s)
-    alarm = "–" if cell.alarm_s is None else f"{cell.alarm_s:.1f} s, {told} of {len(cell.alarms_s)}" if told else "none"
-    if cell.refused or column == UNDEFENDED:
+    alarmed = sum(at is not None for at in cell.alarms_s)
+    alarm = f"{cell.alarm_s:.1f} s, {alarmed} of {len(cell.alarms_s)}" if alarmed else "none"
+    if cell.alarm_s is None or cell.refused or column == UNDEFENDED:
         alarm = "–"
     undefended = sum(without.effects)
     return CellText(
@@ -167,7 +167,7 @@ def cost_of(result: MatrixResult, column: Column) -> Cost:
     simulated = [row for row in attacks if not result.cell(row.id).assumed]
     adaptive = [row for row in attacks if result.cell(row.id, column.id).best_adaptive is not None]
     cells = [(result.cell(row.id, column.id), result.cell(row.id)) for row in rows]
-    honest = [one for cell, _ in cells for one in cell.honest_alarms]
+    honest = [alarm for cell, _ in cells for alarm in cell.honest_alarms]
     flights = {
         run.flight or f"{cell.row} {number}": (count, hours)
         for cell, _ in cells
@@ -184,7 +184,7 @@ def cost_of(result: MatrixResult, column: Column) -> Cost:
         alarms,
         flown_h,
         rate_interval(alarms, flown_h, CONFIDENCE),
-        sum(one for one, _ in broken),
+        sum(count for count, _ in broken),
         sum(of for _, of in broken),
         mean_over_rows([added_delay_s(cell, without) for cell, without in cells]),
         mean_over_rows([added_energy_j(cell, without) for cell, without in cells]),
@@ -192,7 +192,9 @@ def cost_of(result: MatrixResult, column: Column) -> Cost:
         sum(honest),
         len(honest),
         tuple(_fault_harms(result, column)),
-        _mean_latency([one for cell, without in cells for one in added_transit_ms(cell, without, _roles(column))]),
+        _mean_latency(
+            [growth for cell, without in cells for growth in added_transit_ms(cell, without, _roles(column))]
+        ),
     )
 
 
@@ -202,7 +204,7 @@ def _fault_harms(result: MatrixResult, column: Column) -> Iterator[FaultHarm]:
         if cell.refused or not cell.effects or not without.effects:
             continue
         hours, effect = sum(cell.flown_h), cell.effect
-        usual, mean = (sum(one.effects) / len(one.effects) for one in (without, cell))
+        usual, mean = (sum(compared.effects) / len(compared.effects) for compared in (without, cell))
         least = mean if effect is None or effect.low is None else effect.low
         yield FaultHarm(row.id, row.measure, usual, mean, least, sum(cell.fault_alarms) / hours if hours else 0.0)
 
@@ -220,8 +222,8 @@ def mean_over_rows(rows: Sequence[Sequence[float]]) -> Interval | None:
     """The mean over rows for each seed, and then over seeds: the rows are given, the seeds are a sample. Rows that lack
     a value for some seed are left out, because the mean of other rows is not the same quantity.
     """
-    whole = [own for own in rows if not any(math.isnan(one) for one in own)]
-    return estimate_mean([math.fsum(own) / len(own) for own in zip(*whole, strict=True)])
+    complete = [row for row in rows if not any(math.isnan(value) for value in row)]
+    return estimate_mean([math.fsum(values) / len(values) for values in zip(*complete, strict=True)])
 
 
 def _roles(column: Column) -> list[str]:
@@ -229,11 +231,11 @@ def _roles(column: Column) -> list[str]:
     return list(dict.fromkeys(role for table in column.tables() for role in table.plugin.surface))
 
 
-def _mean_latency(found: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
+def _mean_latency(growths: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
     """The means over cells and seeds; `None` where there is none."""
-    if not found:
+    if not growths:
         return None
-    return sum(one for one, _ in found) / len(found), sum(two for _, two in found) / len(found)
+    return sum(median for median, _ in growths) / len(growths), sum(tail for _, tail in growths) / len(growths)
 
 
 def attack_rows(result: MatrixResult) -> Sequence[Row]:

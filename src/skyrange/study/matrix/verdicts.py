@@ -69,13 +69,13 @@ class Verdicts(NamedTuple):
 
     def stops(self, row: str, column: str, *, adaptive: bool = False) -> bool:
         """Whether a defence is shown to stop an attack."""
-        found = self.of.get((row, column, adaptive))
-        return found is not None and found.stops
+        verdict = self.of.get((row, column, adaptive))
+        return verdict is not None and verdict.stops
 
     def in_every_flight(self, row: str, column: str, *, adaptive: bool = False) -> bool:
         """Whether a defence stopped an attack in every flight."""
-        found = self.of.get((row, column, adaptive))
-        return found is not None and found.in_every_flight
+        verdict = self.of.get((row, column, adaptive))
+        return verdict is not None and verdict.in_every_flight
 
 
 def judge_cells(cells: Mapping[tuple[str, str], Cell]) -> Verdicts:
@@ -89,25 +89,25 @@ def judge_cells(cells: Mapping[tuple[str, str], Cell]) -> Verdicts:
             compared[row, column, False] = cell, without
         if (best := cell.best_adaptive) is not None:
             compared[row, column, True] = best, without.since(len(without.effects) - len(best.effects))
-    harm = [share_test(one.effects, other.effects, STOPPED) for one, other in compared.values()]
+    harm = [share_test(cell.effects, without.effects, STOPPED) for cell, without in compared.values()]
     kept = [
-        missions_kept(one.complete, cells[row, column], cells[row, UNDEFENDED])
-        for (row, column, _), (one, _) in compared.items()
+        missions_kept(cell.complete, cells[row, column], cells[row, UNDEFENDED])
+        for (row, column, _), (cell, _) in compared.items()
     ]
     missions = [sign_test(sum(seeds), len(seeds)) for seeds in kept]
     adjusted = adjust_by_holm(list(map(max, harm, missions)))
     return Verdicts(
         {
             key: Verdict(
-                len(one.effects),
-                sum(a < STOPPED * b for a, b in zip(one.effects, other.effects, strict=True)),
+                len(cell.effects),
+                sum(a < STOPPED * b for a, b in zip(cell.effects, without.effects, strict=True)),
                 sum(seeds),
                 harm_p,
                 missions_p,
                 p,
-                still_grows(one, other),
+                still_grows(cell, without),
             )
-            for (key, (one, other)), seeds, harm_p, missions_p, p in zip(
+            for (key, (cell, without)), seeds, harm_p, missions_p, p in zip(
                 compared.items(), kept, harm, missions, adjusted, strict=True
             )
         }
@@ -122,8 +122,9 @@ def missions_kept(complete: Sequence[bool], cell: Cell, without: Cell) -> list[b
     if len(cell.nominal) < count or len(without.nominal) < count:
         return list(complete)
     return [
-        seed and all(mine or not theirs for mine, theirs in zip(one.complete, other.complete, strict=True))
-        for seed, one, other in zip(
+        seed
+        and all(done or not done_without for done, done_without in zip(run.complete, run_without.complete, strict=True))
+        for seed, run, run_without in zip(
             complete, cell.nominal[len(cell.nominal) - count :], without.nominal[len(without.nominal) - count :],
             strict=True,
         )
@@ -140,5 +141,5 @@ def still_grows(cell: Cell, without: Cell) -> bool:
 
 def measured_growth(cell: Cell) -> float | None:
     """The mean growth at the end of the attack, in metres a minute; `None` where none was measured."""
-    speeds = [one for one in cell.growth_m_per_min if one is not None]
+    speeds = [speed for speed in cell.growth_m_per_min if speed is not None]
     return math.fsum(speeds) / len(speeds) if speeds else None

@@ -150,7 +150,7 @@ def _idempotent(case: ApprovalCase) -> None:
     approval = case.make()
     for now, intent in case.requests:
         answers = _ask(approval, [(now, intent), (now, intent)])
-        first, again = (replace(one, overruled=()) for one in answers)  # what it overrules, it overrules once
+        first, again = (replace(answer, overruled=()) for answer in answers)  # what it overrules, it overrules once
         same(first, again, f"{intent.vehicle} asks twice and gets two answers", "the same answer")
 
 
@@ -182,11 +182,13 @@ def _ends(case: ApprovalCase) -> None:
     fresh, used = case.make(), case.make()
     for now, intent in case.requests:
         _ask(used, [(now, intent)])
-        for each in (intent.id, intent_id("nobody/n1")):
+        for ended_id in (intent.id, intent_id("nobody/n1")):
             try:
-                used.end(now, each)
+                used.end(now, ended_id)
             except Exception as error:
-                raise Broken(f"end({now}, {each!r}) raised {error!r}", "the end of an intent, known or not") from error
+                raise Broken(
+                    f"end({now}, {ended_id!r}) raised {error!r}", "the end of an intent, known or not"
+                ) from error
     again = [(case.requests[-1][0], case.requests[0][1])]
     same(
         _ask(fresh, again),

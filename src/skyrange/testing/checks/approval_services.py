@@ -123,13 +123,13 @@ class ServiceCase:
         return self._flown[0]
 
 
-def _finished(kernel: Kernel, seen: MemoryObserver, until: Time) -> MemoryObserver:
+def _finished(kernel: Kernel, observer: MemoryObserver, until: Time) -> MemoryObserver:
     try:
         kernel.advance(until)
     except Exception as error:
         raise Broken(f"raised {error!r}", "no error, whatever it was asked") from error
     kernel.finish()
-    return seen
+    return observer
 
 
 def check_approval(
@@ -193,8 +193,8 @@ def _described(case: ServiceCase) -> None:
 @SERVICE.rule("makes", "Makes a service of its parameters and a context; no two share an agent.")
 def _makes(case: ServiceCase) -> None:
     (first, _), (second, _) = case.made(), case.made()
-    for mine, other in zip(first.agents, second.agents, strict=True):
-        need(mine is not other, f"gave {mine.name} to two services", "agents of its own for each")
+    for first_agent, second_agent in zip(first.agents, second.agents, strict=True):
+        need(first_agent is not second_agent, f"gave {first_agent.name} to two services", "agents of its own for each")
 
 
 @SERVICE.rule("named", "Names its agents after its context's name, so that two approvals go together.")

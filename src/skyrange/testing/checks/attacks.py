@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 from skyrange.assembly.acts.attacks import make_attack_context
-from skyrange.assembly.build import build
+from skyrange.assembly.build import Additions, build
 from skyrange.attack.contract import Attack, AttackPlugin
 from skyrange.attack.declaration import Acting
 from skyrange.contracts.links import Act, Schedule
@@ -54,9 +54,9 @@ class Flight:
     seen: MemoryObserver
     own: frozenset[str]
 
-    def frames(self, *, own: bool = True) -> list[Row]:
-        """Every frame in canonical order; without those on the attack's links where `own` is false."""
-        return self._frames if own else [row for row in self._frames if row[1] not in self.own]
+    def frames(self, *, include_own: bool = True) -> list[Row]:
+        """Every frame in canonical order; without those on the attack's links where `include_own` is false."""
+        return self._frames if include_own else [row for row in self._frames if row[1] not in self.own]
 
     @cached_property
     def _frames(self) -> list[Row]:
@@ -86,8 +86,8 @@ class Flight:
     def inputs(self, links: Collection[str]) -> list[Row]:
         """What others sent on some links, in canonical order: all that the attack can react to there."""
         acts = [label for label in self.seen.labels if label.action in ("inject", "send", "replace")]
-        made = {label.frame if label.child is None else label.child for label in acts}
-        rows = [(f.sent_ns, *f.id, f.payload) for f in self.seen.frames if f.link in links and f.id not in made]
+        acted_on = {label.frame if label.child is None else label.child for label in acts}
+        rows = [(f.sent_ns, *f.id, f.payload) for f in self.seen.frames if f.link in links and f.id not in acted_on]
         return sorted(rows)
 
     def labels(self) -> list[Row]:
@@ -111,8 +111,8 @@ class AttackCase:
         """A fresh attack and its schedule."""
         built = build(self.scenario)
         schedule = Schedule()
-        given = make_attack_context(built.scenario, built.wiring.links, built.city)
-        context = replace(given, id=ID, schedule=schedule, sham=sham, honest=honest)
+        attack_context = make_attack_context(built.scenario, built.wiring.links, built.city)
+        context = replace(attack_context, id=ID, schedule=schedule, sham=sham, honest=honest)
         try:
             attack = self.kind(self.kind.params.model_validate(dict(self.params)), context)
         except SkyrangeError:
@@ -130,10 +130,10 @@ class AttackCase:
             role="fault" if isinstance(self.kind, FaultPlugin) else "attack", body_hooks=attack.body_hooks,
         )  # fmt: skip
         taps = [replace(tap, attack=ID) for tap in attack.taps]
-        wiring = build(self.scenario, taps=taps, acts=[plan]).wiring
+        wiring = build(self.scenario, Additions(taps, [plan])).wiring
         wiring = replace(wiring, links=[*wiring.links, *attack.links])
-        seen = MemoryObserver()
-        return Kernel(wiring, [seen]), Flight(seen, frozenset(spec.name for spec in attack.links))
+        observer = MemoryObserver()
+        return Kernel(wiring, [observer]), Flight(observer, frozenset(spec.name for spec in attack.links))
 
     def fly(self, **how: bool) -> Flight:
         """A whole run; each kind is flown once."""
@@ -194,8 +194,8 @@ class Trunk:
         kernel.advance(fork_ns)
         twin, problem = None, None
         try:
-            seen = copy.deepcopy(flight.seen)
-            twin = kernel.fork([seen]), seen
+            observer = copy.deepcopy(flight.seen)
+            twin = kernel.fork([observer]), observer
         except Exception as error:
             problem = error
         for now in (*range(fork_ns, until, TURN_NS), until):
@@ -210,10 +210,10 @@ class Trunk:
         if self._twin is None:
             expected = "state without generators, closures and handles"
             raise Broken(f"cannot be deep-copied: {self.error!r}", expected) from self.error
-        kernel, seen = self._twin
+        kernel, observer = self._twin
         kernel.advance(self._until)
         kernel.finish()
-        return Flight(seen, self.flight.own)
+        return Flight(observer, self.flight.own)
 
 
 def check_attack(
@@ -310,8 +310,8 @@ def _described(case: AttackCase) -> None:
 @ATTACK.rule("makes", "Makes an Attack of its parameters and a setting; no two share anything.")
 def _makes(case: AttackCase) -> None:
     (first, _), (second, _) = case.made(), case.made()
-    for mine, other in zip(first.agents, second.agents, strict=True):
-        need(mine is not other, f"gave {mine.name} to two attacks", "agents of its own for each")
+    for first_agent, second_agent in zip(first.agents, second.agents, strict=True):
+        need(first_agent is not second_agent, f"gave {first_agent.name} to two attacks", "agents of its own for each")
 
 
 @ATTACK.rule("named", "Names its agents and links after its id, so that two attacks of a kind go together.")
@@ -331,26 +331,26 @@ def _forces(case: AttackCase) -> None:
 
 @ATTACK.rule("muted", "Muted, leaves every frame, note and truth as without it, but on links of its own.")
 def _muted(case: AttackCase) -> None:
-    without, muted = case.nominal, case.fly(muted=True)
+    nominal, muted = case.nominal, case.fly(muted=True)
     expected = "a run that is the same to the byte"
-    same(without.frames(), muted.frames(own=False), "frames without it and with it muted", expected)
-    same(without.truth(), muted.truth(), "truth without it and with it muted", expected)
-    same(without.notes(), muted.notes(), "notes without it and with it muted", expected)
+    same(nominal.frames(), muted.frames(include_own=False), "frames without it and with it muted", expected)
+    same(nominal.truth(), muted.truth(), "truth without it and with it muted", expected)
+    same(nominal.notes(), muted.notes(), "notes without it and with it muted", expected)
     same([], muted.labels(), "labels while it is muted", "none")
 
 
 @ATTACK.rule("onset", "Until it starts, leaves everything as its muted twin does.")
 def _onset(case: AttackCase) -> None:
     live, muted = case.fly(), case.fly(muted=True)
-    for what, rows, others in (
+    for table, rows, muted_rows in (
         ("frames", live.frames(), muted.frames()),
         ("truth", live.truth(), muted.truth()),
         ("notes", live.notes(), muted.notes()),
     ):
-        before, twin = ([row for row in each if row[0] < case.start_ns] for each in (rows, others))
-        if what == "frames":  # fates may be met later
-            before, twin = ([row[:7] + row[9:] for row in each] for each in (before, twin))
-        same(twin, before, f"{what} before the onset, of the twin and of the attacked run", "the same to the byte")
+        before, twin = ([row for row in table_rows if row[0] < case.start_ns] for table_rows in (rows, muted_rows))
+        if table == "frames":  # fates may be met later
+            before, twin = ([row[:7] + row[9:] for row in table_rows] for table_rows in (before, twin))
+        same(twin, before, f"{table} before the onset, of the twin and of the attacked run", "the same to the byte")
 
 
 @ATTACK.rule("acts", "Acts between its start and its stop, and not outside.")
@@ -383,8 +383,8 @@ def _sham(case: AttackCase) -> None:
     live, sham = case.fly(), case.fly(sham=True)
     until = _departure(live, sham)
     expected = "the same times, links and sizes as the attack itself"
-    mine, other = ([row for row in _acted(each) if row[0] < until] for each in (live, sham))
-    same(mine, other, "acts of the attack and of its sham", expected)
+    live_rows, sham_rows = ([row for row in _acted(table_rows) if row[0] < until] for table_rows in (live, sham))
+    same(live_rows, sham_rows, "acts of the attack and of its sham", expected)
 
 
 @ATTACK.rule(
@@ -397,10 +397,10 @@ def _silent(case: AttackCase) -> None:
     attack, _ = case.made()
     if case.kind.counterfactual != "mute" or not attack.sensor_hooks or attack.taps or attack.agents or attack.radios:
         return
-    without, sham = case.nominal, case.fly(sham=True)
+    nominal, sham = case.nominal, case.fly(sham=True)
     expected = "a run that is the same to the byte"
-    same(without.frames(), sham.frames(), "frames without it and with its sham", expected)
-    same(without.truth(), sham.truth(), "truth without it and with its sham", expected)
+    same(nominal.frames(), sham.frames(), "frames without it and with its sham", expected)
+    same(nominal.truth(), sham.truth(), "truth without it and with its sham", expected)
 
 
 @ATTACK.rule(
@@ -427,11 +427,11 @@ def _honest(case: AttackCase) -> None:
 def _departure(live: Flight, sham: Flight) -> Time:
     """When others first send something else on the links on which the attack acts, as a consequence of it."""
     links = {label.frame.link for flight in (live, sham) for label in flight.seen.labels} | live.own
-    mine, other = live.inputs(links), sham.inputs(links)
-    for row, twin in zip(mine, other, strict=False):
-        if row != twin:
-            return int(min(row[0], twin[0]))
-    rest = (mine if len(mine) > len(other) else other)[min(len(mine), len(other)) :]
+    live_rows, sham_rows = live.inputs(links), sham.inputs(links)
+    for row, sham_row in zip(live_rows, sham_rows, strict=False):
+        if row != sham_row:
+            return int(min(row[0], sham_row[0]))
+    rest = (live_rows if len(live_rows) > len(sham_rows) else sham_rows)[min(len(live_rows), len(sham_rows)) :]
     return int(rest[0][0]) if rest else NEVER
 
 

@@ -100,9 +100,9 @@ def fly_encounter(
     table = np.array(others, dtype=np.float64).reshape(-1, 6)
     rows: list[Row] = []
     for now in range(begin, until, STEP_NS):
-        there = now < OTHERS_NS
+        others_present = now < OTHERS_NS
         moved = table[:, :3] + table[:, 3:] * (now / NS_PER_S)
-        tracks = Tracks(moved, table[:, 3:].copy()) if there and len(table) else NO_TRACKS
+        tracks = Tracks(moved, table[:, 3:].copy()) if others_present and len(table) else NO_TRACKS
         try:
             decision = call(avoidance.decide, now, at, tracks, episode)
         except Broken:

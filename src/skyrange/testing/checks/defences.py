@@ -70,14 +70,14 @@ class DefenceCase:
 
     def kernel(self, **how: bool) -> tuple[Kernel, Flight]:
         """A run before its first instant."""
-        seen = MemoryObserver()
+        observer = MemoryObserver()
         try:
             wiring = build(self.declared(**how)).wiring
         except InputError:
             raise
         except Exception as error:
             raise Broken(f"raised {error!r} when it was made", "a Defence", "makes") from error
-        return Kernel(wiring, [seen]), Flight(seen, frozenset())
+        return Kernel(wiring, [observer]), Flight(observer, frozenset())
 
     @property
     def nominal(self) -> Flight:

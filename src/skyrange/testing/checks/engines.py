@@ -249,8 +249,12 @@ def _status(case: EngineCase) -> None:
     flight = case.flight().fly(0)
     lost = (InstanceStatus.SILENT, InstanceStatus.DEAD)
     for vehicle, ticks in flight.ticks.items():
-        gone = [tick for tick in ticks if tick.status in lost]
-        need(not gone, f"{vehicle} is {gone[0].status if gone else None} in fair weather", "an answer at every tick")
+        lost_ticks = [tick for tick in ticks if tick.status in lost]
+        need(
+            not lost_ticks,
+            f"{vehicle} is {lost_ticks[0].status if lost_ticks else None} in fair weather",
+            "an answer at every tick",
+        )
         need(
             ticks[-1].status is InstanceStatus.READY,
             f"{vehicle} is {ticks[-1].status} at 0",

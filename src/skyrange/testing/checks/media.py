@@ -164,9 +164,9 @@ def list_rows(medium: Medium, answers: Sequence[OnAir]) -> tuple[list[Row], list
     names = [radio.name for radio in medium.radios]
     rows: tuple[list[Row], list[Row]] = ([], [])
     for answer in answers:
-        for found, table in zip(rows, answer, strict=True):
+        for table_rows, table in zip(rows, answer, strict=True):
             for key, radio, *rest in zip(*(column.tolist() for column in table), strict=True):
-                found.append((key, names[radio], *rest))
+                table_rows.append((key, names[radio], *rest))
     return sorted(rows[0], key=repr), rows[1]
 
 

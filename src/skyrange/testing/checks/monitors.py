@@ -247,8 +247,8 @@ def _copies(case: MonitorCase) -> None:
     last = max((now for now, *_ in serve(trunk, case.ports, frames, middle)), default=-1)
     branch = copied(trunk)
     expected = "a copy that goes on alike, and an original that does not notice"
-    for one, what in ((branch, "the straight run and the copy differ"), (trunk, "the copy's life shows in it")):
-        same(rest, serve(one, case.ports, frames, case.until, begin=last), what, expected)
+    for monitor, what in ((branch, "the straight run and the copy differ"), (trunk, "the copy's life shows in it")):
+        same(rest, serve(monitor, case.ports, frames, case.until, begin=last), what, expected)
 
 
 @MONITOR.rule("hostile", "Survives any bytes in a frame, and keeps the form of its alerts.")

@@ -40,8 +40,8 @@ def watch(
     moments: list[Moment] = []
     now, shown, woken = begin, 0, 0
     allowed = MAX_WAKEUPS_PER_S * (1 + (until - begin) // NS_PER_S)
-    wish = wakeup(tap, None, call)
-    due = _due(wish, None, None, now)
+    requested_ns = wakeup(tap, None, call)
+    due = _due(requested_ns, None, None, now)
     while True:
         frame = frames[shown] if shown < len(frames) else None
         if frame is not None and (due is None or max(frame.sent_ns, now) <= due + lag_ns):
@@ -56,18 +56,18 @@ def watch(
                 raise Broken(f"woke {woken} times by {now} ns", f"at most {MAX_WAKEUPS_PER_S} a second", "wakeups")
         else:
             return moments
-        before, wish = wish, wakeup(tap, None if frame is not None else now, call)
-        due = _due(wish, before, due, now)
-        moments.append((now, None if frame is None else frame.id, verdicts, wish))
+        before, requested_ns = requested_ns, wakeup(tap, None if frame is not None else now, call)
+        due = _due(requested_ns, before, due, now)
+        moments.append((now, None if frame is None else frame.id, verdicts, requested_ns))
         if frame is not None and fate is not None:
             end_journey(frame, fate, now)
 
 
-def _due(wish: Time | None, before: Time | None, due: Time | None, now: Time) -> Time | None:
-    """When to wake it next: an unchanged wish stays due when it was, a new one comes after now."""
-    if wish is None:
+def _due(requested_ns: Time | None, before: Time | None, due: Time | None, now: Time) -> Time | None:
+    """When to wake it next: an unchanged request stays due when it was, a new one comes after now."""
+    if requested_ns is None:
         return None
-    return due if due is not None and wish == before else max(wish, now + 1)
+    return due if due is not None and requested_ns == before else max(requested_ns, now + 1)
 
 
 def _answer(
@@ -243,8 +243,8 @@ def _modest(case: TapCase) -> None:
 def _check_values(now: Time, verdict: Verdict) -> None:
     if isinstance(verdict, Delay):
         until = verdict.until
-        good = isinstance(until, int) and not isinstance(until, bool) and until >= now
-        need(good, f"delayed to {until!r} at {now}", "a Python int of nanoseconds, not before now")
+        is_time = isinstance(until, int) and not isinstance(until, bool) and until >= now
+        need(is_time, f"delayed to {until!r} at {now}", "a Python int of nanoseconds, not before now")
     if isinstance(verdict, Replace | Inject):
         payload = verdict.payload
         need(type(payload) is bytes, f"put a payload of {type(payload).__name__} on the link", "bytes")

@@ -51,10 +51,10 @@ def drive(
     waiting = [arrival for arrival in arrivals if arrival.at > begin]
     delivered = unprompted = 0
     now = begin
-    wish = wakeup(agent, None, call)
+    requested_ns = wakeup(agent, None, call)
     allowed = MAX_WAKEUPS_PER_S * (1 + (until - begin) // NS_PER_S)
     while True:
-        due = [] if wish is None else [ceil_to(max(wish, now + 1), agent.service_ns)]
+        due = [] if requested_ns is None else [ceil_to(max(requested_ns, now + 1), agent.service_ns)]
         if delivered < len(waiting):
             due.append(ceil_to(max(waiting[delivered].at, now + 1), agent.service_ns))
         if not due or min(due) > until:
@@ -75,8 +75,8 @@ def drive(
             payloads = short(inbox.payloads)
             raise Broken(f"step({now}) with mail {payloads} raised {error!r}", "an Outbox, whatever arrived") from error
         contents = said(outbox, tuple(agent.ports))
-        wish = wakeup(agent, now, call)
-        steps.append(Step(now, delivered - first, outbox, contents, wish))
+        requested_ns = wakeup(agent, now, call)
+        steps.append(Step(now, delivered - first, outbox, contents, requested_ns))
 
 
 def wakeup(component: Agent | Tap, now: Time | None, call: Call) -> Time | None:
@@ -85,24 +85,26 @@ def wakeup(component: Agent | Tap, now: Time | None, call: Call) -> Time | None:
     `now` is `None` where an overdue wish may still stand: only a wake-up has to move a tap's on.
     """
     try:
-        wish, again = call(component.next_wakeup), call(component.next_wakeup)
+        requested_ns, again = call(component.next_wakeup), call(component.next_wakeup)
     except Broken:
         raise
     except Exception as error:
         raise Broken(f"next_wakeup() raised {error!r}", "a time or None", "wakeups") from error
-    _check_wakeup(wish, again, now)
-    return wish
+    _check_wakeup(requested_ns, again, now)
+    return requested_ns
 
 
-def _check_wakeup(wish: object, again: object, now: Time | None) -> None:
-    """`Broken` (rule `wakeups`) unless `wish` is `None` or an `int` after `now`, and the same as `again`."""
-    proper = wish is None or (isinstance(wish, int) and not isinstance(wish, bool))
+def _check_wakeup(requested_ns: object, again: object, now: Time | None) -> None:
+    """`Broken` (rule `wakeups`) unless `requested_ns` is `None` or an `int` after `now`, and the same as `again`."""
+    proper = requested_ns is None or (isinstance(requested_ns, int) and not isinstance(requested_ns, bool))
     if not proper:
-        raise Broken(f"next_wakeup() is {short(wish)}", "a Python int of nanoseconds, or None", "wakeups")
-    if wish != again:
-        raise Broken(f"next_wakeup() is {wish} and, asked again, {again}", "a question that changes nothing", "wakeups")
-    if now is not None and isinstance(wish, int) and wish <= now:
-        raise Broken(f"next_wakeup() after {now} is {wish}", "a later time, or None", "wakeups")
+        raise Broken(f"next_wakeup() is {short(requested_ns)}", "a Python int of nanoseconds, or None", "wakeups")
+    if requested_ns != again:
+        raise Broken(
+            f"next_wakeup() is {requested_ns} and, asked again, {again}", "a question that changes nothing", "wakeups"
+        )
+    if now is not None and isinstance(requested_ns, int) and requested_ns <= now:
+        raise Broken(f"next_wakeup() after {now} is {requested_ns}", "a later time, or None", "wakeups")
 
 
 def copied(thing: T) -> T:

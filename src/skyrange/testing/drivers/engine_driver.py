@@ -30,7 +30,14 @@ ORIGIN = Origin(-35.363328, 149.1652241, 584.0, 19.0)
 EPOCH = Epoch.from_datetime(datetime(2026, 1, 1, 12, tzinfo=UTC))
 CHANCE = Chance(7)
 FLEET = tuple(
-    VehicleSpec(vehicle=vehicle, system_id=system, airframe="iris", home_enu_m=(east, north, 0.0), heading_deg=heading)
+    VehicleSpec(
+        vehicle=vehicle,
+        system_id=system,
+        airframe="iris",
+        home_enu_m=(east, north, 0.0),
+        heading_deg=heading,
+        seed=CHANCE.seed,
+    )
     for vehicle, system, east, north, heading in (
         ("blue/b1", 1, 5.0, 5.0, 0.0),
         ("blue/b2", 2, 10.0, 0.0, 90.0),
@@ -46,8 +53,10 @@ Factory = Callable[[str, Sequence[VehicleSpec], Origin, Epoch, Chance], Engine]
 
 def open_field(specs: Sequence[VehicleSpec]) -> World:
     """The shipped world: bodies at their homes, no wind, no city, sensors with noise."""
-    bodies = [Body(s.vehicle, s.airframe, s.home_enu_m[0], s.home_enu_m[1], 0.0, s.heading_deg) for s in specs]
-    return Bodies(bodies, sensors=SensorSpec(1.0, magnetic_field_at(ORIGIN), CHANCE))
+    bodies = [
+        Body(s.vehicle, s.airframe, s.home_enu_m[0], s.home_enu_m[1], 0.0, s.heading_deg, seed=s.seed) for s in specs
+    ]
+    return Bodies(bodies, sensors=SensorSpec(1.0, magnetic_field_at(ORIGIN)))
 
 
 def take_off(ports: Sequence[Port], specs: Sequence[VehicleSpec]) -> list[InputMessage]:

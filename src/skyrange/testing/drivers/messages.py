@@ -46,7 +46,7 @@ class MessageRecorder:
 
     def __init__(self, ports: Sequence[Port], links: Sequence[LinkSpec]) -> None:
         ends = {(spec.name, "fwd"): spec.b for spec in links} | {(spec.name, "rev"): spec.a for spec in links}
-        self._ports = {way: Port(end, way[0]) for way, end in ends.items() if Port(end, way[0]) in ports}
+        self._ports = {flow: Port(end, flow[0]) for flow, end in ends.items() if Port(end, flow[0]) in ports}
         self.messages: list[InputMessage] = []
 
     def on_frame(self, frame: Frame) -> None:

@@ -32,9 +32,9 @@ def said(outbox: Any, ports: Sequence[Port]) -> Said:
     expected = "an Outbox with its departures, blocks and notes in lists"
     if not isinstance(outbox, Outbox):
         raise Broken(f"answered with {short(outbox)}", expected, "outbox")
-    for held in (outbox.departures, outbox.blocks, outbox.notes):
-        if not isinstance(held, list | tuple):
-            raise Broken(f"put {short(held)} in its outbox", expected, "outbox")
+    for contents in (outbox.departures, outbox.blocks, outbox.notes):
+        if not isinstance(contents, list | tuple):
+            raise Broken(f"put {short(contents)} in its outbox", expected, "outbox")
     for block in outbox.blocks:
         if not isinstance(block, Block) or not isinstance(block.payloads, Payloads):
             raise Broken(f"put {short(block)} among its blocks", "a Block of places and Payloads", "outbox")

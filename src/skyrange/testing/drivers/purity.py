@@ -86,7 +86,7 @@ class _Reached(BaseException):
 
 
 @contextlib.contextmanager
-def _watch(seen: list[str]) -> Iterator[None]:
+def _watch(violations: list[str]) -> Iterator[None]:
     def look(frame: FrameType, event: str, function: Any) -> None:
         if event == "c_call":
             what = _what(function)
@@ -97,7 +97,7 @@ def _watch(seen: list[str]) -> Iterator[None]:
         if what:
             name = getattr(function, "__qualname__", frame.f_code.co_qualname)
             caller = frame if event == "c_call" else frame.f_back or frame
-            seen.append(f"{what}: {name} called at {caller.f_code.co_filename}:{caller.f_lineno}")
+            violations.append(f"{what}: {name} called at {caller.f_code.co_filename}:{caller.f_lineno}")
             raise _Reached
 
     before = sys.getprofile()

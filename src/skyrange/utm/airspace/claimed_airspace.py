@@ -99,8 +99,8 @@ class Airspace:
             rows.append(row)
             self._owners[row], self._outlines[row] = intent, unwrap_outline(volume.outline)
             self._claims[row] = rows[0], rank
-            for own, new in zip(self._solids, given, strict=True):
-                own[row] = new[place]
+            for column, new in zip(self._solids, given, strict=True):
+                column[row] = new[place]
             if not self._grid.add(row, given.boxes[place], given.times[place]):
                 self._wide[row] = None
 
@@ -119,8 +119,8 @@ class Airspace:
         if not volumes:
             return []
         rows, places = self._search(volumes, solids_of(volumes), ignored, ANY_RANK)
-        found = {*zip(places.tolist(), self._claims[rows, 0].tolist(), strict=True)}
-        return sorted(Overlap(place, self._owners[first]) for place, first in found)
+        pairs = {*zip(places.tolist(), self._claims[rows, 0].tolist(), strict=True)}
+        return sorted(Overlap(place, self._owners[first]) for place, first in pairs)
 
     def find_least_delays(
         self, queries: Sequence[Query], ignored: str = "", lowest_rank: int = ANY_RANK
@@ -133,25 +133,27 @@ class Airspace:
             return [0 for _ in queries]
         numbers = np.repeat(np.arange(len(queries)), [len(query.volumes) for query in queries])
         most = np.array([query.most_ns for query in queries], dtype=np.int64)
-        asked = solids_of(volumes)
-        ends = asked.times[:, 1].copy()
-        asked.times[:, 1] += most[numbers]
-        rows, places = self._search(volumes, asked, ignored, lowest_rank)
+        queried = solids_of(volumes)
+        ends = queried.times[:, 1].copy()
+        queried.times[:, 1] += most[numbers]
+        rows, places = self._search(volumes, queried, ignored, lowest_rank)
         claimed = self._solids.times[rows]
-        begins, over = claimed[:, 0] - ends[places], claimed[:, 1] - asked.times[places, 0]
+        begins, over = claimed[:, 0] - ends[places], claimed[:, 1] - queried.times[places, 0]
         delays = _sweep(numbers[places], begins, over, len(queries)).tolist()
         return [delay if delay <= query.most_ns else None for delay, query in zip(delays, queries, strict=True)]
 
-    def _search(self, volumes: Sequence[Volume4D], asked: Solids, ignored: str, lowest_rank: int) -> tuple[Ints, Ints]:
+    def _search(
+        self, volumes: Sequence[Volume4D], queried: Solids, ignored: str, lowest_rank: int
+    ) -> tuple[Ints, Ints]:
         """Rows and places of claimed volumes and those of a query that overlap, each pair once."""
         every, turns = np.arange(len(volumes)), np.zeros(len(volumes))
         # what crosses the date line, or is west of it while claims cross it, is also where it is by a turn less or more
-        across = [(np.flatnonzero(asked.boxes[:, 2] >= 180.0), -360.0)]
-        across.append((np.flatnonzero(asked.boxes[:, 0] + 360.0 <= self._east_deg), 360.0))
+        across = [(np.flatnonzero(queried.boxes[:, 2] >= 180.0), -360.0)]
+        across.append((np.flatnonzero(queried.boxes[:, 0] + 360.0 <= self._east_deg), 360.0))
         for some, turn in across:
             if len(some):
-                pairs: Any = zip(asked, turned(asked, some, turn), strict=True)
-                asked = Solids(*map(np.concatenate, pairs))
+                pairs: Any = zip(queried, turned(queried, some, turn), strict=True)
+                queried = Solids(*map(np.concatenate, pairs))
                 every, turns = np.concatenate([every, some]), np.concatenate([turns, np.full(len(some), turn)])
         wide = np.fromiter(self._wide, dtype=np.int64, count=len(self._wide))
         lists, first = self._grid.lists, self._asked
@@ -160,7 +162,7 @@ class Airspace:
         rows, places, verdicts = _search(
             self._solids,
             self._claims,
-            asked,
+            queried,
             lists,
             wide,
             self._stamps,
@@ -197,7 +199,7 @@ class Airspace:
 def _search(  # noqa: PLR0917
     claimed: Solids,
     claims: Ints,
-    asked: Solids,
+    queried: Solids,
     lists: Lists,
     wide: Ints,
     stamps: Ints,
@@ -206,20 +208,20 @@ def _search(  # noqa: PLR0917
     left_out: int,
     lowest_rank: int,
 ) -> tuple[Ints, Ints, Ints]:
-    """The claimed volumes that those of `asked` overlap, or may: their rows, the places, and verdicts of
+    """The claimed volumes that those of `queried` overlap, or may: their rows, the places, and verdicts of
     `convex.compare`, each pair once.
     """
     boxes, heights, times, rings, counts = claimed  # a tuple of arrays that is passed on costs more than the comparison
     rows, places = np.empty(256, dtype=np.int64), np.empty(256, dtype=np.int64)
     verdicts = np.empty(256, dtype=np.int64)
     count = 0
-    for place in range(len(asked.counts)):
-        box, lowest, highest = asked.boxes[place], asked.heights[place, 0], asked.heights[place, 1]
-        begins, ends = asked.times[place, 0], asked.times[place, 1]
-        if count_cells(box, asked.times[place]) > MAX_WALKED:
+    for place in range(len(queried.counts)):
+        box, lowest, highest = queried.boxes[place], queried.heights[place, 0], queried.heights[place, 1]
+        begins, ends = queried.times[place, 0], queried.times[place, 1]
+        if count_cells(box, queried.times[place]) > MAX_WALKED:
             near = np.arange(used)
         else:
-            near = np.concatenate((_rows_near(lists, box, asked.times[place], stamps, first + place), wide))
+            near = np.concatenate((_rows_near(lists, box, queried.times[place], stamps, first + place), wide))
         for k in range(len(near)):
             row = near[k]
             if times[row, 0] >= ends or times[row, 1] <= begins:
@@ -231,8 +233,8 @@ def _search(  # noqa: PLR0917
             if claims[row, 0] == left_out or claims[row, 1] < lowest_rank:
                 continue
             verdict = UNDECIDED
-            if counts[row] > 0 and asked.counts[place] > 0:
-                verdict = compare(rings[row], counts[row], asked.rings[place], asked.counts[place])
+            if counts[row] > 0 and queried.counts[place] > 0:
+                verdict = compare(rings[row], counts[row], queried.rings[place], queried.counts[place])
                 if verdict == APART:
                     continue
             if count == len(rows):
@@ -246,7 +248,7 @@ def _search(  # noqa: PLR0917
 @compiled
 def _rows_near(lists: Lists, box: Floats, times: Ints, stamps: Ints, stamp: int) -> Ints:
     """Rows in the cells of a box within its times, each once, and perhaps some of other cells."""
-    found = np.empty(64, dtype=np.int64)
+    rows = np.empty(64, dtype=np.int64)
     count = 0
     west, south, begin, east, north, end = cells_of(box, times)
     for x in range(west, east + 1):
@@ -258,12 +260,12 @@ def _rows_near(lists: Lists, box: Floats, times: Ints, stamps: Ints, stamp: int)
                         row = lists.rows[chunk, k]
                         if stamps[row] != stamp:
                             stamps[row] = stamp
-                            if count == len(found):
-                                found = np.concatenate((found, found))
-                            found[count] = row
+                            if count == len(rows):
+                                rows = np.concatenate((rows, rows))
+                            rows[count] = row
                             count += 1
                     chunk = lists.following[chunk]
-    return found[:count]
+    return rows[:count]
 
 
 @compiled

@@ -141,8 +141,8 @@ def solids_of(volumes: Sequence[Volume4D]) -> Solids:
     if np.ptp(corners[:, 0]) > 180.0:  # one of them may cross the date line
         corners = np.array([corner for volume in volumes for corner in unwrap_outline(volume.outline)])[:, ::-1]
     rings, counts, boxes = _gather(np.ascontiguousarray(corners), lengths)
-    heights = np.array([(one.lower_m, one.upper_m) for one in volumes])
-    times = np.array([(one.start_ns, one.end_ns) for one in volumes], dtype=np.int64)
+    heights = np.array([(volume.lower_m, volume.upper_m) for volume in volumes])
+    times = np.array([(volume.start_ns, volume.end_ns) for volume in volumes], dtype=np.int64)
     return Solids(boxes, heights, times, rings, counts)
 
 

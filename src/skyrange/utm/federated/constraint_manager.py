@@ -20,7 +20,16 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Epoch, Time
 from skyrange.utm.contract import Constraint, Publication
-from skyrange.utm.federated.exchanges import Asked, Caller, Directory, Peer, Reply, Server, WrongReplyError, file_report
+from skyrange.utm.federated.exchanges import (
+    Caller,
+    Directory,
+    IncomingRequest,
+    Peer,
+    Reply,
+    Server,
+    WrongReplyError,
+    file_report,
+)
 from skyrange.utm.federated.tokens import TokenChecker, Tokens
 
 SERVICE_NS: Final = 10 * NS_PER_MS
@@ -86,7 +95,7 @@ class ConstraintManager:
         turn = Turn(now, out)
         for arrival in inbox:
             self._on_frame(turn.caused_by(arrival.ref), arrival)
-        for call in self._caller.on_time(turn):
+        for call in self._caller.repeat_overdue(turn):
             self._note_failure(turn, f"{call.receiver} does not answer {call.operation.value}")
         for constraint in self._publication.take(now):
             self._waiting[constraint.id] = constraint, now
@@ -107,9 +116,9 @@ class ConstraintManager:
         try:
             frame = decode(arrival.payload)
             if isinstance(frame, UssRequest):
-                asked = self._server.read(turn, arrival, frame)
-                if asked is not None:
-                    self._answer(turn, asked)
+                request = self._server.read(turn, arrival, frame)
+                if request is not None:
+                    self._answer(turn, request)
                 return
             reply = self._caller.read(arrival, frame)
             if reply is not None and reply.call.operation is Op.CreateConstraintReference:
@@ -120,17 +129,17 @@ class ConstraintManager:
         except DecodeError as error:
             self._server.count_bad(str(error), arrival.ref, turn.out)
 
-    def _answer(self, turn: Turn, asked: Asked) -> None:
-        if asked.operation is Op.MakeUssReport:
-            self._server.answer(asked, 201, file_report(turn, "decision.uss_report", asked), turn.out)
+    def _answer(self, turn: Turn, request: IncomingRequest) -> None:
+        if request.operation is Op.MakeUssReport:
+            self._server.answer(request, 201, file_report(turn, "decision.uss_report", request), turn.out)
             return
-        found = self._published.get(asked.parameters["entityid"])
-        if found is None:
+        published = self._published.get(request.parameters["entityid"])
+        if published is None:
             self._server.answer(
-                asked, 404, {"message": f"there is no constraint {asked.parameters['entityid']}"}, turn.out
+                request, 404, {"message": f"there is no constraint {request.parameters['entityid']}"}, turn.out
             )
         else:
-            self._server.answer(asked, 200, {"constraint": self._shown(*found)}, turn.out)
+            self._server.answer(request, 200, {"constraint": self._shown(*published)}, turn.out)
 
     def _on_published(self, turn: Turn, reply: Reply) -> None:
         """The DSS has accepted a constraint, or not."""
@@ -144,13 +153,13 @@ class ConstraintManager:
         constraint, _ = waiting
         self._published[reference.id] = constraint, reference
         subscribers = reply.body.get("subscribers") or ()
-        for one in subscribers:
-            peer = self._directory.find(one["uss_base_url"])
+        for subscriber in subscribers:
+            peer = self._directory.find(subscriber["uss_base_url"])
             if peer is not None:
                 body: dict[str, Any] = {
                     "constraint_id": reference.id,
                     "constraint": self._shown(constraint, reference),
-                    "subscriptions": one["subscriptions"],
+                    "subscriptions": subscriber["subscriptions"],
                 }
                 token = self._tokens.get(turn.now, peer.name, Scope.ConstraintManagement.value)
                 operation = Op.NotifyConstraintDetailsChanged

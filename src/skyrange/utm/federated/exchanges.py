@@ -79,7 +79,7 @@ class Caller:
 
     @property
     def due(self) -> Time:
-        """When `on_time` has something to do."""
+        """When `repeat_overdue` has something to do."""
         return min((call.due for call in self._calls.values()), default=NEVER)
 
     def call(
@@ -117,10 +117,10 @@ class Caller:
             raise WrongReplyError(call, str(error)) from error
         return Reply(call, response.status, body, arrival.ref)
 
-    def on_time(self, turn: Turn) -> list[Call]:
+    def repeat_overdue(self, turn: Turn) -> list[Call]:
         """Send again what was not answered; returns the calls that are given up."""
         given_up = []
-        for call in [one for one in self._calls.values() if one.due <= turn.now]:
+        for call in [call for call in self._calls.values() if call.due <= turn.now]:
             if call.tries >= MAX_TRIES:
                 del self._calls[call.exchange]
                 given_up.append(call)
@@ -132,7 +132,7 @@ class Caller:
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class IncomingRequest:
     """A request that is to be answered."""
 
     port: Port
@@ -165,7 +165,7 @@ class Server:
     _answers: dict[str, dict[bytes, bytes | None]] = field(default_factory=dict)
     """Responses by link and digest of the request; None while it is open."""
 
-    def read(self, turn: Turn, arrival: Arrival, request: UssRequest) -> Asked | None:
+    def read(self, turn: Turn, arrival: Arrival, request: UssRequest) -> IncomingRequest | None:
         """What is asked, if it is to be decided; otherwise it is answered here, or will be."""
         answers = self._answers.setdefault(arrival.port.link, {})
         digest = blake2b(arrival.payload, digest_size=16).digest()
@@ -195,18 +195,18 @@ class Server:
             self.refuse(arrival, request.exchange, 403, f"it needs the scope {' or '.join(needed)}", turn.out)
             return None
         answers[digest] = None
-        return Asked(
+        return IncomingRequest(
             arrival.port, request.exchange, digest, operation.id, operation.parameters, body, claims, arrival.ref
         )
 
-    def answer(self, asked: Asked, status: int, body: Body | None, out: Outbox) -> None:
+    def answer(self, request: IncomingRequest, status: int, body: Body | None, out: Outbox) -> None:
         """Send the response, and remember it."""
-        payload = _response(asked.exchange, status, body)
-        answers = self._answers[asked.port.link]
-        answers[asked.digest] = payload
+        payload = _response(request.exchange, status, body)
+        answers = self._answers[request.port.link]
+        answers[request.digest] = payload
         if len(answers) > REMEMBERED:
             del answers[next(iter(answers))]
-        out.send(asked.port, payload, (asked.ref,))
+        out.send(request.port, payload, (request.ref,))
 
     def refuse(self, arrival: Arrival, exchange: int, status: int, message: str, out: Outbox) -> None:
         """Answer a request that is not to be decided, and count it; it changes nothing."""
@@ -220,11 +220,11 @@ class Server:
             out.note("decision.uss_bad_request", self.name, {"count": self.bad_requests, "reason": reason}, (ref,))
 
 
-def file_report(turn: Turn, kind: str, asked: Asked) -> dict[str, Any]:
+def file_report(turn: Turn, kind: str, request: IncomingRequest) -> dict[str, Any]:
     """Note a problem that another service reports; returns the body of the answer, with the id of the report."""
-    problem = str(asked.body["exchange"].get("problem") or "")[:256]
-    turn.note(kind, asked.claims.uss, {"problem": problem})
-    return {**asked.body, "report_id": make_uuid(f"report {asked.claims.uss} {turn.now} {asked.exchange}")}
+    problem = str(request.body["exchange"].get("problem") or "")[:256]
+    turn.note(kind, request.claims.uss, {"problem": problem})
+    return {**request.body, "report_id": make_uuid(f"report {request.claims.uss} {turn.now} {request.exchange}")}
 
 
 def _response(exchange: int, status: int, body: Body | None) -> bytes:

@@ -131,8 +131,8 @@ def _assign(params: FederatedParams, context: ApprovalContext) -> dict[str, tupl
             problems.append(Problem("services", "none", expected, f"services = {{ uss-{operator} = ['{operator}'] }}"))
     if problems:
         raise InputError(context.name, problems)
-    own = {operator: (operator,) for operator in known if operator not in served}
-    return {**params.services, **own}
+    unserved = {operator: (operator,) for operator in known if operator not in served}
+    return {**params.services, **unserved}
 
 
 def _secret(context: ApprovalContext, what: str) -> bytes:

@@ -144,7 +144,11 @@ class TokenChecker:
         if self.issuers and read.get("iss") not in self.issuers:
             raise TokenError("the token is of another issuer")
         audiences = read.get("aud")
-        named = {one for one in (audiences if isinstance(audiences, list) else [audiences]) if isinstance(one, str)}
+        named = {
+            audience
+            for audience in (audiences if isinstance(audiences, list) else [audiences])
+            if isinstance(audience, str)
+        }
         if self.receivers.isdisjoint(named):
             raise TokenError(f"the token is for another receiver than {' or '.join(sorted(self.receivers))}")
         return Claims(uss, frozenset(scope.split()), expires_s)

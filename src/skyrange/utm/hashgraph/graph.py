@@ -137,12 +137,12 @@ class Hashgraph:
     def missing(self, known_there: Sequence[bytes]) -> list[Event]:
         """The events that a member which has told what is `known` there may not know, parents before children."""
         known = [self._index[hash_] for hash_ in known_there if hash_ in self._index]
-        theirs: dict[int, list[int]] = {}
+        tips_by_member: dict[int, list[int]] = {}
         for index in known:
-            theirs.setdefault(self._creator[index], []).append(index)
+            tips_by_member.setdefault(self._creator[index], []).append(index)
 
         def is_known(index: int) -> bool:
-            return any(self._is_self_ancestor(index, tip) for tip in theirs.get(self._creator[index], ()))
+            return any(self._is_self_ancestor(index, tip) for tip in tips_by_member.get(self._creator[index], ()))
 
         unknown_there: set[int] = set()
         waiting = list(self._heads)
@@ -183,7 +183,7 @@ class Hashgraph:
         self._heads.discard(self_parent)
         self._heads.add(index)
         self._assign_round(index, self_parent, other_parent)
-        self._elect()
+        self._order_decided_rounds()
         return True
 
     def _check(self, event: Event) -> tuple[int, int, int]:
@@ -211,9 +211,9 @@ class Hashgraph:
         """The newest events that it descends from, and the forks that it knows of."""
         tips, forked = [_NONE] * len(self.members), 0
         if self_parent != _NONE:
-            mine, others = self._tips[self_parent], self._tips[other_parent]
+            own_tips, other_tips = self._tips[self_parent], self._tips[other_parent]
             forked = self._forked[self_parent] | self._forked[other_parent]
-            for number, (tip, other_tip) in enumerate(zip(mine, others, strict=True)):
+            for number, (tip, other_tip) in enumerate(zip(own_tips, other_tips, strict=True)):
                 if other_tip == _NONE or (tip != _NONE and self._is_self_ancestor(other_tip, tip)):
                     tips[number] = tip
                 elif tip == _NONE or self._is_self_ancestor(tip, other_tip):
@@ -226,13 +226,13 @@ class Hashgraph:
         self._tips.append(tuple(tips))
         self._forked.append(forked)
 
-    def _is_self_ancestor(self, one: int, other: int) -> bool:
-        """Whether `one` is `other` or a self-ancestor of it; both are of one member."""
-        if self._creator[one] not in self._forkers:
-            return self._height[one] <= self._height[other]
-        while self._height[other] > self._height[one]:
-            other = self._self_parent[other]
-        return one == other
+    def _is_self_ancestor(self, ancestor: int, descendant: int) -> bool:
+        """Whether `ancestor` is `descendant` or a self-ancestor of it; both are of one member."""
+        if self._creator[ancestor] not in self._forkers:
+            return self._height[ancestor] <= self._height[descendant]
+        while self._height[descendant] > self._height[ancestor]:
+            descendant = self._self_parent[descendant]
+        return ancestor == descendant
 
     # --- seeing --------------------------------------------------------------------------------------------
 
@@ -306,13 +306,13 @@ class Hashgraph:
             self._famous.setdefault(candidate, vote)
         self._votes[voter, candidate] = vote
 
-    def _elect(self) -> None:
+    def _order_decided_rounds(self) -> None:
         """Order the events of each round whose elections are all decided."""
         while self._next_round + 2 < len(self._witnesses):
             witnesses = self._witnesses[self._next_round]
             if not all(witness in self._famous for witness in witnesses):
                 return
-            self._receive(self._next_round, self._unique_famous(witnesses))
+            self._order_round(self._next_round, self._unique_famous(witnesses))
             self._next_round += 1
 
     def _unique_famous(self, witnesses: Sequence[int]) -> list[int]:
@@ -322,25 +322,25 @@ class Hashgraph:
 
     # --- order ---------------------------------------------------------------------------------------------
 
-    def _receive(self, number: int, judges: Sequence[int]) -> None:
+    def _order_round(self, number: int, judges: Sequence[int]) -> None:
         """Order the events that all unique famous witnesses of a round descend from, and that are not ordered yet."""
         if not judges:
             return
-        heard = [self._hear(judge) for judge in judges]
-        events = [event for event in heard[0] if all(event in each for each in heard)]
+        heard = [self._list_receive_times(judge) for judge in judges]
+        events = [event for event in heard[0] if all(event in times for times in heard)]
         whitening = bytes(len(self.events[judges[0]].hash))
         for judge in judges:
             whitening = _xor(whitening, self.events[judge].hash)
         stakes = [self._stakes[self._creator[judge]] for judge in judges]
         ordered = [
-            (_median([each[event] for each in heard], stakes), _xor(self.events[event].hash, whitening), event)
+            (_median([times[event] for times in heard], stakes), _xor(self.events[event].hash, whitening), event)
             for event in events
         ]
         for time, _, event in sorted(ordered):
             self._received.add(event)
             self.ordered.append(Ordered(self.events[event], number, time))
 
-    def _hear(self, judge: int) -> dict[int, Time]:
+    def _list_receive_times(self, judge: int) -> dict[int, Time]:
         """Events not ordered yet from which `judge` descends, and the time of its first self-ancestor that does."""
         chain = []
         at = judge
@@ -365,8 +365,8 @@ class Hashgraph:
             waiting += [self._self_parent[at], self._other_parent[at]]
 
 
-def _xor(one: bytes, other: bytes) -> bytes:
-    return bytes(a ^ b for a, b in zip(one, other, strict=True))
+def _xor(first: bytes, second: bytes) -> bytes:
+    return bytes(a ^ b for a, b in zip(first, second, strict=True))
 
 
 def _median(times: Sequence[Time], stakes: Sequence[int]) -> Time:

@@ -48,14 +48,14 @@ class EventMessage(_Model):
             self_parent=event.self_parent.hex(),
             other_parent=event.other_parent.hex(),
             time_ns=event.time,
-            transactions=tuple(base64.b64encode(one).decode() for one in event.transactions),
+            transactions=tuple(base64.b64encode(transaction).decode() for transaction in event.transactions),
             signature=event.signature.hex(),
         )
 
     def event(self) -> Event:
         """The event. Raises `DecodeError` where it is not written as it has to be."""
         try:
-            transactions = tuple(base64.b64decode(one, validate=True) for one in self.transactions)
+            transactions = tuple(base64.b64decode(transaction, validate=True) for transaction in self.transactions)
             signature = bytes.fromhex(self.signature)
         except (binascii.Error, ValueError) as error:
             raise DecodeError("an event's transactions or signature cannot be read") from error

@@ -116,7 +116,7 @@ class HashgraphNode:
         self._applied = 0
         self._clock: Time = 0
         self._due: Time | None = None
-        self._told: set[str] = set()
+        self._noted_forks: set[str] = set()
         self._publication = Publication(constraints)
 
     # --- the agent -----------------------------------------------------------------------------------------
@@ -130,9 +130,9 @@ class HashgraphNode:
         out = Outbox()
         for arrival in inbox:
             if arrival.port.link == self._approval.link:
-                asked = self._book.read(arrival, out)
-                if asked is not None:
-                    self._waiting.append((asked, now))
+                open_request = self._book.read(arrival, out)
+                if open_request is not None:
+                    self._waiting.append((open_request, now))
             else:
                 self._on_gossip(Turn(now, out, (arrival.ref,)), arrival)
         if self._is_busy(now):
@@ -141,7 +141,7 @@ class HashgraphNode:
         else:
             self._due = None
         if self._due is not None and now >= self._due:
-            self._call(Turn(now, out))
+            self._request_gossip(Turn(now, out))
             self._due = now + self._gossip_ns
         return out
 
@@ -152,18 +152,18 @@ class HashgraphNode:
 
     # --- gossip --------------------------------------------------------------------------------------------
 
-    def _call(self, turn: Turn) -> None:
+    def _request_gossip(self, turn: Turn) -> None:
         """Ask a member, drawn by chance, for what it knows."""
         peers = list(self._peers)
         draw = self._chance.uniform4(STREAM, hash64(self.name), turn.now, 0)[0]
         peer = peers[min(int(draw * len(peers)), len(peers) - 1)]
-        self._send(turn, peer, Gossip(method="GET", body=GossipBody(known=self._known())))
+        self._send(turn, peer, Gossip(method="GET", body=GossipBody(known=self._list_known_hashes())))
 
     def _on_gossip(self, turn: Turn, arrival: Arrival) -> None:
         peer = self._peer_of[arrival.port.link]
         try:
             message = decode(arrival.payload)
-            self._learn_all(turn.now, peer, message.body.events)
+            self._add_events(turn.now, peer, message.body.events)
         except (DecodeError, GraphError) as error:
             self.bad_gossip += 1
             if worth_noting(self.bad_gossip):
@@ -171,49 +171,51 @@ class HashgraphNode:
                 turn.note("decision.bad_gossip", self.name, data)
             return
         if message.method == "GET":
-            body = GossipBody(known=self._known(), events=self._lacking(turn.now, peer, message.body.known))
+            body = GossipBody(
+                known=self._list_known_hashes(), events=self._list_missing_events(turn.now, peer, message.body.known)
+            )
             self._send(turn, peer, Gossip(status=200, body=body))
         elif message.status is not None:
-            self._create(turn.now, peer)
-            body = GossipBody(events=self._lacking(turn.now, peer, message.body.known))
+            self._create_event(turn.now, peer)
+            body = GossipBody(events=self._list_missing_events(turn.now, peer, message.body.known))
             self._send(turn, peer, Gossip(method="POST", body=body))
-        self._apply(turn)
+        self._apply_ordered_events(turn)
 
-    def _known(self) -> tuple[str, ...]:
-        return tuple(one.hex() for one in itertools.islice(self._graph.known, MAX_KNOWN))
+    def _list_known_hashes(self) -> tuple[str, ...]:
+        return tuple(digest.hex() for digest in itertools.islice(self._graph.known, MAX_KNOWN))
 
-    def _lacking(self, now: Time, peer: str, known: Sequence[str]) -> tuple[EventMessage, ...]:
+    def _list_missing_events(self, now: Time, peer: str, known: Sequence[str]) -> tuple[EventMessage, ...]:
         """What a member that knows these events lacks, without what is on its way to it, or has just come from it."""
         shared = self._shared[peer]
-        for one in [one for one, since in shared.items() if since + RESENT_NS <= now]:
-            del shared[one]
-        events = self._graph.missing([bytes.fromhex(one) for one in known])
-        told, size = list[Event](), 0
+        for stale in [digest for digest, since in shared.items() if since + RESENT_NS <= now]:
+            del shared[stale]
+        events = self._graph.missing([bytes.fromhex(digest) for digest in known])
+        sent, size = list[Event](), 0
         for event in events:
             if event.hash in shared:
                 continue
             size += sum(map(len, event.transactions)) + OVERHEAD_BYTES
-            if told and (size > GOSSIP_BYTES or len(told) == MAX_EVENTS):
+            if sent and (size > GOSSIP_BYTES or len(sent) == MAX_EVENTS):
                 break  # it is told next time
-            told.append(event)
-        shared.update((event.hash, now) for event in told)
-        return tuple(EventMessage.of(event) for event in told)
+            sent.append(event)
+        shared.update((event.hash, now) for event in sent)
+        return tuple(EventMessage.of(event) for event in sent)
 
     def _send(self, turn: Turn, peer: str, message: Gossip) -> None:
         turn.send(self._peers[peer], encode(message))
 
-    def _learn_all(self, now: Time, peer: str, messages: Sequence[EventMessage]) -> None:
+    def _add_events(self, now: Time, peer: str, messages: Sequence[EventMessage]) -> None:
         """Add the events of a message, up to one whose parents have not arrived. Raises `GraphError`, `DecodeError`."""
         shared = self._shared[peer]
         for message in messages:
             event = message.event()
             try:
-                self._learn(event)
+                self._add_event(event)
             except UnknownParentError:
                 return  # they are sent again
             shared[event.hash] = now
 
-    def _learn(self, event: Event) -> None:
+    def _add_event(self, event: Event) -> None:
         """Add an event of another member. Raises `GraphError`."""
         if event.hash in self._graph:
             return
@@ -223,26 +225,26 @@ class HashgraphNode:
         if self._graph.add(event):
             self._undecided += len(event.transactions)
 
-    def _create(self, now: Time, peer: str) -> None:
+    def _create_event(self, now: Time, peer: str) -> None:
         """Create an event with the requests that wait, after hearing from `peer`."""
-        mine, other = self._graph.latest(self.operator), self._graph.latest(peer)
-        assert mine is not None  # every member's first event is known from the beginning
-        assert other is not None
+        own_event, peer_event = self._graph.latest(self.operator), self._graph.latest(peer)
+        assert own_event is not None  # every member's first event is known from the beginning
+        assert peer_event is not None
         payloads: list[bytes] = []
         while self._waiting and len(payloads) < MAX_TRANSACTIONS:
-            asked, since = self._waiting[0]
-            if payloads and sum(map(len, payloads)) + len(asked.payload) > EVENT_BYTES:
+            open_request, since = self._waiting[0]
+            if payloads and sum(map(len, payloads)) + len(open_request.payload) > EVENT_BYTES:
                 break  # the next event takes it
-            payloads.append(asked.payload)
-            self._sent[asked.payload] = asked, since
+            payloads.append(open_request.payload)
+            self._sent[open_request.payload] = open_request, since
             del self._waiting[0]
-        event = sign(Event(self.operator, mine.hash, other.hash, now, tuple(payloads)), self._secret)
+        event = sign(Event(self.operator, own_event.hash, peer_event.hash, now, tuple(payloads)), self._secret)
         self._graph.add(event)
         self._undecided += len(payloads)
 
     # --- decisions -----------------------------------------------------------------------------------------
 
-    def _apply(self, turn: Turn) -> None:
+    def _apply_ordered_events(self, turn: Turn) -> None:
         """Decide on the requests whose order is final."""
         ordered = self._graph.ordered
         while self._applied < len(ordered):
@@ -255,28 +257,28 @@ class HashgraphNode:
                 )
             for payload in event.transactions:
                 self._undecided -= 1
-                self._decide(turn, event.creator, payload, round_)
+                self._decide_request(turn, event.creator, payload, round_)
         for fork in self._graph.forks:
-            if fork.member not in self._told:
-                self._told.add(fork.member)
+            if fork.member not in self._noted_forks:
+                self._noted_forks.add(fork.member)
                 data: dict[str, Scalar] = {
                     "time_s": to_seconds(fork.first.time),
                     "other_time_s": to_seconds(fork.second.time),
                 }
                 turn.note("decision.fork_found", fork.member, data)
 
-    def _decide(self, turn: Turn, creator: str, payload: bytes, round_: int) -> None:
+    def _decide_request(self, turn: Turn, creator: str, payload: bytes, round_: int) -> None:
         """Apply a request, its own or another member's; what is no request of its creator changes nothing, for all."""
         sent = self._sent.pop(payload, None) if creator == self.operator else None
         if sent is not None:
-            asked, since = sent
+            open_request, since = sent
             data: dict[str, Scalar] = {"rank": self._applied, "round": round_, "after_s": to_seconds(turn.now - since)}
-            turn.caused_by(asked.cause).note("decision.consensus", asked.request.body.vehicle, data)
-            body = asked.request.body
+            turn.caused_by(open_request.cause).note("decision.consensus", open_request.request.body.vehicle, data)
+            body = open_request.request.body
             if isinstance(body, EndBody) and self._authority.owner_of(body.id) != creator:
-                answer_end(turn, asked, self._book)  # it ends nothing, as other members find too
+                answer_end(turn, open_request, self._book)  # it ends nothing, as other members find too
             else:
-                decide_request(Turn(self._clock, turn.out), asked, self._authority, self._book, self._epoch)
+                decide_request(Turn(self._clock, turn.out), open_request, self._authority, self._book, self._epoch)
             return
         try:
             request = decode_request(payload)

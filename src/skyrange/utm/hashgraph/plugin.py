@@ -56,12 +56,12 @@ def make(params: HashgraphParams, context: ApprovalContext) -> ApprovalService:
 
     links = [
         LinkSpec(
-            link_name("uss", f"{one}~{other}"),
-            context.endpoint(one),
-            context.endpoint(other),
+            link_name("uss", f"{first}~{second}"),
+            context.endpoint(first),
+            context.endpoint(second),
             Channel(mode="reliable", latency_ns=LATENCY_NS),
         )
-        for one, other in combinations(sorted(operators), 2)
+        for first, second in combinations(sorted(operators), 2)
     ]
     secrets = {operator: secret_of(context.chance.seed, operator) for operator in operators}
     membership = make_membership(stakes, secrets)

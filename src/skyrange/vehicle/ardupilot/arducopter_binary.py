@@ -83,7 +83,8 @@ def why_not_executable(data: bytes, machine: str) -> str:
     wanted = MACHINES.get(machine.lower())
     if wanted is not None and (bits, number) != wanted:
         name = next(
-            (name for name, own in MACHINES.items() if own == (bits, number)), f"ELF machine {number}, {bits} bits"
+            (name for name, machine_id in MACHINES.items() if machine_id == (bits, number)),
+            f"ELF machine {number}, {bits} bits",
         )
         return f"a program for another machine ({name})"
     if kind not in (_EXECUTABLE, _SHARED_OBJECT):
@@ -277,11 +278,11 @@ def _version(data: bytes, who: str, where: str) -> str:
 
 def version_key(version: str) -> tuple[tuple[int, ...], int, int]:
     """Sort key of a version: numbers, then dev, beta, rc, released, then the number of the beta or rc."""
-    found = re.match(r"(\d+(?:\.\d+)*)-?([A-Za-z]*)(\d*)", version)
-    if found is None:
+    match = re.match(r"(\d+(?:\.\d+)*)-?([A-Za-z]*)(\d*)", version)
+    if match is None:
         return (), 0, 0
     stages = {"dev": 0, "beta": 1, "rc": 2}
-    return tuple(map(int, found[1].split("."))), stages.get(found[2].lower(), 3), int(found[3] or 0)
+    return tuple(map(int, match[1].split("."))), stages.get(match[2].lower(), 3), int(match[3] or 0)
 
 
 def check_help(who: str, ended: str, text: str) -> None:
@@ -289,8 +290,8 @@ def check_help(who: str, ended: str, text: str) -> None:
     SITL.
     """
     if ended != "exit 0":
-        said = text.strip().splitlines()
-        raise ComponentError(who, f"`--help` ended with {ended}" + (f": {said[-1][:200]}" if said else ""))
+        lines = text.strip().splitlines()
+        raise ComponentError(who, f"`--help` ended with {ended}" + (f": {lines[-1][:200]}" if lines else ""))
     missing = [option for option in REQUIRED_OPTIONS if option not in text]
     if missing:
         raise ComponentError(who, f"`--help` does not list {', '.join(missing)}", _HOW_TO_GET)

@@ -40,10 +40,10 @@ class GnssReceivers:
 
     def fresh(self, sensors: Sensors) -> list[int]:
         """The aircraft that have a new fix."""
-        seen = sensors.gnss_time_ns.tobytes(), sensors.gnss_fix.tobytes()
-        if seen == self._seen:  # as in most ticks
+        state = sensors.gnss_time_ns.tobytes(), sensors.gnss_fix.tobytes()
+        if state == self._seen:  # as in most ticks
             return []
-        self._seen = seen
+        self._seen = state
         since = sensors.gnss_time_ns - self._told
         rows = np.flatnonzero((since >= PERIOD_NS) & (sensors.gnss_fix > 0))
         self._told[rows] = sensors.gnss_time_ns[rows]

@@ -179,22 +179,22 @@ class LockstepFleet(ProcessFleet):
     def _wait_for_start(self) -> None:
         """Wait until every process has sent its first packet, each from a port of its own."""
         deadline = wall_s() + START_S
-        taken: set[int] = set()
+        used_ports: set[int] = set()
         ticks, moments = np.ones_like(self._per_tick), np.ones_like(self._per_tick)
-        for row, one in enumerate(self._instances):
-            sitl = self._sitl(one)
+        for row, instance in enumerate(self._instances):
+            sitl = self._sitl(instance)
             for again in range(_TRIES):
                 if sitl.servos(deadline) is None:
                     raise sitl.lost(f"did not come up within {START_S:g} s")
-                if sitl.port not in taken:
+                if sitl.port not in used_ports:
                     break
-                self._restart_process(one, f"-{again + 2}")  # two share a port: one of them would not receive
-                sitl = self._sitl(one)
-            taken.add(sitl.port)
+                self._restart_process(instance, f"-{again + 2}")  # two share a port: one of them would not receive
+                sitl = self._sitl(instance)
+            used_ports.add(sitl.port)
             self._sitls.append(sitl)
-            rates = parameters.exchange_steps(one.values, self._listed, QUANTUM_NS / NS_PER_S)
+            rates = parameters.exchange_steps(instance.values, self._listed, QUANTUM_NS / NS_PER_S)
             self._per_tick[row], ticks[row] = rates
-            moments[row] = parameters.moments_per_iteration(one.values, self._listed, QUANTUM_NS / NS_PER_S)
+            moments[row] = parameters.moments_per_iteration(instance.values, self._listed, QUANTUM_NS / NS_PER_S)
         self._step_ns = QUANTUM_NS * ticks // self._per_tick
         self._skips_ticks = bool((ticks > 1).any())
         count, most = len(self._sitls), int((self._per_tick * moments).max())
@@ -205,9 +205,9 @@ class LockstepFleet(ProcessFleet):
         if count == 1:
             self._core_sharing = CoreSharing(self._sitls[0].program)
 
-    def _sitl(self, one: Instance) -> LockstepSitl:
-        assert isinstance(one.sitl, LockstepSitl)
-        return one.sitl
+    def _sitl(self, instance: Instance) -> LockstepSitl:
+        assert isinstance(instance.sitl, LockstepSitl)
+        return instance.sitl
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
         """Give each process its frames, its fix and the first step of the tick."""
@@ -254,7 +254,7 @@ class LockstepFleet(ProcessFleet):
         """Motor commands, and what was sent; a process that has not answered by the deadline is lost."""
         if not len(self._due):  # no process computes, so none sends anything
             return Finished(self._commands, Outbox(), self._status)
-        booting = any(one.status is InstanceStatus.BOOTING for one in self._instances)
+        booting = any(instance.status is InstanceStatus.BOOTING for instance in self._instances)
         deadline = wall_s() + (max(START_S, wall_deadline_s) if booting else wall_deadline_s)
         outbox = Outbox()
         if self._core_sharing is not None:
@@ -264,7 +264,7 @@ class LockstepFleet(ProcessFleet):
             lost = np.setdiff1d(np.arange(len(self._instances)), self._live)
             self._commands[lost] = 0.0  # speed controllers stop without a signal
         self._read_ports(tick, outbox)
-        self._status = [one.status for one in self._instances]
+        self._status = [instance.status for instance in self._instances]
         return Finished(self._commands, outbox, self._status)
 
     def _collect(self, deadline: float, outbox: Outbox) -> None:
@@ -293,15 +293,15 @@ class LockstepFleet(ProcessFleet):
         from that process.
         """
         assert self._exchanges is not None
-        one, sitl = self._instances[row], self._sitls[row]
+        instance, sitl = self._instances[row], self._sitls[row]
         restarts = sitl.restarts
         if not self._exchanges.take_late(row, deadline):
-            one.lose(InstanceStatus.SILENT if sitl.program.running else InstanceStatus.DEAD, outbox)
+            instance.lose(InstanceStatus.SILENT if sitl.program.running else InstanceStatus.DEAD, outbox)
             self._clock_offsets.forget(row)
             return False
         if sitl.restarts > restarts:  # lines sent to the old process are lost
             self._steps[row] = 0
-            one.restarted(outbox)
+            instance.restarted(outbox)
             return False
         return True
 

@@ -130,11 +130,11 @@ class NativeFleet(ProcessFleet):
             clock.received_s = now_s
         while not all(clock.stopped for clock in self._clocks):
             self._read_ports(-1, outbox, MIN_WAIT_S)
-            for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
+            for row, (instance, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
                 if clock.stopped:
                     continue
-                if wall_s() - clock.received_s > START_S or not one.sitl.program.running:
-                    raise one.sitl.lost("did not come up")
+                if wall_s() - clock.received_s > START_S or not instance.sitl.program.running:
+                    raise instance.sitl.lost("did not come up")
                 if clock.reported_ns >= clock.fix_ns + BOOT_FIX_NS:
                     clock.fix_ns = clock.reported_ns
                     self._send_boot_fix(row, tick + clock.reported_ns - WARM_UP_NS, sensors)
@@ -145,15 +145,15 @@ class NativeFleet(ProcessFleet):
         for row in range(len(self._clocks)):
             self._set_stopped(row, stopped=False)
         self._flying = True
-        self._watchdog = Watchdog([one.sitl.program for one in self._instances], WATCHDOG_S)
+        self._watchdog = Watchdog([instance.sitl.program for instance in self._instances], WATCHDOG_S)
 
     def _send_boot_fix(self, row: int, now: Time, sensors: Sensors) -> None:
         """Send the fix of the first tick, repeatedly, while it boots."""
         lag_ns = self._began - sensors.gnss_time_ns
-        one = self._instances[row]
+        instance = self._instances[row]
         if sensors.gnss_fix[row] > 0:
             again = replace(sensors, gnss_time_ns=now - lag_ns)
-            one.sitl.write(PRIVATE, one.onboard.pack(self._receivers.message(again, row)))
+            instance.sitl.write(PRIVATE, instance.onboard.pack(self._receivers.message(again, row)))
 
     def _slow_down(self, row: int) -> None:
         """Slow down towards the end of the warm-up."""
@@ -170,11 +170,11 @@ class NativeFleet(ProcessFleet):
         self._instances[row].sitl.program.set_stopped(stopped=stopped)
 
     def _speed(self, row: int, speed: float) -> None:
-        one = self._instances[row]
+        instance = self._instances[row]
         ask = dialect.MAVLink_param_set_message(
-            one.spec.system_id, 1, SPEEDUP.encode(), speed, dialect.MAV_PARAM_TYPE_REAL32
+            instance.spec.system_id, 1, SPEEDUP.encode(), speed, dialect.MAV_PARAM_TYPE_REAL32
         )
-        if one.sitl.write(PRIVATE, one.onboard.pack(ask)):
+        if instance.sitl.write(PRIVATE, instance.onboard.pack(ask)):
             self._clocks[row].speed = speed
 
     def close(self) -> None:
@@ -195,9 +195,9 @@ class NativeFleet(ProcessFleet):
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Wait until the clocks of all have reached the tick, and read what they send meanwhile."""
         outbox = Outbox()
-        for one in self._instances:
-            if one.status is InstanceStatus.SILENT:
-                one.status = InstanceStatus.DEAD  # its process was ended, so its aircraft falls
+        for instance in self._instances:
+            if instance.status is InstanceStatus.SILENT:
+                instance.status = InstanceStatus.DEAD  # its process was ended, so its aircraft falls
         deadline = wall_s() + wall_deadline_s
         self._read_ports(tick, outbox)
         self._throttle(tick - self._began)
@@ -210,27 +210,27 @@ class NativeFleet(ProcessFleet):
             self._read_ports(tick, outbox, max(wait_s, MIN_WAIT_S))
             self._throttle(tick - self._began)
         poses = self._poses.take_new()
-        for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
-            if not one.alive:
+        for row, (instance, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
+            if not instance.alive:
                 self._commands[row] = 0.0
                 if poses is not None:
                     poses.fresh[row] = False
             elif clock.pulses:
                 self._commands[row] = np.clip((np.array(clock.pulses) - PWM_MIN) / PWM_RANGE, 0.0, 1.0)
-        return Finished(self._commands, outbox, [one.status for one in self._instances], poses)
+        return Finished(self._commands, outbox, [instance.status for instance in self._instances], poses)
 
     def _kick_watchdog(self) -> None:
         """Report that the kernel is alive, and continue processes that were stopped because it was not."""
         if self._watchdog is not None and self._watchdog.kick():
-            for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
-                if one.alive and not clock.stopped:
+            for row, (instance, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
+                if instance.alive and not clock.stopped:
                     self._set_stopped(row, stopped=False)
 
     def _lag_s(self, tick: Time) -> float:
         """Time on the machine's clock until the slowest process will have reached the tick."""
         now_s, most = wall_s(), 0.0
-        for one, clock in zip(self._instances, self._clocks, strict=True):
-            if one.alive and not clock.stopped:
+        for instance, clock in zip(self._instances, self._clocks, strict=True):
+            if instance.alive and not clock.stopped:
                 time = clock.time(now_s)
                 if time is not None and time < tick:
                     most = max(most, (tick - time) / NS_PER_S / self.pace)
@@ -238,8 +238,8 @@ class NativeFleet(ProcessFleet):
 
     def _throttle(self, tick: Time) -> None:
         """Stop the processes that are too far ahead of the tick, and continue those that no longer are."""
-        for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
-            if not one.alive or clock.origin_ns is None:
+        for row, (instance, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
+            if not instance.alive or clock.origin_ns is None:
                 continue
             ahead_s = (clock.reported_ns - clock.origin_ns - tick) / NS_PER_S / self.pace
             if clock.stopped:
@@ -252,18 +252,18 @@ class NativeFleet(ProcessFleet):
                 self._set_stopped(row, stopped=True)
 
     def _mark_ended(self, outbox: Outbox) -> None:
-        for row, one in enumerate(self._instances):
-            if one.alive and not one.sitl.program.running:
-                one.lose(InstanceStatus.DEAD, outbox)
+        for row, instance in enumerate(self._instances):
+            if instance.alive and not instance.sitl.program.running:
+                instance.lose(InstanceStatus.DEAD, outbox)
                 self._clock_offsets.forget(row)
 
     def _give_up(self, tick: Time, outbox: Outbox) -> None:
         """Give up processes that have sent nothing for too long."""
         now_s = wall_s()
-        for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
+        for row, (instance, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
             time = clock.time(now_s)
-            if one.alive and time is not None and time < tick and now_s - clock.received_s > MAX_EXTRAPOLATION_S:
-                one.lose(InstanceStatus.SILENT, outbox)
+            if instance.alive and time is not None and time < tick and now_s - clock.received_s > MAX_EXTRAPOLATION_S:
+                instance.lose(InstanceStatus.SILENT, outbox)
                 self._clock_offsets.forget(row)
 
     def _connected(self, row: int, place: int, outbox: Outbox) -> None:
@@ -276,12 +276,12 @@ class NativeFleet(ProcessFleet):
     def _on_report(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
         kind, clock = message.get_type(), self._clocks[row]
         if kind == "GLOBAL_POSITION_INT":
-            said = message.time_boot_ms * NS_PER_MS
-            clock.reported_ns, clock.received_s = said, wall_s()
+            reported_ns = message.time_boot_ms * NS_PER_MS
+            clock.reported_ns, clock.received_s = reported_ns, wall_s()
             if self._flying and clock.origin_ns is None:
-                clock.origin_ns = said - (tick - self._began)
+                clock.origin_ns = reported_ns - (tick - self._began)
             if clock.origin_ns is not None:
-                self._clock_offsets.record(row, said - clock.origin_ns - (tick - self._began))
+                self._clock_offsets.record(row, reported_ns - clock.origin_ns - (tick - self._began))
         elif kind == "SIM_STATE" and clock.origin_ns is not None:
             state = state_from_sim_state(message, self._origin)
             if state.is_valid:

@@ -118,8 +118,10 @@ def start_values(
     rates: str = "full",
 ) -> dict[str, float]:
     """What the file of defaults says. Raises `InputError` with every name and value of `given` that is wrong."""
-    own = {"MOT_THST_HOVER": hover_throttle(airframe), "MOT_THST_EXPO": airframe.thrust_expo}
-    return _values(who, {**AIRFRAME_TUNING.get(airframe.name, {}), **own, **RATES[rates]}, given, listed, gnss_lag_ms)
+    airframe_values = {"MOT_THST_HOVER": hover_throttle(airframe), "MOT_THST_EXPO": airframe.thrust_expo}
+    return _values(
+        who, {**AIRFRAME_TUNING.get(airframe.name, {}), **airframe_values, **RATES[rates]}, given, listed, gnss_lag_ms
+    )
 
 
 def native_values(
@@ -138,25 +140,29 @@ def native_values(
 
 
 def _values(
-    who: str, own: Mapping[str, float], given: Mapping[str, float], listed: Mapping[str, float], gnss_lag_ms: int
+    who: str,
+    airframe_values: Mapping[str, float],
+    given: Mapping[str, float],
+    listed: Mapping[str, float],
+    gnss_lag_ms: int,
 ) -> dict[str, float]:
     values: dict[str, float] = {}
-    wanted = {**RANGE_PARAMETERS, "GPS1_DELAY_MS": float(max(gnss_lag_ms, 1)), **own}
+    wanted = {**RANGE_PARAMETERS, "GPS1_DELAY_MS": float(max(gnss_lag_ms, 1)), **airframe_values}
     for name, value in wanted.items():
-        found = resolve_parameter(name, value, listed) or resolve_parameter(_OLD.get(name, name), value, listed)
-        if found is not None:  # versions differ in what they simulate
-            values[found[0]] = found[1]
+        resolved = resolve_parameter(name, value, listed) or resolve_parameter(_OLD.get(name, name), value, listed)
+        if resolved is not None:  # versions differ in what they simulate
+            values[resolved[0]] = resolved[1]
     problems = []
     for name, value in given.items():
-        found = resolve_parameter(name, value, listed)
-        if found is None:
+        resolved = resolve_parameter(name, value, listed)
+        if resolved is None:
             problems.append(Problem(name, f"{value:g}", "a parameter that this firmware lists", nearest(name, listed)))
-        elif found[0] in RESERVED_PARAMETERS:
+        elif resolved[0] in RESERVED_PARAMETERS:
             problems.append(Problem(name, f"{value:g}", "a parameter that the range does not set itself"))
         elif not math.isfinite(value):
             problems.append(Problem(name, f"{value}", "a finite number"))
         else:
-            values[found[0]] = found[1]
+            values[resolved[0]] = resolved[1]
     if problems:
         raise InputError(f"params of {who}", problems)
     return values
@@ -175,9 +181,9 @@ def swap_serial_ports(values: Mapping[str, float], listed: Mapping[str, float]) 
     }
     for first, second in (("MAV1", "MAV2"), ("SR0", "SR1")):  # 4.7 and 4.6
         for stream in STREAM_PARAMETERS:
-            one, other = f"{first}_{stream}", f"{second}_{stream}"
-            if one in values or other in values:
-                swapped |= {one: values.get(other, 0.0), other: values.get(one, 0.0)}
+            first_name, second_name = f"{first}_{stream}", f"{second}_{stream}"
+            if first_name in values or second_name in values:
+                swapped |= {first_name: values.get(second_name, 0.0), second_name: values.get(first_name, 0.0)}
     return {**values, **{name: value for name, value in swapped.items() if name in listed}}
 
 
@@ -226,10 +232,10 @@ def changed_by_firmware(
     type's range by the largest one (AP_Param.cpp, `set_value`).
     """
     for name, value in given.items():
-        found = resolve_parameter(name, value, listed)
-        if found is not None and found[0] in reported:
-            kept = reported[found[0]]
-            if not math.isclose(kept, found[1], rel_tol=1e-6, abs_tol=1e-9):
+        resolved = resolve_parameter(name, value, listed)
+        if resolved is not None and resolved[0] in reported:
+            kept = reported[resolved[0]]
+            if not math.isclose(kept, resolved[1], rel_tol=1e-6, abs_tol=1e-9):
                 yield Problem(
                     name, f"{value:g}", f"a value that this firmware accepts; it changed this one to {kept:g}"
                 )
@@ -263,22 +269,22 @@ def list_parameters(binary: Path, sha256: str, text: str = "") -> Mapping[str, f
 
 def _request_list(sitl: LockstepSitl) -> Mapping[str, float]:
     packer, deframer = Packer(_STATION, dialect.MAV_COMP_ID_MISSIONPLANNER), Deframer()
-    found: dict[str, float] = {}
-    total, asked = -1, False
+    values: dict[str, float] = {}
+    total, requested = -1, False
     deadline = wall_s() + WALL_S
     for step in range(1, round(MAX_S * NS_PER_S / STEP_NS)):
         if sitl.servos(deadline) is None:
             raise sitl.lost("did not answer when asked for its parameters")
         sitl.accept()
-        if sitl.connected and not asked and step * STEP_NS >= READY_NS:
-            asked = sitl.write(0, packer.pack(dialect.MAVLink_param_request_list_message(1, 1)))
+        if sitl.connected and not requested and step * STEP_NS >= READY_NS:
+            requested = sitl.write(0, packer.pack(dialect.MAVLink_param_request_list_message(1, 1)))
         for piece in deframer.feed(sitl.read(0)):
             if not piece.garbage:
                 message = decode(piece.data)
                 if message.get_type() == "PARAM_VALUE":
-                    found[message.param_id] = float(message.param_value)
+                    values[message.param_id] = float(message.param_value)
                     total = message.param_count
-        if total > 0 and len(found) >= total:
-            return found
+        if total > 0 and len(values) >= total:
+            return values
         sitl.send(format_lines([step_time_s(step, STEP_NS)], STANDING)[0])
-    raise ComponentError(sitl.name, f"sent {len(found)} of {total} parameters in {MAX_S:g} simulated seconds")
+    raise ComponentError(sitl.name, f"sent {len(values)} of {total} parameters in {MAX_S:g} simulated seconds")

@@ -172,13 +172,13 @@ class ProcessFleet(EngineBase, ABC):
     @property
     def manifest(self) -> dict[str, Any]:
         """Its entry in the record; after a flight also how far the processes' clocks were from the run's, in ms."""
-        said = {
+        entry = {
             "version": self.binary.version,
             "sha256": self.binary.sha256,
             "binary": str(self.binary.path),
             "physics": self.physics,
         }
-        return said | ({"skew_ms": self._clock_offsets.summary} if self._clock_offsets.summary else {})
+        return entry | ({"skew_ms": self._clock_offsets.summary} if self._clock_offsets.summary else {})
 
     # ---------------------------------------------------------------- the processes
 
@@ -196,10 +196,12 @@ class ProcessFleet(EngineBase, ABC):
         for spec in self._specs:
             try:
                 text = parameters.defaults_text(self._values(spec, 0))
-                found = [*self._refused(spec, text)] if spec.params else []
+                spec_problems = [*self._refused(spec, text)] if spec.params else []
             except InputError as error:
-                found = list(error.problems)
-            problems += [Problem(f"{spec.vehicle}.params.{f.where}", f.value, f.expected, f.hint) for f in found]
+                spec_problems = list(error.problems)
+            problems += [
+                Problem(f"{spec.vehicle}.params.{f.where}", f.value, f.expected, f.hint) for f in spec_problems
+            ]
         if problems:
             raise InputError(f"autopilot {self.name}", problems)
 
@@ -242,25 +244,27 @@ class ProcessFleet(EngineBase, ABC):
         folder.mkdir()
         return folder
 
-    def _restart_process(self, one: Instance, suffix: str) -> None:
+    def _restart_process(self, instance: Instance, suffix: str) -> None:
         """Start the same in a folder of another name, after ending the previous process."""
-        one.sitl.close()
-        one.sitl = self._start_process(**{**one.arguments, "folder": self._own_folder(one.spec.vehicle, suffix)})
+        instance.sitl.close()
+        instance.sitl = self._start_process(
+            **{**instance.arguments, "folder": self._own_folder(instance.spec.vehicle, suffix)}
+        )
 
     def kept_files(self) -> Mapping[str, Path]:
         """The DataFlash logs to keep, by their names in the run's folder; they exist until `close`."""
         if not self._options.keep_logs:
             return {}
         return {
-            f"dataflash/{one.spec.vehicle.replace('/', '-')}{'' if number == 0 else f'-{number + 1}'}.bin": log
-            for one in self._instances
-            for number, log in enumerate(sorted((one.sitl.folder / "logs").glob("*.BIN")))
+            f"dataflash/{instance.spec.vehicle.replace('/', '-')}{'' if number == 0 else f'-{number + 1}'}.bin": log
+            for instance in self._instances
+            for number, log in enumerate(sorted((instance.sitl.folder / "logs").glob("*.BIN")))
         }
 
     def close(self) -> None:
         """End the processes. A second call does nothing."""
-        for one in self._instances:
-            one.sitl.close()
+        for instance in self._instances:
+            instance.sitl.close()
         self._poller.close()
         if self._folder is not None:
             self._folder.cleanup()
@@ -269,7 +273,7 @@ class ProcessFleet(EngineBase, ABC):
     @property
     def cpu_s(self) -> float:
         """Processor time that the processes have used so far, in seconds."""
-        return sum(one.sitl.program.cpu_s for one in self._instances)
+        return sum(instance.sitl.program.cpu_s for instance in self._instances)
 
     # ---------------------------------------------------------------- a tick
 
@@ -284,14 +288,14 @@ class ProcessFleet(EngineBase, ABC):
     def _deliver_inputs(self, sensors: Sensors, inbox: Inbox) -> None:
         """Give each process its frames and its GNSS fix."""
         for arrival in inbox:
-            one = self._instances[self._places[arrival.port]]
-            if one.alive:
-                one.sitl.write(0, arrival.payload)
-                one.events.on_upload(arrival.payload)
+            instance = self._instances[self._places[arrival.port]]
+            if instance.alive:
+                instance.sitl.write(0, arrival.payload)
+                instance.events.on_upload(arrival.payload)
         for row in self._receivers.fresh(sensors):
-            one = self._instances[row]
-            if one.alive:
-                one.sitl.write(PRIVATE, one.onboard.pack(self._receivers.message(sensors, row)))
+            instance = self._instances[row]
+            if instance.alive:
+                instance.sitl.write(PRIVATE, instance.onboard.pack(self._receivers.message(sensors, row)))
 
     def _read_ports(self, tick: Time, outbox: Outbox, wait_s: float = 0.0) -> None:
         """Read what the processes sent, waiting up to `wait_s` for the first; before time 0 nothing is delivered."""
@@ -304,63 +308,63 @@ class ProcessFleet(EngineBase, ABC):
             if sitl.connected:
                 self._unconnected.discard(row)
         for row, place in self._poller.poll_ready(wait_s):
-            one = self._instances[row]
-            data = one.sitl.read(place)
-            if one.sitl.serial[place] is None:  # closed
+            instance = self._instances[row]
+            data = instance.sitl.read(place)
+            if instance.sitl.serial[place] is None:  # closed
                 self._unconnected.add(row)
             if place == PRIVATE:
                 self._on_private_data(tick, row, data, outbox)
             else:
-                self._on_public_data(tick, row, one, data, outbox)
+                self._on_public_data(tick, row, instance, data, outbox)
 
     def _connected(self, row: int, place: int, outbox: Outbox) -> None:
         """Its serial port `place` has connected, for the first time or again."""
 
     def _on_private_data(self, tick: Time, row: int, data: bytes, outbox: Outbox) -> None:
         """Process the reports on its private port."""
-        one = self._instances[row]
-        for piece in one.private.feed(data):
+        instance = self._instances[row]
+        for piece in instance.private.feed(data):
             if piece.garbage:
                 continue
             message = decode(piece.data)
             self._on_report(tick, row, message, outbox)
-            for kind, details in one.events.on_report(message):
+            for kind, details in instance.events.on_report(message):
                 if tick >= 0:
-                    outbox.note(kind, one.spec.vehicle, details)
-        if one.events.mode >= 0 and one.asked < len(self.reports):
-            self._request_report(one)
-        paired = one.signs or one.spec.signing_key is None
-        if one.events.mode >= 0 and not paired:
-            self._send_signing_key(one)
-        if one.status is InstanceStatus.BOOTING and paired and one.events.flags & POSITION_VALID_FLAG:
-            one.status = InstanceStatus.READY
+                    outbox.note(kind, instance.spec.vehicle, details)
+        if instance.events.mode >= 0 and instance.asked < len(self.reports):
+            self._request_report(instance)
+        paired = instance.signs or instance.spec.signing_key is None
+        if instance.events.mode >= 0 and not paired:
+            self._send_signing_key(instance)
+        if instance.status is InstanceStatus.BOOTING and paired and instance.events.flags & POSITION_VALID_FLAG:
+            instance.status = InstanceStatus.READY
 
     @abstractmethod
     def _on_report(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
         """Handle one message from its private port."""
 
-    def _on_public_data(self, tick: Time, row: int, one: Instance, data: bytes, outbox: Outbox) -> None:
+    def _on_public_data(self, tick: Time, row: int, instance: Instance, data: bytes, outbox: Outbox) -> None:
         """Deliver what its public port sends on the link `autopilot`."""
-        for piece in one.deframer.feed(data):
-            one.signs |= not piece.garbage and is_signed(piece.data)
+        for piece in instance.deframer.feed(data):
+            instance.signs |= not piece.garbage and is_signed(piece.data)
             if tick < 0:
                 continue
             outbox.send(self.ports[row], piece.data)
             if not piece.garbage:
-                for kind, details in one.events.on_public_frame(piece.data):
-                    outbox.note(kind, one.spec.vehicle, details)
+                for kind, details in instance.events.on_public_frame(piece.data):
+                    outbox.note(kind, instance.spec.vehicle, details)
 
-    def _send_signing_key(self, one: Instance) -> None:
+    def _send_signing_key(self, instance: Instance) -> None:
         """Send its signing key on the private port; it stores the key across reboots, and never acknowledges it."""
-        key = one.spec.signing_key
+        key = instance.spec.signing_key
         assert key is not None
-        setup = dialect.MAVLink_setup_signing_message(one.spec.system_id, 1, list(key.secret), key.initial)
-        one.sitl.write(PRIVATE, one.onboard.pack(setup))
+        setup = dialect.MAVLink_setup_signing_message(instance.spec.system_id, 1, list(key.secret), key.initial)
+        instance.sitl.write(PRIVATE, instance.onboard.pack(setup))
 
-    def _request_report(self, one: Instance) -> None:
+    def _request_report(self, instance: Instance) -> None:
         """Request its next report on the private port."""
-        number, rate_hz = list(self.reports.items())[one.asked]
+        number, rate_hz = list(self.reports.items())[instance.asked]
         ask = dialect.MAVLink_command_long_message(
-            one.spec.system_id, 1, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, number, 1e6 / rate_hz, 0, 0, 0, 0, 0
+            instance.spec.system_id, 1, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, number, 1e6 / rate_hz, 0, 0, 0, 0, 0
         )
-        one.asked += one.sitl.write(PRIVATE, one.onboard.pack(ask))
+        instance.asked += instance.sitl.write(PRIVATE, instance.onboard.pack(ask))

@@ -93,8 +93,8 @@ def find_conflicts(
         limits.standing_mps, limits.look_ahead_s if moving_s is None else moving_s,
         limits.look_ahead_s if standing_s is None else standing_s, out,
     )  # fmt: skip
-    found: list[int] = np.flatnonzero(np.isfinite(out)).tolist()
-    return tuple(sorted(found, key=lambda row: (float(out[row]), row)))
+    conflicting: list[int] = np.flatnonzero(np.isfinite(out)).tolist()
+    return tuple(sorted(conflicting, key=lambda row: (float(out[row]), row)))
 
 
 def velocity_towards(start: Vector, goal: Vector, speed_mps: float) -> tuple[Vector, float]:
@@ -156,6 +156,6 @@ def detect_conflicts(
     `places` and `velocities` (n, 3) in the local frame; `limits` (n, 3): protected radius and half height in m, and
     look-ahead in s.
     """
-    found = np.zeros(len(asks), dtype=np.bool_)
-    _screen(tracks.rows, tracks.used, tracks.stale_ns, now, places, velocities, limits, asks, found)
-    return found
+    in_conflict = np.zeros(len(asks), dtype=np.bool_)
+    _screen(tracks.rows, tracks.used, tracks.stale_ns, now, places, velocities, limits, asks, in_conflict)
+    return in_conflict

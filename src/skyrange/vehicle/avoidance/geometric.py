@@ -137,12 +137,12 @@ def find_first_waypoint(
     course = nodes[1, :2] - here[:2]
     to_left = course[0] * away[:, 1] - course[1] * away[:, 0] > 1e-6 * max(float(np.abs(course).max()), 1.0)
     came = np.zeros(len(nodes), dtype=np.int64)
-    found = _dijkstra(
+    reached = _dijkstra(
         nodes, free, walls, near, tracks.pos_enu_m, tracks.vel_enu_mps, own.cruise_mps, radius_m,
         limits.protected_up_m, limits.standing_mps, limits.look_ahead_s * limits.margin,
         np.where(to_left, radius_m, 0.0), came,
     )  # fmt: skip
-    if not found:
+    if not reached:
         return None, False
     step = 1
     while came[step] != 0:
@@ -209,11 +209,11 @@ def _around(walls: WallIndex, near: Ints, here: Floats, end: Floats, up_m: float
     """Corners to fly around, (n, 3): those that make the shortest detours, and at most so many."""
     room = np.empty((4096, 2))
     # a right angle leaves 0.7 of it to each wall: room enough for who is there but for `arrive_m`
-    found = room[: corners(walls, near, 1.75 * limits.wall_m, room)]
-    detour = np.hypot(*(found - here[:2]).T) + np.hypot(*(found - end[:2]).T)
+    corner_points = room[: corners(walls, near, 1.75 * limits.wall_m, room)]
+    detour = np.hypot(*(corner_points - here[:2]).T) + np.hypot(*(corner_points - end[:2]).T)
     kept = np.argsort(detour, kind="stable")[:_MAX_CORNERS]
     kept = kept[detour[kept] <= math.hypot(*(end[:2] - here[:2]).tolist()) + 2.0 * limits.reach_m]
-    return np.column_stack((found[kept], np.full(len(kept), up_m)))
+    return np.column_stack((corner_points[kept], np.full(len(kept), up_m)))
 
 
 class Geometric(EpisodicAvoidance):
@@ -239,8 +239,8 @@ class Geometric(EpisodicAvoidance):
             return False
         velocity, takes_s = velocity_towards(own.pos_enu_m, place, own.cruise_mps)
         within_s = min(takes_s, self.limits.look_ahead_s)
-        found = find_conflicts(own.pos_enu_m, velocity, tracks, self.limits, moving_s=within_s, standing_s=within_s)
-        return not found and is_straight_clear(self.walls, own.pos_enu_m, place, self.limits.wall_m)
+        conflicts = find_conflicts(own.pos_enu_m, velocity, tracks, self.limits, moving_s=within_s, standing_s=within_s)
+        return not conflicts and is_straight_clear(self.walls, own.pos_enu_m, place, self.limits.wall_m)
 
 
 GEOMETRIC = AvoidancePlugin(

@@ -62,10 +62,10 @@ class Orca(EpisodicAvoidance):
             sim.set_agent_pref_velocity(number, (ve, vn))
             sim.set_agent_radius(number, half)
         sim.do_step()
-        found = sim.get_agent_velocity(0)
-        if math.hypot(found.x, found.y) < 0.1:
+        velocity = sim.get_agent_velocity(0)
+        if math.hypot(velocity.x, velocity.y) < 0.1:
             return None
-        place = (x + AHEAD_S * found.x, y + AHEAD_S * found.y, z)
+        place = (x + AHEAD_S * velocity.x, y + AHEAD_S * velocity.y, z)
         return place if is_straight_clear(self.walls, own.pos_enu_m, place, limits.wall_m) else None
 
     def _build(self, sim: Any, x: float, y: float, z: float) -> None:

@@ -2,7 +2,8 @@
 
 `begin` takes the sensors of a tick and, every 10 ms, the inbox; `finish` returns motor commands and outgoing messages.
 Everything that an aircraft does depends on its own row, its own object and its own messages: a fleet in one engine and
-the same fleet in four engines send the same bytes.
+the same fleet in four engines send the same bytes. So one engine may also fly the fleets of several runs of a batch
+(`VehicleSpec.run`), each as if alone. `vehicles`, and what notes are about, are then named by `qualify`.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from skyrange.contracts.tick_batches import TickBatch
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.geodesy import Origin
-from skyrange.core.ids import Port, endpoint, hash64, link_name
+from skyrange.core.ids import Port, endpoint, hash64, link_name, qualify
 from skyrange.core.time import NEVER, NS_PER_S, NS_PER_US, Epoch, Time
 from skyrange.core.whole_numbers import worth_noting
 from skyrange.vehicle.builtin import commands, fence, loop, messages, parameter_protocol, pilot
@@ -110,33 +111,36 @@ class BuiltinFleet(EngineBase):
     preroll_ns: Time = 0
     moves: Sequence[str] = ()
 
-    def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, chance: Chance) -> None:
-        """Build the fleet, disarmed in STABILIZE. Chance only sets the phase of each aircraft's reports in a second.
+    def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch) -> None:
+        """Build the fleet, disarmed in STABILIZE. A spec's seed only sets the phase of the aircraft's reports in a
+        second.
 
         Raises `InputError` for an empty fleet, a system id outside 1…250, an unknown airframe or bad parameters.
         """
         self.name = name
-        self.vehicles: Sequence[str] = [spec.vehicle for spec in specs]
+        self.vehicles: Sequence[str] = [qualify(spec.run, spec.vehicle) for spec in specs]
         _check_specs(name, specs)
         count = len(specs)
         estimate, flight = new_records(ESTIMATE, count), new_records(FLIGHT, count)
         settings = np.zeros(count, dtype=SETTINGS)
         vehicles = []
         sequences, stored = np.zeros(count, dtype=np.int64), np.zeros((count, len(PARAMETERS)))
-        for row, spec in enumerate(specs):
+        for row, (id_, spec) in enumerate(zip(self.vehicles, specs, strict=True)):
             airframe = AIRFRAMES[spec.airframe]
             stored[row] = fill_settings(settings, row, spec.vehicle, airframe, spec.system_id, spec.params)
-            port = Port(endpoint(spec.vehicle, "autopilot"), link_name("autopilot", spec.vehicle))
+            port = Port(endpoint(spec.vehicle, "autopilot"), link_name("autopilot", spec.vehicle), spec.run)
             packer = FleetPacker(spec.system_id, COMPONENT_ID, sequences, row)
             lat, lon = origin.geodetic_of(*spec.home_enu_m[:2])
             on_at = round(lat * 1e7), round(lon * 1e7)
-            vehicles.append(Vehicle(spec.vehicle, row, spec.system_id, port, packer, spec.home_enu_m, on_at))
+            vehicles.append(Vehicle(id_, row, spec.system_id, port, packer, spec.home_enu_m, on_at))
             estimate["pos"][row] = spec.home_enu_m
             estimate["yaw"][row] = math.radians(90.0 - spec.heading_deg)
         flight["landed"] = 1
         self.ports: Sequence[Port] = [vehicle.port for vehicle in vehicles]
         self._rows_by_port = {vehicle.port: vehicle.row for vehicle in vehicles}
-        self._exempt = frozenset(spec.vehicle for spec in specs if spec.signing_exempt)
+        self._exempt = frozenset(
+            vehicle.id for vehicle, spec in zip(vehicles, specs, strict=True) if spec.signing_exempt
+        )
         signed = [
             SignedConnection(vehicle.id, spec.signing_key, vehicle.port, vehicle.port, spec.signing_exempt)
             for vehicle, spec in zip(vehicles, specs, strict=True)
@@ -149,8 +153,7 @@ class BuiltinFleet(EngineBase):
         self._gain_sets = GainSets([spec.airframe for spec in specs], settings)
         for vehicle in vehicles:
             pilot.update_sticks(self._fleet, vehicle)
-        phases = [int(chance.uniform4(PHASE_STREAM, hash64(spec.vehicle), 0)[0] * NS_PER_S) for spec in specs]
-        self._fleet.report_phases_ns[:] = phases
+        self._fleet.report_phases_ns[:] = [_report_phase_ns(spec) for spec in specs]
         self._schedule = Schedule(self._fleet.report_phases_ns)
         for vehicle in vehicles:
             schedule.start_boot_streams(self._schedule, self._fleet, vehicle)
@@ -221,8 +224,10 @@ class BuiltinFleet(EngineBase):
                 self._signed.remove_key(vehicle.id)
                 continue
             secret, timestamp = key
-            own = SigningKey(secret, signing_timestamp(fleet.clocks.epoch.unix_ns))
-            connection = SignedConnection(vehicle.id, own, vehicle.port, vehicle.port, vehicle.id in self._exempt)
+            signing_key = SigningKey(secret, signing_timestamp(fleet.clocks.epoch.unix_ns))
+            connection = SignedConnection(
+                vehicle.id, signing_key, vehicle.port, vehicle.port, vehicle.id in self._exempt
+            )
             self._signed.set_key(tick, connection, timestamp)
             utc_us = fleet.clocks.utc_us(np.array([row]), tick).item()
             if utc_us:  # the next fix, 0.2 s later at most, sets the clock, and the clock the timestamp
@@ -363,6 +368,10 @@ class BuiltinFleet(EngineBase):
         fleet.next_timer = min(fleet.next_timer, int(fleet.timers.min()))
 
 
+def _report_phase_ns(spec: VehicleSpec) -> Time:
+    return int(Chance(spec.seed).uniform4(PHASE_STREAM, hash64(spec.vehicle), 0)[0] * NS_PER_S)
+
+
 def _rejects_sender(fleet: Fleet, vehicle: Vehicle, message: Any, system: int) -> bool:
     """Whether SYSID_ENFORCE rejects this sender (`accept_packet`): only its own components and ground station pass."""
     if fleet.param(vehicle, "SYSID_ENFORCE") == 0.0 or message.get_msgId() in _RADIO:
@@ -447,7 +456,7 @@ def _check_specs(name: str, specs: Sequence[VehicleSpec]) -> None:
 
 
 def _make(params: NoParams, context: AutopilotContext) -> BuiltinFleet:
-    return BuiltinFleet(context.name, context.specs, context.origin, context.epoch, context.chance)
+    return BuiltinFleet(context.name, context.specs, context.origin, context.epoch)
 
 
 def _mission_result(item: Any) -> int:

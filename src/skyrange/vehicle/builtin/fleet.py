@@ -189,6 +189,7 @@ class Vehicle:
     """The message-rate state of one aircraft. Its numbers are in row `row` of the fleet's arrays."""
 
     id: str
+    """Unique in the engine: its name, with its run where the engine flies several (`core.ids.qualify`)."""
     row: int
     system_id: int
     port: Port

@@ -131,8 +131,8 @@ def nearest_rally_point(fleet: Fleet, vehicle: Vehicle) -> Place | None:
     """Return the nearest rally point inside the fence; `None` beyond RALLY_LIMIT_KM (`find_nearest_rally_point`)."""
     here = fleet.position(vehicle)
     places = (location_of(fleet, vehicle, point) for point in vehicle.rally if point.x != 0 or point.y != 0)
-    good = [place for place in places if fence.destination_within_fence(fleet, vehicle, place)]
-    best = min(good, key=lambda place: _distance(here, place), default=None)
+    inside = [place for place in places if fence.destination_within_fence(fleet, vehicle, place)]
+    best = min(inside, key=lambda place: _distance(here, place), default=None)
     limit_m = fleet.param(vehicle, "RALLY_LIMIT_KM") * 1000.0
     if best is None or 0.0 < limit_m < _distance(here, best):
         return None

@@ -279,8 +279,8 @@ class FileStore:
         """The logs in the log directory, oldest first."""
         if not self._has_log_directory():
             return []
-        found = [entry for entry in self.list_directory(LOG_DIRECTORY) if _is_log(entry)]
-        return sorted(found, key=lambda entry: entry.name.upper())
+        logs = [entry for entry in self.list_directory(LOG_DIRECTORY) if _is_log(entry)]
+        return sorted(logs, key=lambda entry: entry.name.upper())
 
     def _has_log_directory(self) -> bool:
         """Whether it is there, and a directory: a client can have removed it, and made a file of that name."""
@@ -309,7 +309,7 @@ class FileStore:
         return key
 
     def _used_bytes(self) -> int:
-        files = sum(len(one.content) for one in self.entries.values() if isinstance(one.content, bytearray))
+        files = sum(len(entry.content) for entry in self.entries.values() if isinstance(entry.content, bytearray))
         return files + CLUSTER_BYTES * len(self.entries)
 
 

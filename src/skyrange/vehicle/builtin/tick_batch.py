@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, Protocol
+
+import numpy as np
 
 from skyrange.contracts.components import Floats, Sensors
 from skyrange.contracts.mailboxes import Note
@@ -16,7 +17,7 @@ from skyrange.vehicle.builtin.layout import Records
 from skyrange.vehicle.builtin.loop import run_loop
 from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS
 from skyrange.world.battery import discharge
-from skyrange.world.collision.broad_phase import count_due
+from skyrange.world.collision.broad_phase import count_due, is_search_due
 from skyrange.world.multirotor import advance
 from skyrange.world.sensing.sensor_errors import SensingArrays, name_arrays, sample
 from skyrange.world.world import World
@@ -37,18 +38,19 @@ def run_ticks(  # noqa: PLR0917
     navigation: Any,
     control: Any,
     outputs: Any,
-) -> tuple[int, int, int, float]:
+) -> tuple[int, int, int]:
     """Run at most `count` ticks, and with `service` the world's part of one more, which discharges the batteries.
 
-    Returns how many were begun, a `TickProgress`, the events that the bodies flagged in the last, and how far aircraft
-    have travelled for the search of contacts. `search` is `World.contact_search`; `bodies`, `moved`, `power` and
-    `sensing` are `World.batch_state`; `navigation`, `control` and `outputs` are `BuiltinFleet.batch_state`.
+    Returns how many were begun, a `TickProgress`, and the events that the bodies flagged in the last. `search` is
+    `World.contact_search`, in which is updated how far aircraft have travelled; `arrays` is `World.batch_state`;
+    `navigation`, `control` and `outputs` are `BuiltinFleet.batch_state`.
     """
-    idle, travelled, census_due, pair_due, wall_due = search
+    idle, travelled, census_due, pairs, pair_due, wall_due = search
     sensing = name_arrays(arrays)
     bodies = sensing.bodies
     commands, odometer_m, max_step2_m2 = bodies.commands, bodies.odometer_m, bodies.max_step2_m2
     step_s = quantum_ns / NS_PER_S
+    far = np.empty(travelled.shape[0])
     for tick in range(count + service):
         now = first + tick * quantum_ns
         events = advance(step_s, bodies)
@@ -56,22 +58,22 @@ def run_ticks(  # noqa: PLR0917
             discharge((now - discharged_ns) / NS_PER_S, bodies)
         if idle:
             if events > 0:
-                return tick + 1, _WORLD, events, travelled
+                return tick + 1, _WORLD, events
         else:
-            far = travelled + math.sqrt(max_step2_m2[0])
-            if events > 0 or far > census_due or count_due(far, pair_due, odometer_m, wall_due) > 0:
-                return tick + 1, _WORLD, events, travelled
-            travelled = far
+            searches = is_search_due(travelled, max_step2_m2, census_due, far)
+            if events > 0 or searches or count_due(far, bodies.run, pairs, pair_due, odometer_m, wall_due) > 0:
+                return tick + 1, _WORLD, events
+            travelled[:] = far
         sample(now, step_s, tick == count, sensing)
         if tick == count:
-            return count + 1, _SERVICE, 0, travelled
+            return count + 1, _SERVICE, 0
         step_strapdown(*navigation)
         if run_loop(*control) > 0:
-            return tick + 1, _ENGINE, 0, travelled
+            return tick + 1, _ENGINE, 0
         for row in range(outputs.shape[0]):
             for motor in range(outputs.shape[1]):
                 commands[row, motor] = outputs[row, motor]
-    return count, _COMPLETE, 0, travelled
+    return count, _COMPLETE, 0
 
 
 class BatchedFleet(Protocol):
@@ -126,12 +128,12 @@ class FleetTickBatch:
             self._gains = gains
             self._arguments = (world.batch_state(), *fleet.batch_state(world.sensors(self._rows)))
         quantum_ns = world.quantum_ns
-        begun, stop, self._events, travelled = run_ticks(
+        begun, stop, self._events = run_ticks(
             first, quantum_ns, count, service, world.discharged_ns, world.contact_search, *self._arguments
         )
         moved = begun - (stop == _WORLD)
         discharged_ns = first + count * quantum_ns if begun > count else world.discharged_ns
-        world.end_batch(moved, travelled, discharged_ns)
+        world.end_batch(moved, discharged_ns)
         flown = min(moved, count)
         if flown:
             fleet.end_batch(first + (flown - 1) * quantum_ns, flagged=stop == _ENGINE)
@@ -140,3 +142,7 @@ class FleetTickBatch:
     def complete_world_tick(self) -> Sequence[Note]:
         """Resolve contacts and report events of the tick in which the batch ended, and sample its sensors."""
         return self._world.complete_tick(self._events)
+
+    def complete_world_tick_runs(self) -> Sequence[tuple[int, Note]]:
+        """`complete_world_tick`, with the run of each note."""
+        return self._world.complete_tick_runs(self._events)

@@ -71,10 +71,10 @@ def hold(system: int, boot_ms: int) -> Message:
     )
 
 
-def arm_status(trouble: str) -> Message:
+def arm_status(problem: str) -> Message:
     """OPEN_DRONE_ID_ARM_STATUS: good, or the reason why not."""
-    status = mav.MAV_ODID_ARM_STATUS_PRE_ARM_FAIL_GENERIC if trouble else mav.MAV_ODID_ARM_STATUS_GOOD_TO_ARM
-    return mav.MAVLink_open_drone_id_arm_status_message(status, trouble.encode()[:50])
+    status = mav.MAV_ODID_ARM_STATUS_PRE_ARM_FAIL_GENERIC if problem else mav.MAV_ODID_ARM_STATUS_GOOD_TO_ARM
+    return mav.MAVLink_open_drone_id_arm_status_message(status, problem.encode()[:50])
 
 
 MAV_STATE_ACTIVE: Final = int(mav.MAV_STATE_ACTIVE)
@@ -122,18 +122,18 @@ class MessageRequests:
         beating = table["heartbeat_ns"] >= 0
         new = beating & (self._since_ns < 0)
         self._since_ns[new] = now
-        found = []
+        requests = []
         for column, request in enumerate(REQUESTS):
-            received, asked = table[request.field], self._asked_ns[:, column]
-            never = asked < 0
+            received, asked_ns = table[request.field], self._asked_ns[:, column]
+            never = asked_ns < 0
             since = np.maximum(received, self._since_ns)
             silent = beating & (now - since >= request.missing_ns)
             if request.field != "position_ns":
                 silent |= beating & never & (received < 0)  # at once
-            silent &= never | (now - asked >= RETRY_NS)
+            silent &= never | (now - asked_ns >= RETRY_NS)
             if request is GOAL_REQUEST:  # no goal is sent on the ground and in other modes
                 silent &= self._avoids & (never | ((table["mode"] == auto) & (table["state"] == MAV_STATE_ACTIVE)))
             rows: Ints = np.flatnonzero(silent)
             self._asked_ns[rows, column] = now
-            found += [(row, request) for row in rows.tolist()]
-        return found
+            requests += [(row, request) for row in rows.tolist()]
+        return requests

@@ -191,10 +191,10 @@ class Companion:
 
     def _receive_broadcasts(self, inbox: Inbox, mail: Columns, vehicle: Ints, heard: Ints) -> None:
         rid = unpack_rows(mail.payloads.take(heard))
-        said = decode_locations(rid.bodies)
+        locations = decode_locations(rid.bodies)
         ref, serial = self._refs.read(inbox, mail.order[heard])
-        np.add.at(self._bad, vehicle[heard[~said.valid]], 1)  # a payload that is no frame has no valid body either
-        received = ReceivedBroadcasts(vehicle[heard], mail.at_ns[heard], rid, said, ref, serial)
+        np.add.at(self._bad, vehicle[heard[~locations.valid]], 1)  # a payload that is no frame has no valid body either
+        received = ReceivedBroadcasts(vehicle[heard], mail.at_ns[heard], rid, locations, ref, serial)
         released: list[ReceivedBroadcasts] = []
         if self.verifier is not None:
             received, released = self._verify(self.verifier, received)
@@ -233,15 +233,15 @@ class Companion:
                     continue
                 header = RidHeader(rid.transport.item(place), address=sender)
                 rows = unpack_rows(Payloads.of([pack(header, verified.body)]))
-                one = slice(place, place + 1)
+                single_row = slice(place, place + 1)
                 released.append(
                     ReceivedBroadcasts(
-                        heard.receiver[one],
+                        heard.receiver[single_row],
                         np.array([heard_ns], dtype=np.int64),
                         rows,
                         decode_locations(rows.bodies),
-                        heard.ref[one],
-                        heard.serial[one],
+                        heard.ref[single_row],
+                        heard.serial[single_row],
                     )
                 )
         return heard._replace(rid=rid._replace(valid=kept)), released
@@ -274,8 +274,8 @@ class Companion:
             command = handover.observe(now, mode, heartbeat_ns, flying=bool(flying[row]), failsafe=failsafe)
             if command is not None:
                 self._carry_out(now, row, command, None, (), out)
-            may = handover.engaged or (bool(free[row]) and now >= handover.quiet_until_ns)
-            if may and not (handover.control is ControlState.RETURNING and not in_conflict[row]):
+            may_decide = handover.engaged or (bool(free[row]) and now >= handover.quiet_until_ns)
+            if may_decide and not (handover.control is ControlState.RETURNING and not in_conflict[row]):
                 own = self._own_state(now, row, handover, places, velocities)
                 self._decide(now, row, handover, own, out)
             if handover.engaged or now < max(handover.quiet_until_ns, handover.left_ns + GOAL_TIMEOUT_NS):
@@ -391,20 +391,20 @@ class Companion:
             self._send_command(
                 row, autopilot_commands.set_interval(self.specs[row].system_id, request.message, interval_us), (), out
             )
-        trouble = self._broadcaster.arm_status(now, self._beliefs)
+        arm_statuses = self._broadcaster.arm_status(now, self._beliefs)
         beating = table["heartbeat_ns"] >= 0
-        changed = beating & (trouble != self._arm_status)
-        self._arm_status[changed] = trouble[changed]
+        changed = beating & (arm_statuses != self._arm_status)
+        self._arm_status[changed] = arm_statuses[changed]
         for row in np.flatnonzero(changed).tolist():
-            text = ARM_STATUS_TEXTS[trouble.item(row)]
+            text = ARM_STATUS_TEXTS[arm_statuses.item(row)]
             out.note("event.remote_id", self.specs[row].vehicle, {"serviceable": not text, "trouble": text})
         rows = np.flatnonzero(beating & self._broadcaster.autopilot_location)
         if rows.size:
             self._send_identity(now, rows, out)
         # before take-off every second, as a transmitter does; in flight on a change, always to one with ODID
-        asked = changed | (table["armed"] == 0) | self._broadcaster.autopilot_location
-        for row in np.flatnonzero(beating & asked).tolist():
-            self._send_command(row, autopilot_commands.arm_status(ARM_STATUS_TEXTS[trouble.item(row)]), (), out)
+        needs_status = changed | (table["armed"] == 0) | self._broadcaster.autopilot_location
+        for row in np.flatnonzero(beating & needs_status).tolist():
+            self._send_command(row, autopilot_commands.arm_status(ARM_STATUS_TEXTS[arm_statuses.item(row)]), (), out)
         counts = np.column_stack((self.tracks.counts, self._bad + table["bad"]))
         for row, column in np.argwhere(counts != self._counts).tolist():
             count = counts.item(row, column)
@@ -414,9 +414,11 @@ class Companion:
 
     def _send_identity(self, now: Time, rows: Ints, out: Outbox) -> None:
         """Send autopilots with Open Drone ID their identity and the operator's location, as a ground station would."""
-        for row, said in zip(rows.tolist(), self._broadcaster.identity_messages(rows, now, self._beliefs), strict=True):
+        for row, messages in zip(
+            rows.tolist(), self._broadcaster.identity_messages(rows, now, self._beliefs), strict=True
+        ):
             target = (self.specs[row].system_id, autopilot_commands.AUTOPILOT)
-            for message in said:
+            for message in messages:
                 self._send_command(row, to_mavlink(message, target=target), (), out)
 
     def _send_command(self, row: int, message: Message, causes: tuple[FrameId, ...], out: Outbox) -> None:

@@ -137,6 +137,6 @@ class ControlHandover:
         return CompanionCommand(note=note)
 
 
-def _same_waypoint(one: Vector | None, two: Vector | None) -> bool:
+def _same_waypoint(first: Vector | None, second: Vector | None) -> bool:
     """Whether two waypoints are the same to the autopilot."""
-    return one == two if one is None or two is None else math.dist(one, two) < SAME_WAYPOINT_M
+    return first == second if first is None or second is None else math.dist(first, second) < SAME_WAYPOINT_M

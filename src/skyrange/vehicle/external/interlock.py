@@ -111,8 +111,8 @@ class Interlock:
         if any(target not in (0, self.system_id) for target in targets):
             return refusal._replace(why=_OTHERS)
         if self.open:
-            asked = number in UNADDRESSED or not targets or self.system_id in targets
-            return None if asked else refusal._replace(why="for all systems")
+            addressed = number in UNADDRESSED or not targets or self.system_id in targets
+            return None if addressed else refusal._replace(why="for all systems")
         if payload[0] == MAGIC_V1:
             return refusal._replace(why="MAVLink 1")
         if payload[2] & SIGNED:
@@ -122,8 +122,8 @@ class Interlock:
         if number in UNADDRESSED:
             return None
         if number == mav.MAVLINK_MSG_ID_HEARTBEAT:
-            ours = decoded.get_srcSystem() == self.system_id and decoded.get_srcComponent() not in _AUTOPILOT
-            harmless = ours and decoded.type == mav.MAV_TYPE_ONBOARD_CONTROLLER
+            is_own = decoded.get_srcSystem() == self.system_id and decoded.get_srcComponent() not in _AUTOPILOT
+            harmless = is_own and decoded.type == mav.MAV_TYPE_ONBOARD_CONTROLLER
             return None if harmless else refusal._replace(why="heartbeats of a ground station arm its failsafe")
         allowed = PERMITTED_MESSAGES.get(number)
         if allowed is None or not allowed(decoded):
@@ -138,8 +138,8 @@ class Interlock:
         for at, byte in enumerate(stream):
             if byte not in (MAGIC_V1, MAGIC_V2) or at == begins:
                 continue
-            found = Deframer().feed(stream[at:])
-            if found and not found[0].garbage and self._check_alone(found[0].data):
+            pieces = Deframer().feed(stream[at:])
+            if pieces and not pieces[0].garbage and self._check_alone(pieces[0].data):
                 return Refusal(message_name(payload) or "", "", "another frame is hidden in it")
         return None
 

@@ -35,7 +35,7 @@ COMPONENT: Final = int(dialect.MAV_COMP_ID_ONBOARD_COMPUTER4)
 AUTOPILOT: Final = int(dialect.MAV_COMP_ID_AUTOPILOT1)
 STATE_HZ: Final = 2.0
 FLOWN: Final = (
-    f"MAV_AUTOPILOT_ARDUPILOTMEGA with {', '.join(dialect.enums['MAV_TYPE'][one].name for one in MULTIROTOR_TYPES)}"
+    f"MAV_AUTOPILOT_ARDUPILOTMEGA with {', '.join(dialect.enums['MAV_TYPE'][kind].name for kind in MULTIROTOR_TYPES)}"
 )
 """The vehicles that may be connected, in MAVLink's words."""
 

@@ -55,8 +55,8 @@ class GazeboFleet(LockstepFleet):
         self._gazebo_options = options
         if options.window:
             self.repeatable = "outcome"  # who uses the window may move things
-        own = set(self.vehicles)
-        self._shown = [row for row, spec in enumerate(context.fleet) if spec.vehicle not in own]
+        own_vehicles = set(self.vehicles)
+        self._shown = [row for row, spec in enumerate(context.fleet) if spec.vehicle not in own_vehicles]
         """World rows of the aircraft that Gazebo shows and others move."""
         self._shown_specs = [context.fleet[row] for row in self._shown]
         self._city: City | None = context.city
@@ -71,7 +71,7 @@ class GazeboFleet(LockstepFleet):
     def manifest(self) -> dict[str, Any]:
         """As `ProcessFleet`, and Gazebo's version, physics engine and rate."""
         started = self._simulator
-        said = {
+        entry = {
             "program": str(self._gazebo.path),
             "flavour": str(self._gazebo.flavour),
             "version": self._gazebo.version,
@@ -79,8 +79,8 @@ class GazeboFleet(LockstepFleet):
             "steps_per_tick": self._gazebo_options.steps_per_tick,
         }
         if started is not None:
-            said["physics"] = started.physics
-        return {**super().manifest, "physics": "gazebo", "gazebo": said}
+            entry["physics"] = started.physics
+        return {**super().manifest, "physics": "gazebo", "gazebo": entry}
 
     @property
     def cpu_s(self) -> float:

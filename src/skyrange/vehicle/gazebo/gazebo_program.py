@@ -93,14 +93,14 @@ def isolate(port: int) -> tuple[str, ...]:
 
 def parse_classic_version(text: str) -> str | None:
     """The version in what `gzserver --version` printed; None if it is not Gazebo 11 or its predecessors."""
-    found = _CLASSIC_ANSWER.search(text)
-    return found[1] if found else None
+    match = _CLASSIC_ANSWER.search(text)
+    return match[1] if match else None
 
 
 def parse_sim_version(text: str) -> str | None:
     """The newest version in what `gz sim --versions` printed, the one that it starts; None if it printed others."""
-    found = _SIM_ANSWER.fullmatch(text)
-    return found[1] if found else None
+    match = _SIM_ANSWER.fullmatch(text)
+    return match[1] if match else None
 
 
 VARIABLE: Final = "SKYRANGE_GAZEBO"
@@ -135,10 +135,10 @@ def find_gazebo() -> Gazebo:
         return examine_gazebo(expand_user(named), VARIABLE)
     problems: list[Problem] = []
     for name in ("gz", "gzserver"):
-        found = shutil.which(name)
-        if found is not None:
+        program = shutil.which(name)
+        if program is not None:
             try:
-                return examine_gazebo(Path(found), "PATH")
+                return examine_gazebo(Path(program), "PATH")
             except InputError as error:
                 problems += error.problems
     if problems:
@@ -190,13 +190,13 @@ def _ask(path: Path, who: str) -> Gazebo:
         if "Invalid arguments" in text:
             hint = f"Set {VARIABLE} to the path of gzserver"
             raise InputError.one(who, where, "the program gz of Gazebo 11 or older, not its gzserver", EXPECTED, hint)
-        said = next((line.strip() for line in text.splitlines() if line.strip()), "")
-        value = f"answers `sim --versions` with {said[:100]!r}" if said else "says nothing of its version"
+        answer = next((line.strip() for line in text.splitlines() if line.strip()), "")
+        value = f"answers `sim --versions` with {answer[:100]!r}" if answer else "says nothing of its version"
         raise InputError.one(who, where, value, EXPECTED, HOW_TO_GET)
-    found = Gazebo(flavour, version, path)
-    if found.major < OLDEST[flavour]:
-        raise InputError.one(who, where, found.title, EXPECTED, HOW_TO_GET)
-    return found
+    gazebo = Gazebo(flavour, version, path)
+    if gazebo.major < OLDEST[flavour]:
+        raise InputError.one(who, where, gazebo.title, EXPECTED, HOW_TO_GET)
+    return gazebo
 
 
 def _answer(path: Path, who: str, *arguments: str) -> str:
@@ -224,11 +224,11 @@ def window_command(gazebo: Gazebo, port: int) -> tuple[str, ...]:
             raise InputError.one(WINDOW_VARIABLE, "path", named, "an executable file, gzclient of Gazebo 11")
         return (*isolate(port), str(program.absolute()))
     beside = gazebo.path.with_name("gzclient")
-    found = str(beside) if os.access(beside, os.X_OK) else shutil.which("gzclient")
-    if found is None:
+    window_program = str(beside) if os.access(beside, os.X_OK) else shutil.which("gzclient")
+    if window_program is None:
         hint = f"On Debian 11: sudo apt-get install gazebo. For one elsewhere set {WINDOW_VARIABLE}"
         raise InputError.one("Gazebo", f"{gazebo.path.parent} and PATH", "no gzclient", "the window of Gazebo 11", hint)
-    return (*isolate(port), found)
+    return (*isolate(port), window_program)
 
 
 def find_window(gazebo: Gazebo) -> str:

@@ -75,7 +75,7 @@ def _linked_builds(path: Path, hint: str) -> set[str]:
     if not data.startswith(b"\x7fELF"):
         raise InputError.one(VARIABLE, "path", str(path), _EXPECTED, hint)
     return {
-        f"{Flavour.SIM if found['sim'] else Flavour.CLASSIC}{int(found['major'])}" for found in _NEEDED.finditer(data)
+        f"{Flavour.SIM if match['sim'] else Flavour.CLASSIC}{int(match['major'])}" for match in _NEEDED.finditer(data)
     }
 
 

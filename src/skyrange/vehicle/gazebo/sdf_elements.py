@@ -52,8 +52,8 @@ def building_name(index: int) -> str:
     return f"building_{index}"
 
 
-def _escape(found: re.Match[str] | str) -> str:
-    character = found if isinstance(found, str) else found.group()
+def _escape(matched: re.Match[str] | str) -> str:
+    character = matched if isinstance(matched, str) else matched.group()
     return f"{_ESCAPE}{ord(character):x}{_ESCAPE}"
 
 

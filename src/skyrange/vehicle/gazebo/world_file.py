@@ -85,7 +85,7 @@ def add_view(world: Element, aircraft: Sequence[PlacedAircraft], *, sim: bool) -
 
 def camera_place(aircraft: Sequence[PlacedAircraft]) -> Point:
     """A place from which a camera at `_PITCH` and `_YAW` has all aircraft within 30 degrees of its axis."""
-    places = [(one.east_m, one.north_m, one.up_m) for one in aircraft] or [(0.0, 0.0, 0.0)]
+    places = [(placed.east_m, placed.north_m, placed.up_m) for placed in aircraft] or [(0.0, 0.0, 0.0)]
     spans = [(min(axis), max(axis)) for axis in zip(*places, strict=True)]
     middle = [0.5 * (low + high) for low, high in spans]
     radius_m = 0.5 * math.hypot(*(high - low for low, high in spans))
@@ -142,7 +142,7 @@ def write_world(
     finite, `KeyError` for an unknown airframe, and what `make_city_models` raises.
     """
     everyone = [*aircraft, *mirrored]
-    if len({one.vehicle for one in everyone}) < len(everyone):
+    if len({placed.vehicle for placed in everyone}) < len(everyone):
         raise ValueError("each aircraft needs an id of its own")
     folder.mkdir(parents=True, exist_ok=True)
     sdf = Element("sdf", version=VERSION)
@@ -156,10 +156,10 @@ def write_world(
     world.append(_make_ground(everyone, city))
     if city is not None:
         world.extend(make_city_models(city, folder))
-    operators = list(dict.fromkeys(one.operator for one in everyone))
-    for row, one in enumerate(everyone):
-        colour = _COLOURS[operators.index(one.operator) % len(_COLOURS)]
-        world.append(make_aircraft_model(one, colour, mirrored=row >= len(aircraft)))
+    operators = list(dict.fromkeys(placed.operator for placed in everyone))
+    for row, placed in enumerate(everyone):
+        colour = _COLOURS[operators.index(placed.operator) % len(_COLOURS)]
+        world.append(make_aircraft_model(placed, colour, mirrored=row >= len(aircraft)))
     indent(sdf)
     file = folder / FILE
     ElementTree(sdf).write(file, encoding="utf-8", xml_declaration=True)
@@ -209,7 +209,7 @@ def _add_plugins(world: Element, flavour: Flavour, plugin: Path | None) -> None:
 
 def _make_ground(aircraft: Sequence[PlacedAircraft], city: City | None) -> Element:
     """The static `<model>` of the ground; what is drawn of it reaches beyond city and aircraft."""
-    corners = [(one.east_m, one.north_m) for one in aircraft]
+    corners = [(placed.east_m, placed.north_m) for placed in aircraft]
     if city is not None:
         corners += [city.bounds[:2], city.bounds[2:]]
     reach_m = _MARGIN_M + max((abs(part) for corner in corners for part in corner), default=0.0)

@@ -1,9 +1,10 @@
 """Broad phase of collision detection: bounds that let a tick check hardly any aircraft.
 
-`travelled` is the sum over ticks of the longest distance that any aircraft moved, so two aircraft with a gap g cannot
-touch before it has grown by g/2. Near pairs are listed over a grid of cells, and the list is made again when
-`travelled` has grown by half of `NEAR_M`. This only skips pairs that cannot touch, so no result depends on who else
-flies. Against walls the bound is each aircraft's own `odometer_m`, because the floor below it may change when it is
+`travelled` is the sum over ticks of the longest distance that any aircraft of a run moved, so two of its aircraft with
+a gap g cannot touch before it has grown by g/2. Near pairs are listed over a grid of cells, and the list is made again
+when `travelled` has grown by half of `NEAR_M`. This only skips pairs that cannot touch, so no result depends on who
+else flies. Each run of a batch has its own `travelled` and its own search, because bodies of different runs never
+meet. Against walls the bound is each aircraft's own `odometer_m`, because the floor below it may change when it is
 checked.
 """
 
@@ -41,11 +42,25 @@ def shape_row(airframe: Airframe) -> list[float]:
 
 
 @compiled
-def count_due(travelled: float, pair_due: Floats, odometer_m: Floats, wall_due: Floats) -> int:
-    """How many pairs and aircraft have to be checked."""
+def is_search_due(travelled: Floats, step2_m2: Floats, census_due: Floats, far: Floats) -> bool:
+    """Write to `far` (runs,) how far the aircraft of each run have `travelled` with the last tick, in which the longest
+    distance squared was `step2_m2` (runs,); returns whether a run is beyond `census_due`, its next search for pairs.
+    """
+    due = False
+    for run in range(far.shape[0]):
+        far[run] = travelled[run] + math.sqrt(step2_m2[run])
+        due |= far[run] > census_due[run]
+    return due
+
+
+@compiled
+def count_due(far: Floats, run: Ints, pairs: Ints, pair_due: Floats, odometer_m: Floats, wall_due: Floats) -> int:
+    """How many pairs and aircraft have to be checked; `far` (runs,) is how far the aircraft of each run have travelled,
+    and `run` (n,) the run of each.
+    """
     count = 0
     for k in range(pair_due.shape[0]):
-        count += travelled > pair_due[k]
+        count += far[run[pairs[k, 0]]] > pair_due[k]
     for i in range(wall_due.shape[0]):
         count += odometer_m[i] > wall_due[i]
     return count
@@ -69,8 +84,8 @@ def _bucket(column: int, row: int, mask: int) -> int:
 def list_near_pairs(
     order: Ints, shape: Floats, airframe: Ints, position: Floats, travelled: float
 ) -> tuple[NDArray[np.int64], Floats]:
-    """List all pairs with a gap below `NEAR_M`, in the order of ids: rows (k, 2), and `travelled` at which to check
-    each (k,).
+    """List all pairs with a gap below `NEAR_M` among the rows in `order`, which is that of their ids: rows (k, 2), and
+    `travelled` at which to check each (k,).
     """
     n = order.shape[0]
     widest = 0.0

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +24,7 @@ from skyrange.city.wall_index import NO_WALLS
 from skyrange.contracts.components import Contacts
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.world.body_state import BodyState, Floats
+from skyrange.world.body_state import BodyState, Floats, Ints
 from skyrange.world.collision import broad_phase, response
 from skyrange.world.collision.broad_phase import CG, MASS
 from skyrange.world.collision.response import (
@@ -42,9 +43,12 @@ from skyrange.world.collision.response import (
 if TYPE_CHECKING:
     from skyrange.city.city import City
 
+ContactSearch = tuple[bool, Floats, Floats, Ints, Floats, Floats]
+"""Whether no tick ever has contacts; by run, how far aircraft have travelled, and from where on near pairs are
+searched; the near pairs; and from where on each pair and the walls around each aircraft are checked."""
 SEPARATION_NS = NS_PER_S
 """A contact is over after this time without a touch."""
-_NO_NOTES: tuple[Note, ...] = ()
+_NO_NOTES: tuple[tuple[int, Note], ...] = ()
 _WALL = -1
 
 
@@ -53,16 +57,20 @@ class ContactTracker:
     continue alike.
     """
 
-    def __init__(self, vehicles: Sequence[str], city: City | None) -> None:
+    def __init__(self, vehicles: Sequence[str], rows: Sequence[slice], city: City | None) -> None:
+        """`rows` are those of each run of a batch; the contacts of a run depend on no other run."""
         self._vehicles = vehicles
+        self._rows = rows
         self._city = city
-        self._order = np.array(sorted(range(len(vehicles)), key=vehicles.__getitem__), dtype=np.int64)
+        names = [sorted(range(own.start, own.stop), key=vehicles.__getitem__) for own in rows]
+        self._order = np.array(list(chain.from_iterable(names)), dtype=np.int64)
         self._pairs = np.empty((0, 2), dtype=np.int64)
         self._pair_due = np.empty(0)
         self._wall_due = np.empty(0 if city is None else len(vehicles))
-        self._travelled = 0.0
-        self._census_due = -1.0 if len(vehicles) > 1 else math.inf
-        self._idle = city is None and len(vehicles) == 1
+        self._travelled = np.zeros(len(rows))
+        self._far = np.zeros(len(rows))  # `_travelled` with the tick that is being resolved
+        self._census_due = np.array([-1.0 if own.stop - own.start > 1 else math.inf for own in rows])
+        self._idle = city is None and all(own.stop - own.start == 1 for own in rows)
         self._touched: dict[tuple[int, int], Time] = {}
 
     def begin(self, bodies: BodyState) -> None:
@@ -72,41 +80,42 @@ class ContactTracker:
             broad_phase.find_floors(walls, bodies.position, bodies.shape, bodies.airframe, bodies.floor, self._wall_due)
 
     @property
-    def search(self) -> tuple[bool, float, float, Floats, Floats]:
-        """What tells whether a tick needs `resolve_tick`: whether none ever does, how far aircraft have travelled, from
-        where on near pairs are searched, and from where on pairs and walls are checked.
-        """
-        return self._idle, self._travelled, self._census_due, self._pair_due, self._wall_due
+    def search(self) -> ContactSearch:
+        """What tells whether a tick needs `resolve_tick`."""
+        return self._idle, self._travelled, self._census_due, self._pairs, self._pair_due, self._wall_due
 
-    def end_batch(self, travelled: float) -> None:
-        """Take over how far aircraft have travelled in ticks that needed no `resolve_tick`."""
-        self._travelled = travelled
-
-    def resolve_tick(self, now: Time, step_s: float, stride2_m2: float, bodies: BodyState) -> Sequence[Note]:
-        """Resolve the collisions of the tick that ended; `stride2_m2` is the square of the longest distance any
-        aircraft moved.
-        """
+    def resolve_tick(self, now: Time, step_s: float, bodies: BodyState) -> Sequence[tuple[int, Note]]:
+        """Resolve the collisions of the tick that ended; returns its notes, each with its run."""
         if self._idle:
             return _NO_NOTES
-        travelled = self._travelled + math.sqrt(stride2_m2)
-        if travelled > self._census_due:
-            # from the state before the tick: a pair that is not listed could not touch during it
-            self._pairs, self._pair_due = broad_phase.list_near_pairs(
-                self._order, bodies.shape, bodies.airframe, bodies.before, self._travelled
-            )
-            self._census_due = self._travelled + 0.5 * broad_phase.NEAR_M
-        self._travelled = travelled
-        if not broad_phase.count_due(travelled, self._pair_due, bodies.odometer_m, self._wall_due):
+        far = self._far
+        if broad_phase.is_search_due(self._travelled, bodies.max_step2_m2, self._census_due, far):
+            for run in np.flatnonzero(far > self._census_due).tolist():
+                self._search_run(run, bodies)
+        self._travelled, self._far = far, self._travelled
+        if not broad_phase.count_due(far, bodies.run, self._pairs, self._pair_due, bodies.odometer_m, self._wall_due):
             return _NO_NOTES
         walls = NO_WALLS if self._city is None else self._city.walls()
-        hits, push = response.resolve_collisions(
-            travelled, step_s, self._pairs, self._pair_due, self._order, walls, self._wall_due, bodies
+        hits = response.resolve_collisions(
+            far, step_s, self._pairs, self._pair_due, self._order, walls, self._wall_due, bodies
         )
-        self._travelled += push
-        return self.note_contacts(now, hits) if len(hits) else _NO_NOTES
+        return self.note_contacts(now, hits, bodies) if len(hits) else _NO_NOTES
 
-    def note_contacts(self, now: Time, hits: Floats) -> Sequence[Note]:
-        """Notes of the touches, rows of `hits` (k, 7), that begin a contact."""
+    def _search_run(self, run: int, bodies: BodyState) -> None:
+        """List the near pairs of a run anew, from the state before the tick: a pair that is not listed could not touch
+        during it.
+        """
+        travelled = float(self._travelled[run])
+        found, due = broad_phase.list_near_pairs(
+            self._order[self._rows[run]], bodies.shape, bodies.airframe, bodies.before, travelled
+        )
+        begin, end = np.searchsorted(bodies.run[self._pairs[:, 0]], [run, run + 1]).tolist()
+        self._pairs = np.concatenate([self._pairs[:begin], found, self._pairs[end:]])
+        self._pair_due = np.concatenate([self._pair_due[:begin], due, self._pair_due[end:]])
+        self._census_due[run] = travelled + 0.5 * broad_phase.NEAR_M
+
+    def note_contacts(self, now: Time, hits: Floats, bodies: BodyState) -> Sequence[tuple[int, Note]]:
+        """Notes of the touches, rows of `hits` (k, 7), that begin a contact, each with its run."""
         notes = []
         for hit in hits.tolist():
             who, other = int(hit[WHO]), int(hit[WITH])
@@ -126,7 +135,7 @@ class ContactTracker:
                 "up_m": hit[response.UP],
                 "energy_j": hit[ENERGY],
             }
-            notes.append(Note("event.collision", self._vehicles[who], data))
+            notes.append((int(bodies.run[who]), Note("event.collision", self._vehicles[who], data)))
         return notes
 
 

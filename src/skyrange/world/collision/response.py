@@ -321,7 +321,7 @@ def _collide_building(i: int, walls: WallIndex, state: BodyState, step_s: float,
 
 @compiled
 def resolve_collisions(  # noqa: PLR0917
-    travelled: float,
+    travelled: Floats,
     step_s: float,
     pairs: Ints,
     pair_due: Floats,
@@ -329,21 +329,21 @@ def resolve_collisions(  # noqa: PLR0917
     walls: WallIndex,
     wall_due: Floats,
     state: BodyState,
-) -> tuple[Floats, float]:
-    """Check all pairs and walls that are due and resolve their collisions.
+) -> Floats:
+    """Check all pairs and walls that are due and resolve their collisions; returns the hits (k, 7) in the order of ids.
 
-    Returns the hits (k, 7) in the order of ids, and the longest push. `pair_due` and `wall_due` are updated
-    for what was checked.
+    `travelled` (runs,) gains the longest push of each run. `pair_due` and `wall_due` are updated for what was checked.
     """
     hits = np.empty((2 * pairs.shape[0] + wall_due.shape[0], 7))
     count = 0
-    longest = 0.0
+    longest = np.zeros(travelled.shape[0])
     for k in range(pairs.shape[0]):
-        if travelled <= pair_due[k]:
-            continue
         i, j = pairs[k, 0], pairs[k, 1]
+        run = state.run[i]
+        if travelled[run] <= pair_due[k]:
+            continue
         push, met = _collide_pair(i, j, state, step_s, hits[count])
-        longest = max(longest, push)
+        longest[run] = max(longest[run], push)
         state.odometer_m[i] += 2.0 * push  # summed over the axes a push is less than twice its length
         state.odometer_m[j] += 2.0 * push
         if met:
@@ -352,7 +352,7 @@ def resolve_collisions(  # noqa: PLR0917
             count += 2
         a, b = state.shape[state.airframe[i]], state.shape[state.airframe[j]]
         gap = cylinder_gap(state.position[i], state.position[j], a[RADIUS] + b[RADIUS], a[HEIGHT], b[HEIGHT])
-        pair_due[k] = travelled + 0.5 * gap
+        pair_due[k] = travelled[run] + 0.5 * gap
     if wall_due.shape[0] > 0:
         for k in range(order.shape[0]):
             i = order[k]
@@ -361,10 +361,12 @@ def resolve_collisions(  # noqa: PLR0917
             push, met = 0.0, False
             if state.is_imposed[i] != SIMULATED:
                 push, met = _collide_building(i, walls, state, step_s, hits[count])
-            longest = max(longest, push)
+            longest[state.run[i]] = max(longest[state.run[i]], push)
             if met:
                 count += 1
             p = state.shape[state.airframe[i]]
             state.floor[i], free = floor_and_clearance(walls, state.position[i], p[RADIUS], p[HEIGHT])
             wall_due[i] = state.odometer_m[i] + free
-    return hits[:count].copy(), longest
+    for run in range(travelled.shape[0]):
+        travelled[run] += longest[run]
+    return hits[:count].copy()

@@ -128,7 +128,8 @@ class Quality(NamedTuple):
     """Scales the slow error and the velocity error of the receiver."""
     instability: float
     """Scales the bias that wanders in a run."""
-    seed: np.uint64
+    seeds: Words
+    """(rows,) seeds of the aircraft's runs."""
     who: Words
     """(rows,) addresses of the aircraft in chance."""
     field: Floats
@@ -261,14 +262,14 @@ def in_outage(seed: np.uint64, who: np.uint64, at: int, level: float) -> bool:
 @compiled
 def power_on(now: int, quality: Quality, bodies: BodyState, drawn: Drawn, shown: Shown) -> None:
     """Switch all sensors on: draw biases and phases, and give each receiver its first fix, at rest."""
-    level, gnss, seed, who = quality.level, quality.gnss, quality.seed, quality.who
+    level, gnss, seeds, who = quality.level, quality.gnss, quality.seeds, quality.who
     bias, wander, offset, phase, epoch = drawn.bias, drawn.wander, drawn.offset, drawn.phase, drawn.epoch
     pending, gnss_enu_m, accuracy = drawn.pending, shown.gnss_enu_m, shown.accuracy
     for i in range(who.shape[0]):
-        g = normal6(seed, _S_START, who[i], 0, np.uint64(0))
-        m = normal6(seed, _S_START, who[i], 0, np.uint64(1))
-        w = normal6(seed, _S_START, who[i], 0, np.uint64(2))
-        u = uniform4(seed, _S_START, who[i], np.uint64(0), np.uint64(3))
+        g = normal6(seeds[i], _S_START, who[i], 0, np.uint64(0))
+        m = normal6(seeds[i], _S_START, who[i], 0, np.uint64(1))
+        w = normal6(seeds[i], _S_START, who[i], 0, np.uint64(2))
+        u = uniform4(seeds[i], _S_START, who[i], np.uint64(0), np.uint64(3))
         for axis in range(3):
             bias[i, axis] = level * GYRO_BIAS_RADPS * g[axis]
             bias[i, 3 + axis] = level * ACCEL_BIAS_MPS2 * g[3 + axis]
@@ -296,10 +297,10 @@ def power_on(now: int, quality: Quality, bodies: BodyState, drawn: Drawn, shown:
 @compiled
 def draw_warming(quality: Quality, warming_k: float, warm: Floats) -> None:
     """Draw what a warming of `warming_k` kelvin adds to gyroscopes, accelerometers and barometer: `warm` (rows, 7)."""
-    level, seed, who = quality.level, quality.seed, quality.who
+    level, seeds, who = quality.level, quality.seeds, quality.who
     for i in range(who.shape[0]):
-        w = normal6(seed, _S_START, who[i], 0, np.uint64(4))
-        b = normal6(seed, _S_START, who[i], 0, np.uint64(5))
+        w = normal6(seeds[i], _S_START, who[i], 0, np.uint64(4))
+        b = normal6(seeds[i], _S_START, who[i], 0, np.uint64(5))
         for axis in range(3):
             warm[i, axis] = level * warming_k * GYRO_PER_K * w[axis]
             warm[i, 3 + axis] = level * warming_k * ACCEL_PER_K * w[3 + axis]
@@ -343,14 +344,14 @@ def _is_due(now: int, phase: int, epoch: int, period: int) -> bool:
 def draw_errors(now: int, quality: Quality, bodies: BodyState, drawn: Drawn, shown: Shown) -> None:
     """Do what is due every 10 ms: new inertial noise, and the slow sensors that sample at `now`."""
     level, gnss, instability = quality.level, quality.gnss, quality.instability
-    seed, who, commands = quality.seed, quality.who, bodies.commands
+    seeds, who, commands = quality.seeds, quality.who, bodies.commands
     bias, error, warm, drift = drawn.bias, drawn.error, drawn.warm, drawn.drift
     wander, offset, phase, epoch = drawn.wander, drawn.offset, drawn.phase, drawn.epoch
     pending, pending_time, gnss_time, compass = drawn.pending, drawn.pending_time, shown.gnss_time, shown.compass
     heat = 1.0 - math.exp(-now / NS_PER_S / WARMING_S)
     for i in range(who.shape[0]):
         if instability > 0.0 and now % DRIFT_PERIOD_NS == 0:
-            d = normal6(seed, _S_DRIFT, who[i], now, _0)
+            d = normal6(seeds[i], _S_DRIFT, who[i], now, _0)
             for axis in range(3):
                 size = level * instability
                 drift[i, axis] = _DRIFT_KEEP * drift[i, axis] + _DRIFT_STIR * size * GYRO_INSTABILITY_RADPS * d[axis]
@@ -362,7 +363,7 @@ def draw_errors(now: int, quality: Quality, bodies: BodyState, drawn: Drawn, sho
             if commands[i, m] > 0.0:  # a NaN turns no motor
                 throttle += min(commands[i, m], 1.0)
         throttle /= commands.shape[1]
-        z = normal6(seed, _S_IMU, who[i], now, _0)
+        z = normal6(seeds[i], _S_IMU, who[i], now, _0)
         gyro_sd = level * (GYRO_FLOOR_RADPS + GYRO_MOTORS_RADPS * throttle)
         accel_sd = level * (ACCEL_FLOOR_MPS2 + ACCEL_MOTORS_MPS2 * throttle)
         for axis in range(3):
@@ -375,8 +376,8 @@ def draw_errors(now: int, quality: Quality, bodies: BodyState, drawn: Drawn, sho
             count = (now - phase[i, GNSS]) // GNSS_PERIOD_NS
             epoch[i, GNSS] = count
             at = count * GNSS_PERIOD_NS + phase[i, GNSS]
-            w = normal6(seed, _S_GNSS, who[i], at, _0)
-            v = normal6(seed, _S_GNSS, who[i], at, np.uint64(1))
+            w = normal6(seeds[i], _S_GNSS, who[i], at, _0)
+            v = normal6(seeds[i], _S_GNSS, who[i], at, np.uint64(1))
             for axis in range(3):
                 size = level * gnss * (GNSS_WANDER_UP_M if axis == 2 else GNSS_WANDER_M)
                 wander[i, axis] = _GNSS_KEEP * wander[i, axis] + _GNSS_STIR * size * w[axis]
@@ -384,7 +385,7 @@ def draw_errors(now: int, quality: Quality, bodies: BodyState, drawn: Drawn, sho
                 pending[i, 3 + axis] = bodies.velocity[i, axis] + level * gnss * GNSS_SPEED_MPS * v[axis]
             pending_time[i] = now
         if pending_time[i] != gnss_time[i] and now >= pending_time[i] + GNSS_LAG_NS:
-            if in_outage(seed, who[i], pending_time[i], level):
+            if in_outage(seeds[i], who[i], pending_time[i], level):
                 pending_time[i] = gnss_time[i]
                 shown.fix[i] = FIX_NONE
                 shown.satellites[i] = 3
@@ -399,20 +400,20 @@ def draw_errors(now: int, quality: Quality, bodies: BodyState, drawn: Drawn, sho
         if _is_due(now, phase[i, BARO], epoch[i, BARO], BARO_PERIOD_NS):
             count = (now - phase[i, BARO]) // BARO_PERIOD_NS
             epoch[i, BARO] = count
-            b = normal6(seed, _S_BARO, who[i], count * BARO_PERIOD_NS + phase[i, BARO], _0)
+            b = normal6(seeds[i], _S_BARO, who[i], count * BARO_PERIOD_NS + phase[i, BARO], _0)
             wander[i, 3] = _BARO_KEEP * wander[i, 3] + _BARO_STIR * level * BARO_DRIFT_M * b[0]
             shown.baro[i] = bodies.position[i, 2] + wander[i, 3] + heat * warm[i, 6] + level * BARO_NOISE_M * b[1]
         if _is_due(now, phase[i, COMPASS], epoch[i, COMPASS], COMPASS_PERIOD_NS):
             count = (now - phase[i, COMPASS]) // COMPASS_PERIOD_NS
             epoch[i, COMPASS] = count
-            c = normal6(seed, _S_COMPASS, who[i], count * COMPASS_PERIOD_NS + phase[i, COMPASS], _0)
+            c = normal6(seeds[i], _S_COMPASS, who[i], count * COMPASS_PERIOD_NS + phase[i, COMPASS], _0)
             body_field(bodies.attitude[i], quality.field, compass[i])
             for axis in range(3):
                 compass[i, axis] += offset[i, axis] + level * COMPASS_NOISE_GAUSS * c[axis]
         if _is_due(now, phase[i, RANGE], epoch[i, RANGE], RANGE_PERIOD_NS):
             count = (now - phase[i, RANGE]) // RANGE_PERIOD_NS
             epoch[i, RANGE] = count
-            r = normal6(seed, _S_RANGE, who[i], count * RANGE_PERIOD_NS + phase[i, RANGE], _0)
+            r = normal6(seeds[i], _S_RANGE, who[i], count * RANGE_PERIOD_NS + phase[i, RANGE], _0)
             shown.rangefinder[i] = max(bodies.height[i] + level * RANGE_NOISE_M * r[0], 0.0)
 
 

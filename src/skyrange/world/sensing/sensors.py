@@ -7,7 +7,6 @@ aircraft of a world. Declared sensor faults are applied afterwards, in the kerne
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -16,15 +15,11 @@ from numpy.typing import NDArray
 
 from skyrange.contracts.components import READINGS_NS, Sensors
 from skyrange.core.arrays import as_read_only
-from skyrange.core.chance import Chance
-from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world.body_state import BodyState
 from skyrange.world.sensing import sensor_errors
 from skyrange.world.sensing.geomagnetism import MagneticField
-from skyrange.world.sensing.sensor_errors import Drawn, Quality, Sensing, Shown
-
-_NO_CHANCE = Chance(0)
+from skyrange.world.sensing.sensor_errors import Drawn, Quality, Sensing, Shown, Words
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +35,6 @@ class SensorSpec:
 
     noise: float = 0.0
     field_enu_gauss: MagneticField = (0.0, 0.0, 0.0)
-    chance: Chance = _NO_CHANCE
     warming_k: float = 0.0
     instability: float = 0.0
     gnss: float = 1.0
@@ -54,16 +48,19 @@ class SensorSuite:
     aircraft.
     """
 
-    def __init__(self, spec: SensorSpec, vehicles: Sequence[str], bodies: BodyState) -> None:
-        """The sensors read the world's `bodies` and write none of them."""
-        n = len(vehicles)
+    def __init__(self, spec: SensorSpec, seeds: Words, who: Words, bodies: BodyState) -> None:
+        """The sensors read the world's `bodies` and write none of them.
+
+        `seeds` (n,) and the addresses `who` (n,) are those of the aircraft in chance.
+        """
+        n = len(who)
         self._warming_k = float(spec.warming_k)
         self._quality = Quality(
             level=float(spec.noise),
             gnss=float(spec.gnss),
             instability=float(spec.instability),
-            seed=np.uint64(spec.chance.seed & 0xFFFFFFFFFFFFFFFF),
-            who=np.array([hash64(vehicle) for vehicle in vehicles], dtype=np.uint64),
+            seeds=seeds,
+            who=who,
             field=np.array(spec.field_enu_gauss, dtype=np.float64),
         )
         self._sampled_ns: Time | None = None

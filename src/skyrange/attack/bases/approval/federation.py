@@ -25,7 +25,7 @@ class AtUss(OnApproval):
 
     def build(self, context: AttackContext) -> Attack:
         """Taps at the USS. Raises `InputError` for a USS that the scenario does not have."""
-        known = sorted({other for one, other in service_links(context) if one == DSS and other != AIRSPACE})
+        known = sorted({other for service, other in service_links(context) if service == DSS and other != AIRSPACE})
         if self.uss not in known:
             hint = nearest(self.uss, known) or 'Set approval = "federated" for its operator.'
             raise InputError.one(context.id, "uss", repr(self.uss), "a USS of the scenario", hint)

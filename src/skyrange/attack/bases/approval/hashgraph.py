@@ -36,7 +36,7 @@ def find_peers(operator: str, context: AttackContext, **params: Sequence[str]) -
     Raises `InputError` for an operator without a node of a hashgraph of three members at least, and for another name
     in a parameter with names of peers.
     """
-    peers = sorted(one for pair in service_links(context) if operator in pair for one in pair if one != operator)
+    peers = sorted(peer for pair in service_links(context) if operator in pair for peer in pair if peer != operator)
     if len(peers) < 2 or DSS in (operator, *peers):
         expected = "an operator whose approval is hashgraph, with two others at least"
         raise InputError.one(context.id, "operator", repr(operator), expected)
@@ -50,7 +50,7 @@ def find_peers(operator: str, context: AttackContext, **params: Sequence[str]) -
 
 def make_second_event(creator: str, peer: str, now: Time, transaction: bytes, seed: int) -> Event:
     """The signed event of a member that follows its own first event and that of a peer."""
-    first, heard = (Event(one, NO_PARENT, NO_PARENT, 0) for one in (creator, peer))
+    first, heard = (Event(member, NO_PARENT, NO_PARENT, 0) for member in (creator, peer))
     return sign(Event(creator, first.hash, heard.hash, now, (transaction,)), secret_of(seed, creator))
 
 

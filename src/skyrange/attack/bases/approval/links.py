@@ -60,9 +60,9 @@ class OnApproval(RoundsOnLink):
         """
         self.service = service
         pairs = [pair for pair in service_links(context) if service in pair]
-        own = [pair for pair in pairs if others is None or not set(pair).isdisjoint(others)]
+        chosen_pairs = [pair for pair in pairs if others is None or not set(pair).isdisjoint(others)]
         make = CopyForLink(self)
-        taps = [TapPlacement(f"{USS}:{one}~{other}", service, make) for one, other in own]
+        taps = [TapPlacement(f"{USS}:{first}~{second}", service, make) for first, second in chosen_pairs]
         return Attack(taps=taps, exclusive=[Exclusive(alters)] if alters else [])
 
     def on_frame(self, now: Time, frame: Frame) -> Verdicts:
@@ -140,7 +140,7 @@ def read_request(frame: Frame, vehicles: Sequence[str]) -> Request | None:
 def service_links(context: AttackContext) -> list[tuple[str, str]]:
     """Both ends of each link between two services of flight approval."""
     names = [name.partition(":")[2] for name in context.links if name.startswith(f"{USS}:")]
-    return [(one, other) for one, _, other in (name.partition("~") for name in names)]
+    return [(first, second) for first, _, second in (name.partition("~") for name in names)]
 
 
 FAR_NS: Time = 20 * 86_400 * NS_PER_S
@@ -167,10 +167,10 @@ class InCorridor(OnApproval):
 
     def make_volume(self, origin: Origin, start: Time, end: Time) -> Volume4D:
         """The volume of the corridor."""
-        one, other = np.array(self.from_m), np.array(self.to_m)
-        along = (other - one) / np.linalg.norm(other - one)
+        from_place, to_place = np.array(self.from_m), np.array(self.to_m)
+        along = (to_place - from_place) / np.linalg.norm(to_place - from_place)
         aside = np.array([along[1], -along[0]]) * self.width_m / 2.0
-        corners = np.array([one + aside, one - aside, other - aside, other + aside])
+        corners = np.array([from_place + aside, from_place - aside, to_place - aside, to_place + aside])
         lat, lon = origin.to_geodetic(corners[:, 0], corners[:, 1])
         ground_m = origin.ellipsoid_of(origin.alt_msl_m)
         low, high = self.heights_m

@@ -100,8 +100,8 @@ def _in_parts(start: Place, end: Sequence[float]) -> list[Place]:
     east, north, up = end
     parts = max(1, ceil(abs(up - start[2]) / _CLIMB_M))
     shares = [number / parts for number in range(parts + 1)]
-    way = (east - start[0], north - start[1], up - start[2])
-    return [(start[0] + s * way[0], start[1] + s * way[1], start[2] + s * way[2]) for s in shares]
+    leg = (east - start[0], north - start[1], up - start[2])
+    return [(start[0] + s * leg[0], start[1] + s * leg[1], start[2] + s * leg[2]) for s in shares]
 
 
 def emitter_at(place: Place, power_dbm: float, wall_loss_db: float, context: AttackContext) -> Emitter:

@@ -48,6 +48,13 @@ class OnFixes(AltersSensors):
     }
 
     slow: ClassVar[bool] = True
+    per_fix_methods: ClassVar[frozenset[Any]] = frozenset()
+    """The `on_sensors` that do nothing else between two fixes: a class with another one says so itself."""
+
+    @property
+    def per_fix(self) -> bool:
+        """See `contracts.components.SensorHook`."""
+        return type(self).on_sensors in self.per_fix_methods
 
     phases: Ints
     """(n,) Of each receiver: a small number for the kind of alteration."""
@@ -190,6 +197,9 @@ class OnReceivers(OnFixes):
         """Leave the fixes of a receiver as they are."""
         self.fix[row] = self.satellites[row] = ALL
         self.offset[row], self.scale[row] = 0.0, 1.0
+
+
+OnFixes.per_fix_methods = frozenset((FalseFixes.on_sensors, OnReceivers.on_sensors))
 
 
 def offset_fixes(offset_m: str) -> Any:

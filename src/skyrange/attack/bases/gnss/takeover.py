@@ -249,6 +249,11 @@ class Takeover(Radiation):
         exclusive = [Exclusive(fixes_of(vehicle), area=area) for vehicle in self.vehicles]
         return replace(super().build(context), exclusive=exclusive)
 
+    @property
+    def per_fix(self) -> bool:
+        """See `contracts.components.SensorHook`: whether a receiver has a fix is part of what it tells with one."""
+        return True
+
     def on_sensors(self, now: Time, sensors: Sensors) -> list[SensorAct]:
         """See `OnReceivers`. Remembers who has no fix for another cause."""
         if self.schedule.start_ns <= now:

@@ -263,4 +263,4 @@ class CompromisedCompanion(RoundsOnLink):
 
     def command(self, orders: Sequence[Order | Message]) -> list[Inject]:
         """Orders as the next frames of the companion."""
-        return [self.inject(self.own.add(self.sender.pack(one))) for one in orders]
+        return [self.inject(self.own.add(self.sender.pack(order))) for order in orders]

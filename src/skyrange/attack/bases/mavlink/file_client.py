@@ -79,8 +79,8 @@ class FileClient(Injection):
         if self.request is None or self.ended or not self.claimed.is_answered(message):
             return
         reply = file_transfer.unpack(bytes(message.payload))
-        own = reply.session == self.session and reply.sequence == (self.sequence + 1) & 0xFFFF
-        if not own or reply.request != self.request.opcode:
+        is_own = reply.session == self.session and reply.sequence == (self.sequence + 1) & 0xFFFF
+        if not is_own or reply.request != self.request.opcode:
             return
         if reply.error in (Error.INVALID_SESSION, Error.NO_SESSIONS_AVAILABLE):
             self.sequence += (

@@ -117,16 +117,16 @@ class Injection(InAir, RoundsOnLink):
     def build(self, context: AttackContext) -> Attack:
         """A tap for each aircraft. Raises `InputError` for aircraft that are not in the scenario."""
         check_vehicles(context, self.vehicles)
-        self.systems = {link_name(self.on, one): context.vehicles[one].system_id for one in self.vehicles}
+        self.systems = {link_name(self.on, vehicle): context.vehicles[vehicle].system_id for vehicle in self.vehicles}
         return Attack(taps=self.make_taps(list(self.systems), context), shown=self.marks())
 
     def begin(self) -> None:
         """See `LinkTap`."""
         super().begin()
         self.target, self.systems = self.systems[self.link], {}
-        own = self.sender == "own"
-        packer = Packer(*((self.system_id, self.component_id) if own else STATION))
-        self.claimed = Sender(packer, self.target, claims_station=not own, is_sham=self.sham)
+        is_own = self.sender == "own"
+        packer = Packer(*((self.system_id, self.component_id) if is_own else STATION))
+        self.claimed = Sender(packer, self.target, claims_station=not is_own, is_sham=self.sham)
 
     def on_frame(self, now: Time, frame: Frame) -> Verdicts:
         """Let it pass, and learn who the station is and what the aircraft says."""
@@ -145,7 +145,7 @@ class Injection(InAir, RoundsOnLink):
 
     def send(self, now: Time) -> Verdicts:
         """The orders of a round, as frames."""
-        return [self.inject(self.pack(one)) for one in self.orders(now)]
+        return [self.inject(self.pack(order)) for order in self.orders(now)]
 
     def orders(self, now: Time) -> Sequence[Order | Message | bytes]:
         """The commands and other messages of a round, or frames as they are."""

@@ -137,7 +137,7 @@ def _write(message: Message, field: str, value: Any) -> None:
     limits = _LIMITS.get(message.fieldtypes[message.fieldnames.index(field)])
     if limits is not None:
         several = isinstance(value, Iterable)
-        whole = [_clip(one, limits) for one in (value if several else (value,))]
+        whole = [_clip(item, limits) for item in (value if several else (value,))]
         value = whole if several else whole[0]
     elif hasattr(message, f"_{field}_raw"):
         raw = value.encode() if isinstance(value, str) else value

@@ -66,7 +66,7 @@ def finalise(
     known = dict(described)
     spool = folder / SPOOL
     try:
-        if (manifest.get("record") or {}).get("csv"):
+        if manifest["record"]["csv"]:
             made = spool / f"{OPERATORS}{OPEN}"
             made.mkdir()
             write_operator_files(made, tables, manifest)
@@ -95,14 +95,14 @@ def finalise(
 
 def _list_parts(folder: Path, table: str, shards: Sequence[Shard]) -> list[tuple[Shard, int, Path]]:
     """The closed parts of a table with their shards and numbers; without empty ones where another has rows."""
-    found = [
+    parts = [
         (shard, number, file.path)
         for shard in shards
         for number, file in enumerate(spool_files(shard_folder(folder, shard.number), table))
     ]
     if len(shards) == 1:
-        return found
-    return [part for part in found if pq.read_metadata(part[2]).num_rows] or found[:1]
+        return parts
+    return [part for part in parts if pq.read_metadata(part[2]).num_rows] or parts[:1]
 
 
 def _place_telemetry(folder: Path, shards: Sequence[Shard]) -> dict[str, int]:

@@ -65,9 +65,9 @@ def write_operator_files(
     """Write the files of all operators of a run into an existing folder, in one pass over the frames at their ground
     stations, after one that finds the columns of CSV files. Raises `OSError`.
     """
-    found = survey_messages(tables) if with_csv else MessageSurvey()
-    kinds = found.cells()
-    with OperatorFiles(folder, manifest, found, with_csv=with_csv, with_tlogs=with_tlogs) as files:
+    survey = survey_messages(tables) if with_csv else MessageSurvey()
+    kinds = survey.cells()
+    with OperatorFiles(folder, manifest, survey, with_csv=with_csv, with_tlogs=with_tlogs) as files:
         for block in read_station_frames(tables):
             files.write_tlogs(block)
             if with_csv:
@@ -116,7 +116,7 @@ class OperatorFiles:
     """The CSV file and tlogs of every operator, open for writing; a context manager."""
 
     def __init__(
-        self, folder: Path, manifest: Mapping[str, Any], found: MessageSurvey, *, with_csv: bool, with_tlogs: bool
+        self, folder: Path, manifest: Mapping[str, Any], survey: MessageSurvey, *, with_csv: bool, with_tlogs: bool
     ) -> None:
         """The files of the run with a manifest are created in `folder`. Raises `OSError` if one cannot be."""
         operators = [str(row["id"]) for row in manifest.get("operators") or []]
@@ -127,17 +127,21 @@ class OperatorFiles:
         self._csv: dict[str, IO[bytes]] = {}
         self._cells: dict[str, dict[str, str]] = {}
         self._tlog: dict[tuple[str, int], IO[bytes]] = {}
-        names = [one for one in dict.fromkeys([*operators, *found.operators]) if ID_PATTERN.match(one)]
+        names = [
+            operator_name
+            for operator_name in dict.fromkeys([*operators, *survey.operators])
+            if ID_PATTERN.match(operator_name)
+        ]
         if with_csv:
             for operator in names:
-                self._open_csv(operator, found.cells(operator))
+                self._open_csv(operator, survey.cells(operator))
             with (folder / "fields.csv").open("w", encoding="utf-8", newline="") as file:
                 file.write("message,field,unit\n")
-                for (message, name), unit in sorted(found.units().items()):
+                for (message, name), unit in sorted(survey.units().items()):
                     file.write(f"{message},{name},{unit}\n")
         if with_tlogs:
             networks = [(operator_of(vehicle), network) for vehicle, network in self._networks.items()]
-            for operator, network in [*((one, 0) for one in names), *networks]:
+            for operator, network in [*((operator_name, 0) for operator_name in names), *networks]:
                 if operator in names:
                     self._open_tlog(operator, network)
 
@@ -162,14 +166,14 @@ class OperatorFiles:
     def _write_csv(self, operator: str, block: ReceivedMessages, chosen: Ints) -> None:
         time_ns = block.block.time_ns[block.rows[chosen]]
         bad = block.message[chosen] == 0
-        taken = pa.array(chosen)
+        chosen_rows = pa.array(chosen)
         columns: list[pa.Array] = [
             pa.array(np.round(time_ns * 1e-9, 6)),
             pa.array(self._utc(time_ns), pa.string()),
-            block.vehicles().take(taken),
+            block.vehicles().take(chosen_rows),
             pa.array(block.system[chosen], mask=bad),
             pa.array(block.component[chosen], mask=bad),
-            block.names().take(taken),
+            block.names().take(chosen_rows),
         ]
         plain = True
         for name, kind in self._cells[operator].items():
@@ -199,9 +203,9 @@ class OperatorFiles:
         """Write the frames sent and received to the tlogs, without bytes that are not a frame."""
         owner = [(operator_of(vehicle), self._networks.get(vehicle, 0)) for vehicle in block.owners]
         for key in set(owner) & set(self._tlog):
-            mine = np.array([one == key for one in owner])[block.owner] & (block.kinds >= 0)
-            frames = block.payloads.take(np.flatnonzero(mine))
-            stamps = (block.time_ns[mine] // 1_000 + self._epoch.utc_us(0)).astype(np.uint64)
+            is_own = np.array([owner_key == key for owner_key in owner])[block.owner] & (block.kinds >= 0)
+            frames = block.payloads.take(np.flatnonzero(is_own))
+            stamps = (block.time_ns[is_own] // 1_000 + self._epoch.utc_us(0)).astype(np.uint64)
             out = np.empty(int(frames.sizes.sum()) + _STAMP_BYTES * len(frames), dtype=np.uint8)
             _interleave(stamps, *frames.arrays, out)
             self._tlog[key].write(out.tobytes())

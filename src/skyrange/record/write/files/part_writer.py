@@ -214,7 +214,7 @@ class PartWriter:
         if self._rows.get(table):
             return True
         has_rows = table in self._rows or self._files.has_part(table)
-        return not has_rows and (table not in OPTIONAL or (table == "alerts" and bool(self._manifest.get("detectors"))))
+        return not has_rows and is_expected(table, self._manifest)
 
     def abandon(self) -> None:
         """Delete everything that is not whole; the rows stay in the spool and in closed parts."""
@@ -254,6 +254,11 @@ class PartWriter:
             for batch in _open_rows(self._folder, table):
                 self._hold(table, batch)
         self._new_payloads, self._new_receptions = [], []
+
+
+def is_expected(table: str, manifest: Mapping[str, Any]) -> bool:
+    """Whether a run that keeps a table has it even without rows; of alerts only where there are detectors."""
+    return table not in OPTIONAL or (table == "alerts" and bool(manifest.get("detectors")))
 
 
 def _open_rows(folder: Path, table: str) -> Iterator[pa.RecordBatch]:

@@ -87,8 +87,8 @@ def _sort_names(batch: pa.RecordBatch) -> pa.RecordBatch:
     for column in batch.columns:
         if pa.types.is_dictionary(column.type):
             codes = column.indices.fill_null(0).to_numpy(zero_copy_only=False)
-            seen = column.indices.drop_null().to_numpy(zero_copy_only=False)
-            used = np.flatnonzero(np.bincount(seen, minlength=len(column.dictionary))) if len(seen) else seen
+            indices = column.indices.drop_null().to_numpy(zero_copy_only=False)
+            used = np.flatnonzero(np.bincount(indices, minlength=len(column.dictionary))) if len(indices) else indices
             names = column.dictionary.take(pa.array(used))
             order = pa.compute.array_sort_indices(names).to_numpy()
             place = np.zeros(max(len(column.dictionary), 1), dtype=np.int32)

@@ -141,18 +141,18 @@ class FrameEncoder:
         self._link_table: LinkTable | None = None
         self._link_flows = np.zeros((0, 2), dtype=np.int64)  # flow and origin of each directed link; -1 if unused
 
-    def encode(self, seen: Sequence[Frame | FrameBlock]) -> EncodedFrames:
+    def encode(self, observed: Sequence[Frame | FrameBlock]) -> EncodedFrames:
         """Encode what was observed, in that order; the frames are not changed."""
-        gathered = self.gather(seen)
+        gathered = self.gather(observed)
         return EncodedFrames(self.table(gathered), self.take_payloads(), self.words(gathered), gathered.last_ns)
 
-    def gather(self, seen: Sequence[Frame | FrameBlock]) -> GatheredFrames:
+    def gather(self, observed: Sequence[Frame | FrameBlock]) -> GatheredFrames:
         """What was observed as columns, in that order."""
         gathered = []
         numbered: dict[int, _NumberedPayloads] = {}
         causes: dict[int, list[str]] = {}
         rows = 0
-        for link_table, run in groupby(seen, _link_table_of):
+        for link_table, run in groupby(observed, _link_table_of):
             if link_table is not None:
                 blocks = cast("list[FrameBlock]", list(run))
                 gathered.append(self._block_columns(blocks, numbered))
@@ -270,12 +270,12 @@ class FrameEncoder:
             sent=np.repeat([block.sent_ns for block in blocks], rows),
             arrived=np.repeat([block.arrived_ns for block in blocks], rows),
             fate=np.repeat(np.array([_FATES[block.fate] for block in blocks], dtype=np.int32), rows),
-            size=np.concatenate([one.sizes for one in carried]).astype(np.int32),
-            payload_id=np.concatenate([one.ids for one in carried]),
-            hashes=np.concatenate([one.hashes for one in carried]),
+            size=np.concatenate([numbered_payloads.sizes for numbered_payloads in carried]).astype(np.int32),
+            payload_id=np.concatenate([numbered_payloads.ids for numbered_payloads in carried]),
+            hashes=np.concatenate([numbered_payloads.hashes for numbered_payloads in carried]),
             origin=origin,
             parent_serial=np.concatenate([_or_none(block.parent_serial, len(block)) for block in blocks]),
-            group=np.concatenate([one.groups for one in carried]),
+            group=np.concatenate([numbered_payloads.groups for numbered_payloads in carried]),
         )
 
     def _number_block(self, block: FrameBlock, numbered: dict[int, _NumberedPayloads]) -> _NumberedPayloads:
@@ -307,8 +307,8 @@ class FrameEncoder:
                 key = (link, direction, src)
                 self._link_flows[number, which] = self._origins[key] if which else self._flows[(*key, src, dst)]
             numbers = self._link_flows[link_numbers, which]
-        found: Ints = numbers
-        return found
+        looked_up: Ints = numbers
+        return looked_up
 
     def _extend_lookup(self) -> None:
         """Extend the lookup arrays by the flows and parents' origins that are new in the last batch."""
@@ -336,9 +336,9 @@ def _lists(items: Mapping[int, Sequence[str]], rows: int) -> pa.Array:
     return pa.ListArray.from_arrays(pa.array(np.cumsum(offsets, dtype=np.int32)), pa.array(flat, pa.string()))
 
 
-def _link_table_of(seen: Frame | FrameBlock) -> LinkTable | None:
+def _link_table_of(item: Frame | FrameBlock) -> LinkTable | None:
     """The key by which consecutive blocks are encoded together; `None` for a single frame."""
-    return None if isinstance(seen, Frame) else seen.link_table
+    return None if isinstance(item, Frame) else item.link_table
 
 
 def _or_none(column: Ints | None, rows: int) -> Ints:

@@ -122,9 +122,20 @@ def split_ticks(batch: pa.RecordBatch) -> list[TruthTick]:
 def sensor_batch(ticks: Sequence[SensorTick]) -> pa.RecordBatch:
     """Rows of `sensors` or `received_sensors`, tick by tick."""
     values = np.concatenate([tick.values for tick in ticks])
-    arrays = [_times(ticks), _names([tick.vehicles for tick in ticks])]
-    arrays += [pa.array(values[:, place]) for place in range(values.shape[1])]
+    return sensor_table(_times(ticks), _names([tick.vehicles for tick in ticks]), values)
+
+
+def sensor_table(times_ns: pa.Array, vehicles: pa.Array, values: NDArray[np.float32]) -> pa.RecordBatch:
+    """Rows of `sensors` or `received_sensors` from times, names and values (rows, 30)."""
+    arrays = [times_ns, vehicles, *(pa.array(values[:, place]) for place in range(values.shape[1]))]
     return pa.RecordBatch.from_arrays(arrays, names=[column.name for column in TABLES["sensors"]])
+
+
+def repeat_names(names: Sequence[str], count: int) -> pa.DictionaryArray:
+    """Some names one after the other, `count` times over."""
+    known = list(dict.fromkeys(names))
+    codes = np.array([known.index(name) for name in names], dtype=np.int32)
+    return pa.DictionaryArray.from_arrays(pa.array(np.tile(codes, count)), pa.array(known, pa.string()))
 
 
 def truth_words(ticks: Sequence[TruthTick]) -> Words:
@@ -168,7 +179,7 @@ def _hashes(names: tuple[str, ...]) -> NDArray[np.uint64]:
 
 def _per_tick(ticks: Sequence[tuple[str, ...]], of: Callable[[tuple[str, ...]], NDArray[Any]]) -> list[NDArray[Any]]:
     """`of` applied to each tick's names; consecutive equal names, the usual case, are computed only once."""
-    found: list[NDArray[Any]] = []
+    arrays: list[NDArray[Any]] = []
     for at, names in enumerate(ticks):
-        found.append(found[-1] if at > 0 and names == ticks[at - 1] else of(names))
-    return found
+        arrays.append(arrays[-1] if at > 0 and names == ticks[at - 1] else of(names))
+    return arrays

@@ -65,9 +65,9 @@ class EndorsedKeys:
 
         One whose parent is not known is held (`orphans_of`).
         """
-        own = link_hash(link)
-        held = self._keys.get(link.child)
-        if (held is not None and held.link in (own, b"")) or own in self._refused:
+        digest = link_hash(link)
+        held_key = self._keys.get(link.child)
+        if (held_key is not None and held_key.link in (digest, b"")) or digest in self._refused:
             return _IGNORED  # known already, or an anchor
         try:
             child, parent = EntityTag.parse(link.child), EntityTag.parse(link.parent)
@@ -80,7 +80,7 @@ class EndorsedKeys:
             return LinkVerdict(Refusal.LINK_OUT_OF_TIME)
         authority = self.valid(link.parent, now_s)
         if authority is None:
-            self._orphans[own] = (link, address)
+            self._orphans[digest] = (link, address)
             bound(self._orphans, MAX_ORPHANS)
             return _IGNORED
         level = child_level(authority.level, parent, child)
@@ -89,20 +89,21 @@ class EndorsedKeys:
         if not affords():
             return LinkVerdict(Refusal.OVER_BUDGET)
         if not verify(authority.key, link.signature, link.signed):
-            self._refused[own] = None
+            self._refused[digest] = None
             bound(self._refused, MAX_REFUSED)
             return LinkVerdict(Refusal.WRONG_SIGNATURE, is_false=True)
         if link.child not in self._keys and len(self._keys) >= MAX_KEYS:
             return LinkVerdict(Refusal.NO_ROOM)
         until_s = min(float(link.vna_s), authority.vna_s)
-        if held is None or until_s > held.vna_s:
-            self._keys[link.child] = EndorsedKey(link.child_key, level, float(link.vnb_s), until_s, own)
+        if held_key is None or until_s > held_key.vna_s:
+            self._keys[link.child] = EndorsedKey(link.child_key, level, float(link.vnb_s), until_s, digest)
         return LinkVerdict(endorsed=link.child)
 
     def orphans_of(self, tag: bytes) -> list[tuple[Link, int]]:
         """The Links that waited for the key of `tag`, with the addresses of their senders; they are held no longer."""
         return [
-            self._orphans.pop(own) for own in [own for own, (link, _) in self._orphans.items() if link.parent == tag]
+            self._orphans.pop(digest)
+            for digest in [digest for digest, (link, _) in self._orphans.items() if link.parent == tag]
         ]
 
 
@@ -138,9 +139,9 @@ class SignedMessages:
 
     def take(self, hash_: bytes, signed: Signed) -> Signed:
         """Hold a signature unless a newer one, or a copy of it, is held already; returns the one that is held."""
-        held = self._by_hash.get(hash_)
-        if held is not None and held.vnb_s >= signed.vnb_s:
-            return held
+        held_signature = self._by_hash.get(hash_)
+        if held_signature is not None and held_signature.vnb_s >= signed.vnb_s:
+            return held_signature
         self._by_hash.pop(hash_, None)
         self._by_hash[hash_] = signed
         bound(self._by_hash, MAX_SIGNED)

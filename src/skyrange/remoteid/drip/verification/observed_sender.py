@@ -57,17 +57,17 @@ class Reassembly:
                 del self._open[min(self._open, key=lambda key: self._open[key][0])]
                 self.dropped += 1
             begun = self._open[counter] = (now_s, {})
-        held = begun[1]
-        if page.page in held and held[page.page] != page:
+        pages = begun[1]
+        if page.page in pages and pages[page.page] != page:
             self.conflicts += 1
-        held[page.page] = page
+        pages[page.page] = page
         try:
-            data, replaced = join_with_parity(held)
+            data, replaced = join_with_parity(pages)
         except DecodeError:
             return None
         del self._open[counter]
         self.restored += replaced is not None
-        self._done[counter] = (now_s, held.get(0, page))
+        self._done[counter] = (now_s, pages.get(0, page))
         return data
 
     def _expire(self, now_s: float) -> None:
@@ -166,7 +166,7 @@ class ObservedSender:
 
     def is_shared(self, tag: bytes, heard_s: float, policy: Policy) -> bool:
         """Whether another tag than this one signs Manifests under this address."""
-        return any(who != tag and heard_s - one.manifest_s <= policy.fresh_s for who, one in self.chains.items())
+        return any(who != tag and heard_s - chain.manifest_s <= policy.fresh_s for who, chain in self.chains.items())
 
     def find_unsigned(
         self, chain: ManifestChain, previous: bytes, heard_s: float, policy: Policy, signed: Container[bytes]
@@ -179,8 +179,15 @@ class ObservedSender:
         """
         if chain.manifest is None or previous != chain.manifest:
             chain.signed_off = heard_s
-        alive = [one for one in self.chains.values() if one is chain or heard_s - one.manifest_s <= policy.fresh_s]
-        before_s, since_s = min(one.older_s for one in alive), max(one.signed_off for one in alive)
+        alive = [
+            known_chain
+            for known_chain in self.chains.values()
+            if known_chain is chain or heard_s - known_chain.manifest_s <= policy.fresh_s
+        ]
+        before_s, since_s = (
+            min(known_chain.older_s for known_chain in alive),
+            max(known_chain.signed_off for known_chain in alive),
+        )
         unsigned, is_forged = 0, False
         for hash_ in [hash_ for hash_, (at_s, _) in self.heard.items() if at_s < before_s]:
             at_s, body = self.heard.pop(hash_)
@@ -190,10 +197,10 @@ class ObservedSender:
         return unsigned, is_forged
 
 
-def bound(held: dict[bytes, Any], limit: int) -> None:
+def bound(entries: dict[bytes, Any], limit: int) -> None:
     """Drop the oldest entries."""
-    while len(held) > limit:
-        del held[next(iter(held))]
+    while len(entries) > limit:
+        del entries[next(iter(entries))]
 
 
 def split_bodies(bodies: bytes) -> tuple[bytes, ...]:

@@ -130,12 +130,12 @@ class Observer:
 
     def track(self, address: int, now_s: float) -> Track | None:
         """The track of a sender; `None` if it is not followed."""
-        held = self._tracks.get(address)
-        if held is None:
+        sender = self._tracks.get(address)
+        if sender is None:
             return None
         return Track(
-            address, self._state(held, now_s), held.tag or held.claimed, held.first_s, held.verified_at_s,
-            held.verified, dict(held.counts),
+            address, self._state(sender, now_s), sender.tag or sender.claimed, sender.first_s, sender.verified_at_s,
+            sender.verified, dict(sender.counts),
         )  # fmt: skip
 
     def tracks(self, now_s: float) -> tuple[Track, ...]:
@@ -162,9 +162,9 @@ class Observer:
 
     def _state(self, track: ObservedSender, now_s: float) -> Trust:
         policy = self._policy
-        good = track.good_s is not None
+        was_verified = track.good_s is not None
         if track.bad_s is not None and now_s - track.bad_s <= policy.memory_s:
-            return Trust.CONTRADICTED if good else Trust.REFUSED
+            return Trust.CONTRADICTED if was_verified else Trust.REFUSED
         # whoever repeats old messages under an address, what was lately verified there is still the owner's
         since_s = float("inf") if track.confirmed_s is None else now_s - track.confirmed_s
         if since_s <= policy.fresh_s:
@@ -184,12 +184,12 @@ class Observer:
             return Trust.UNSUPPORTED
         return Trust.PARTIAL if track.pages.is_waiting else Trust.NONE
 
-    def _count(self, track: ObservedSender, why: Refusal, times: int = 1) -> None:
-        track.counts[why] += times
-        self.counts[why] += times
+    def _count(self, track: ObservedSender, refusal: Refusal, times: int = 1) -> None:
+        track.counts[refusal] += times
+        self.counts[refusal] += times
 
-    def _bad(self, track: ObservedSender, why: Refusal, now_s: float) -> None:
-        self._count(track, why)
+    def _bad(self, track: ObservedSender, refusal: Refusal, now_s: float) -> None:
+        self._count(track, refusal)
         track.bad_s = now_s
 
     def _remember(self, case: _Case, body: bytes, *, is_timed: bool) -> bool:
@@ -240,19 +240,19 @@ class Observer:
             track.unsupported = True
             self._count(track, Refusal.UNSUPPORTED)
             return False
-        beside = [part for part in bodies_of(body) if part[0] >> 4 != MessageType.AUTHENTICATION]
+        other_messages = [part for part in bodies_of(body) if part[0] >> 4 != MessageType.AUTHENTICATION]
         try:
             data = join_pages(pages)
         except DecodeError:
             self._count(track, Refusal.MALFORMED)
             return False
-        beside.sort(key=_type_of)
-        signs_pack = self._sam(case, data, b"".join(beside))
-        if beside and not signs_pack:
+        other_messages.sort(key=_type_of)
+        signs_pack = self._sam(case, data, b"".join(other_messages))
+        if other_messages and not signs_pack:
             return self._remember(case, body, is_timed=is_timed)
         return False
 
-    def _sam(self, case: _Case, data: bytes, beside: bytes) -> bool:
+    def _sam(self, case: _Case, data: bytes, other_messages: bytes) -> bool:
         """Judge authentication data; returns whether they sign what is beside them in a pack."""
         try:
             message = decode_sam(data)
@@ -265,7 +265,7 @@ class Observer:
             if isinstance(message, Link):
                 self._link(case, message)
             else:
-                self._evidence(case, message, beside, case.now_s)
+                self._evidence(case, message, other_messages, case.now_s)
                 return message.signs_pack
         return False
 
@@ -307,27 +307,27 @@ class Observer:
             if ready:
                 track.waiting = [entry for entry in track.waiting if entry[0].tag != tag]
                 case = _Case(address, track, now_s, verified)
-                for evidence, beside, heard_s in ready:
-                    self._evidence(case, evidence, beside, heard_s)
+                for evidence, other_messages, heard_s in ready:
+                    self._evidence(case, evidence, other_messages, heard_s)
 
-    def _evidence(self, case: _Case, evidence: Evidence, beside: bytes, heard_s: float) -> None:
+    def _evidence(self, case: _Case, evidence: Evidence, other_messages: bytes, heard_s: float) -> None:
         """Judge evidence received at `heard_s`, perhaps later than that."""
         address, track, now_s, _ = case
         policy, vnb_s, vna_s = self._policy, evidence.vnb_s, evidence.vna_s
-        signed = evidence.signed(beside)
+        signed = evidence.signed(other_messages)
         digest = sha256(b"%d/" % address + signed + evidence.signature).digest()
         if digest in self._seen:
             return
-        known = self._keys.valid(evidence.tag, now_s)
-        if known is None:
-            track.waiting.append((evidence, beside, heard_s))
+        endorsed_key = self._keys.valid(evidence.tag, now_s)
+        if endorsed_key is None:
+            track.waiting.append((evidence, other_messages, heard_s))
             del track.waiting[:-MAX_WAITING]
             return
         if not self._affords(now_s):
             self._count(track, Refusal.OVER_BUDGET)
             return
         self._is_new(digest)
-        if not verify(known.key, evidence.signature, signed):
+        if not verify(endorsed_key.key, evidence.signature, signed):
             self._bad(track, Refusal.WRONG_SIGNATURE, now_s)
             return
         if vna_s - vnb_s > policy.max_validity_s:
@@ -349,9 +349,11 @@ class Observer:
         if track.claims and evidence.tag not in track.claims and evidence.tag != track.tag:
             self._bad(track, Refusal.WRONG_TAG, now_s)
             return
-        self._accept(case, evidence, known, beside, heard_s)
+        self._accept(case, evidence, endorsed_key, other_messages, heard_s)
 
-    def _accept(self, case: _Case, evidence: Evidence, known: EndorsedKey, beside: bytes, heard_s: float) -> None:
+    def _accept(
+        self, case: _Case, evidence: Evidence, endorsed_key: EndorsedKey, other_messages: bytes, heard_s: float
+    ) -> None:
         """Credit a track with evidence whose signature and times are right."""
         track, now_s = case.track, case.now_s
         tag = evidence.tag
@@ -365,7 +367,7 @@ class Observer:
             if any(_claims_other(body, tag) for body in signed):
                 self._bad(track, Refusal.WRONG_TAG, now_s)
                 return
-            if known.link and manifest.link != known.link:
+            if endorsed_key.link and manifest.link != endorsed_key.link:
                 self._count(track, Refusal.OTHER_LINK)
             track.tag, track.good_s = tag, now_s
             for hash_ in manifest.messages:
@@ -384,7 +386,7 @@ class Observer:
             return
         track.tag, track.good_s = tag, now_s
         if evidence.sam_type == SamType.WRAPPER:
-            bodies = decode_wrapped(evidence.evidence) if evidence.evidence else split_bodies(beside)
+            bodies = decode_wrapped(evidence.evidence) if evidence.evidence else split_bodies(other_messages)
             for body in bodies:
                 first_s = self._signed.take(message_hash(body), statement).heard_s
                 if heard_s - first_s <= self._policy.overlap_s:
@@ -392,15 +394,15 @@ class Observer:
                     self._confirm(case, tag, body, heard_s)
 
 
-def _claimed(who: BasicId) -> bytes | None:
+def _claimed(basic_id: BasicId) -> bytes | None:
     """The tag that a Basic ID claims; `None` if it claims none."""
-    return parse_session_id(who.uas_id) if who.id_type == IdType.SPECIFIC_SESSION else None
+    return parse_session_id(basic_id.uas_id) if basic_id.id_type == IdType.SPECIFIC_SESSION else None
 
 
 def _claims_other(body: bytes, tag: bytes) -> bool:
     """Whether a message or pack claims another tag than this one, and not this one too."""
     basic_ids = [decode(part) for part in bodies_of(body) if part[0] >> 4 == MessageType.BASIC_ID]
-    claimed = {_claimed(who) for who in basic_ids if isinstance(who, BasicId)} - {None}
+    claimed = {_claimed(basic_id) for basic_id in basic_ids if isinstance(basic_id, BasicId)} - {None}
     return bool(claimed) and tag not in claimed
 
 

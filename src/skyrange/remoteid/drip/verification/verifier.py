@@ -91,7 +91,9 @@ class Verifier:
         """`None`: a receiver that does not verify, and believes everything."""
         self._receivers = tuple(receivers)
         self._observers = {
-            row: Observer(one.anchors, one.judges) for row, one in enumerate(receivers) if one is not None
+            row: Observer(receiver.anchors, receiver.judges)
+            for row, receiver in enumerate(receivers)
+            if receiver is not None
         }
         self._clocks_us = [-1] * len(receivers)
         """UTC minus range time, in µs."""
@@ -108,8 +110,8 @@ class Verifier:
 
     def filters(self, row: int) -> bool:
         """Whether a receiver verifies and does not believe everybody."""
-        one = self._receivers[row]
-        return one is not None and one.acceptance is not Acceptance.ACCEPT
+        verification = self._receivers[row]
+        return verification is not None and verification.acceptance is not Acceptance.ACCEPT
 
     def set_clock(self, row: int, now: Time, clock_us: int) -> None:
         """Tell what a receiver takes for UTC now, in µs since 1970; -1 (unknown) changes nothing.
@@ -140,8 +142,8 @@ class Verifier:
 
     def changes(self) -> list[VerdictChange]:
         """The changes since the last call, without those beyond the bound."""
-        found, self._changes = self._changes, []
-        return found
+        changes, self._changes = self._changes, []
+        return changes
 
     def track(self, row: int, address: int, now: Time) -> Track | None:
         """What a receiver holds of a sender; `None` if nothing."""
@@ -155,8 +157,8 @@ class Verifier:
 
     def believes(self, row: int, address: int, now: Time) -> bool:
         """Whether a receiver's policy is to act on what a sender says; one that does not verify believes everybody."""
-        one = self._receivers[row]
-        return one is None or accepts(one.acceptance, self.trust(row, address, now))
+        verification = self._receivers[row]
+        return verification is None or accepts(verification.acceptance, self.trust(row, address, now))
 
     def disbelieves(self, row: int, now: Time, address: int) -> bool:
         """Whether a receiver's policy is to ignore all that a sender says, also what is verified of it."""
@@ -177,18 +179,18 @@ class Verifier:
         """
         newest: dict[int, Verified] = {}
         if self.filters(row):
-            for one in judged.verified:
-                held = newest.get(one.address)
-                if is_located(one.body) and (held is None or one.heard_s >= held.heard_s):
-                    newest[one.address] = one
+            for verified in judged.verified:
+                earlier = newest.get(verified.address)
+                if is_located(verified.body) and (earlier is None or verified.heard_s >= earlier.heard_s):
+                    newest[verified.address] = verified
         clock_s = self._clock_s(row, now)
         if clock_s is None:
             return []
         return [
             # to the µs, which is more than seconds since 2019 resolve
-            (one, now - max(0, round((clock_s - one.heard_s) * _US_PER_S)) * NS_PER_US)
-            for one in newest.values()
-            if self.trust(row, one.address, now) is Trust.CONTRADICTED
+            (verified, now - max(0, round((clock_s - verified.heard_s) * _US_PER_S)) * NS_PER_US)
+            for verified in newest.values()
+            if self.trust(row, verified.address, now) is Trust.CONTRADICTED
         ]
 
     def _take(self, row: int, heard: _Broadcast) -> Judged:
@@ -201,10 +203,10 @@ class Verifier:
         return judged
 
     def _clock_s(self, row: int, at_ns: Time) -> float | None:
-        one, offset_us = self._receivers[row], self._clocks_us[row]
-        if one is None or offset_us < 0:
+        verification, offset_us = self._receivers[row], self._clocks_us[row]
+        if verification is None or offset_us < 0:
             return None
-        return since_2019_s(offset_us * 1000) + at_ns / NS_PER_S + one.clock_error_s
+        return since_2019_s(offset_us * 1000) + at_ns / NS_PER_S + verification.clock_error_s
 
     def _judge(self, row: int, address: int, now: Time, clock_s: float, cause: FrameId | None) -> None:
         senders = self._senders[row]

@@ -177,18 +177,20 @@ def join_range(
     or it falls silent; then what was recorded stays, and the error says where.
     """
     system = RealSystem()
-    own = address or _own_address(remote)
-    system.run(serve_range(remote, keys, own, wait_s=wait_s, on_word=on_word, system=system))
+    host_address = address or _own_address(remote)
+    system.run(serve_range(remote, keys, host_address, wait_s=wait_s, on_word=on_word, system=system))
 
 
-async def serve_range(remote: Address, keys: Keys, own: str, *, wait_s: float, on_word: OnWord, system: System) -> None:
-    """`join_range`, in a running event loop, with the address `own`."""
+async def serve_range(
+    remote: Address, keys: Keys, address: str, *, wait_s: float, on_word: OnWord, system: System
+) -> None:
+    """`join_range`, in a running event loop, with the address `address`."""
     root = Path(tempfile.mkdtemp(prefix="skyrange-node-"))
-    client = system.control_client(f"{HOST_PREFIX}{own}", remote, keys)
+    client = system.control_client(f"{HOST_PREFIX}{address}", remote, keys)
     client.open()
     on_word(f"waiting for a range at {format_address(remote)}")
     try:
-        await HostAgent(own, client, root, on_word, system).serve(wait_s)
+        await HostAgent(address, client, root, on_word, system).serve(wait_s)
     except ComponentError as error:
         kept = any((root / PARTS).glob("*/manifest.json"))
         if kept:

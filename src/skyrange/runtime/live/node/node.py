@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from heapq import heappop, heappush
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from skyrange.assembly.build import BuiltScenario
 from skyrange.codec.mavlink.deframer import Piece
@@ -30,6 +30,8 @@ from skyrange.io.mavlink.transports import OnPiece
 from skyrange.kernel import Kernel
 from skyrange.kernel.directed_link import Transit
 from skyrange.record import Recorder
+from skyrange.runtime.acts import describe_manual_acts, list_acts
+from skyrange.runtime.event_reports import MAX_STATES, EventCollector, describe_report
 from skyrange.runtime.live.clock import RangeClock
 from skyrange.runtime.live.config import NodeConfig
 from skyrange.runtime.live.node.viewers import LiveViewers
@@ -124,6 +126,14 @@ class Counts:
     """In all, how long it stood still."""
 
 
+class ActChange(NamedTuple):
+    """That an act has begun, and perhaps was stopped, in the process of the world."""
+
+    act: str
+    start_ns: Time
+    stop_ns: Time | None = None
+
+
 class Node:
     """One process's part of the range."""
 
@@ -133,7 +143,8 @@ class Node:
         self._config = config
         self._system = system
         self._viewing = LiveViewers(config.watched) if config.watched else None
-        observers: list[Observer] = [recorder] if self._viewing is None else [recorder, self._viewing]
+        self._events = EventCollector() if config.reports_events else None
+        observers: list[Observer] = [one for one in (recorder, self._viewing, self._events) if one is not None]
         self._kernel = Kernel(replace(built.wiring, fuse=False), observers)
         self._medium = built.oracle.medium if built.oracle is not None else None
         self._recorder = recorder
@@ -149,9 +160,12 @@ class Node:
         self._pushed = 0
         self._arrived: dict[str, int] = {}
         self._began_cpu_s = time.process_time()
-        self._awaits = {attack.id for attack in built.wiring.acts if attack.trigger is not None}
-        self.triggered: asyncio.Queue[tuple[str, Time]] = asyncio.Queue()
-        """Attacks whose trigger has held here, and since when they act."""
+        self._awaits = {act.id for act in built.wiring.acts if act.trigger is not None or act.manual}
+        self._acts = list_acts(self._kernel, built, 0)
+        self._told = 0
+        """Of the starts and stops by hand, how many others have been told."""
+        self.changes: asyncio.Queue[ActChange] = asyncio.Queue()
+        """Acts whose trigger has held here, and those that were started or stopped by hand."""
         self._stopped = ""
         """Why it ends early, such as "interrupted"; "" while it does not."""
 
@@ -168,12 +182,12 @@ class Node:
         await self._open(self._system.connect, listens=False)
 
     async def _open(self, how: _Open, *, listens: bool) -> None:
-        own = frozenset(self._config.endpoints)
+        endpoints = frozenset(self._config.endpoints)
         for crossing in self._config.crossings:
             spec = crossing.link
-            if (crossing.listener in own) is not listens:
+            if (crossing.listener in endpoints) is not listens:
                 continue
-            incoming = f"{spec.name}:{'rev' if spec.a in own else 'fwd'}"
+            incoming = f"{spec.name}:{'rev' if spec.a in endpoints else 'fwd'}"
             try:
                 on_piece = partial(self._receive, incoming)
                 transport = await how(crossing, on_piece, self._config.host, self._config.credentials)
@@ -209,9 +223,16 @@ class Node:
         if self._clock is not None:
             self._clock.zero_ns = zero_ns
 
-    def begin_attack(self, attack: str, start: Time) -> None:
-        """Let an attack act from `start`: its trigger has held where the world is."""
-        self._kernel.begin(attack, start)
+    def change_act(self, change: ActChange) -> None:
+        """Let an act begin, and end, as where the world is: its trigger has held, or somebody started or stopped it."""
+        self._kernel.begin(change.act, change.start_ns)
+        if change.stop_ns is not None:
+            self._kernel.end_act(change.act, change.stop_ns)
+
+    def request_act(self, act: str, action: str, by: str) -> float:
+        """Start or stop an act by hand; when that happens, in seconds. Raises as `RunAct.start` and `RunAct.stop`."""
+        found = self._acts[act]
+        return found.start(by=by) if action == "start" else found.stop(by=by)
 
     async def run(self, zero_ns: int) -> str:
         """Run until the scenario's end, or until it is stopped; the status of the record."""
@@ -273,16 +294,28 @@ class Node:
         for transit in kernel.advance(until, inbound):
             self._pushed += 1
             heappush(self._pending, (transit.arrival, self._pushed, transit))
-        if self._awaits:
-            for attack in self._awaits & kernel.triggered.keys():
-                self._awaits.remove(attack)
-                self.triggered.put_nowait((attack, kernel.triggered[attack]))
+        self._tell_changes()
         while self._pending and self._pending[0][0] <= now:
             frame = heappop(self._pending)[2].frame
             if self._taps.holds(frame.link):
                 self._taps.take(now, frame, outgoing=True)
             else:
                 self._send(frame)
+
+    def _tell_changes(self) -> None:
+        """Tell of acts that have begun by a trigger or by hand, and of those that were stopped by hand."""
+        kernel = self._kernel
+        if self._awaits:
+            for act in self._awaits & kernel.triggered.keys():
+                self._awaits.remove(act)
+                self.changes.put_nowait(ActChange(act, kernel.triggered[act]))
+        if kernel.manual_acts_done > self._told:
+            done, _ = kernel.list_manual_acts()
+            for manual, effective in done[self._told :]:
+                if effective and manual.action == "stop":
+                    state = kernel.list_acts()[manual.act]
+                    self.changes.put_nowait(ActChange(manual.act, state.start_ns, state.stop_ns))
+            self._told = len(done)
 
     def _through_taps(self, now: Time, inbound: list[Transit]) -> list[Transit]:
         """What comes in after those taps that are processes of their own; what they let out is sent."""
@@ -328,11 +361,23 @@ class Node:
         return {
             **asdict(self.counts),
             **(self._viewing.status if self._viewing is not None else {}),
+            **({} if self._can_pause else self._describe_acts()),
             "now_ns": self._kernel.now,
             "lag_ns": max(min(now, self._duration_ns) - self._kernel.due, 0),
             "cpu_s": time.process_time() - self._began_cpu_s,
             "programs": [program._asdict() for program in (self._medium.programs if self._medium is not None else ())],
         }
+
+    def _describe_acts(self) -> dict[str, Any]:
+        """What acts here, where the world is, and what was started and stopped by hand."""
+        return {
+            "acts": [act.describe() for act in self._acts.values()],
+            "manual_acts": describe_manual_acts(self._kernel, 0),
+        }
+
+    def take_events(self) -> Mapping[str, Any]:
+        """What happened since the last time, for the supervisor's display; nothing without one."""
+        return {} if self._events is None else {"events": describe_report(self._events.take(MAX_STATES))}
 
     def close(self) -> None:
         """Give sockets and programs back; what still waits to be sent is in flight."""

@@ -20,7 +20,7 @@ from skyrange.core.errors import InputError, SkyrangeError
 from skyrange.record import Recorder
 from skyrange.record.folder import PLUGINS
 from skyrange.runtime.live.config import NodeConfig
-from skyrange.runtime.live.node.node import Node
+from skyrange.runtime.live.node.node import ActChange, Node
 from skyrange.runtime.live.system import RealSystem, System
 from skyrange.runtime.live.transport.control import ControlClient
 from skyrange.runtime.memory import collect_seldom
@@ -106,7 +106,7 @@ async def _serve_node(
         built.close()
         ended = {"node": {**facts, "until_ns": node.status["now_ns"]}, **({"error": error} if error else {})}
         recorder.close(status, ended, in_spool=True)  # its rows are soon those of the whole
-    await client.send("done", status=status, **node.status)
+    await client.send("done", status=status, **node.status, **node.take_events())
     return 0
 
 
@@ -132,20 +132,31 @@ async def _obey(client: ControlClient, node: Node) -> None:
         if message["kind"] == "clock":
             node.set_zero(int(message["zero_ns"]))
         if message["kind"] == "attack":
-            node.begin_attack(str(message["id"]), int(message["start_ns"]))
+            node.change_act(ActChange(str(message["id"]), int(message["start_ns"]), message.get("stop_ns")))
+        if message["kind"] == "act":
+            await client.send("acted", request=int(message["request"]), **_act(node, message))
+
+
+def _act(node: Node, message: Mapping[str, Any]) -> dict[str, Any]:
+    """Start or stop an act by hand: when that happens, or why it does not."""
+    try:
+        at_s = node.request_act(str(message["id"]), str(message["action"]), str(message["by"]))
+    except InputError as error:
+        return {"at_s": None, "error": str(error)}
+    return {"at_s": at_s, "error": ""}
 
 
 async def _report_status(client: ControlClient, node: Node) -> None:
     while True:
-        await client.send("status", **node.status)
+        await client.send("status", **node.status, **node.take_events())
         await asyncio.sleep(STATUS_S)
 
 
 async def _report_triggers(client: ControlClient, node: Node) -> None:
-    """Report triggers at once: taps in other processes act from then on."""
+    """Report triggers, starts and stops at once: taps in other processes act from then on, or do not any more."""
     while True:
-        attack, start = await node.triggered.get()
-        await client.send("attack", id=attack, start_ns=start)
+        change = await node.changes.get()
+        await client.send("attack", id=change.act, start_ns=change.start_ns, stop_ns=change.stop_ns)
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -38,7 +38,7 @@ class LiveViewers(Viewers):
 
     def __init__(self, where: Watched) -> None:
         """Listen. Raises `InputError` if a port cannot be had."""
-        super().__init__([one.vehicle for one in where], [one.port for one in where], where[0].host)
+        super().__init__([viewer.vehicle for viewer in where], [viewer.port for viewer in where], where[0].host)
         self._serving: asyncio.Task[None] | None = None
 
     def show_outgoing(self, frame: Frame) -> None:

@@ -10,8 +10,13 @@ from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.io.addresses import format_address
 from skyrange.record.folder import PARTS
 from skyrange.record.live_merge.merge import gather
+from skyrange.runtime.acts import list_unstarted
 from skyrange.runtime.live.config import part_of
+from skyrange.runtime.live.deployment import WORLD
 from skyrange.runtime.live.range import LiveRange
+from skyrange.runtime.run import SCENARIO
+from skyrange.scenario.model.manual_acts import ManualActTable
+from skyrange.scenario.toml_files import replace_manual_acts
 
 FELL_BEHIND_NS: Final = NS_PER_S // 2
 COUNTED: Final = ("sent", "received", "unheard", "early", "dropped", "garbage", "refused")
@@ -24,14 +29,30 @@ def merge_parts(live_range: LiveRange, status: str, failure: SkyrangeError | Non
     if failure is not None:
         extra["error"] = str(failure)
     try:
-        found = gather(
+        gathered = gather(
             [live_range.folder / part for part in _parts(live_range)], live_range.recorder, live_range.built.header
         )
     except SkyrangeError as error:
         live_range.recorder.close("failed", {"error": str(error)} | extra)
         raise
-    live_range.recorder.close(status, {**found, **extra})
+    _keep_manual_acts(live_range, extra)
+    live_range.recorder.close(status, {**gathered, **extra})
     shutil.rmtree(live_range.folder / PARTS, ignore_errors=True)  # absent if nothing was started
+
+
+def _keep_manual_acts(live_range: LiveRange, extra: dict[str, Any]) -> None:
+    """Add to the manifest and the folder's scenario what was started and stopped by hand; warn of what was not."""
+    status = live_range.members[WORLD].status if WORLD in live_range.members else {}
+    unstarted, rows = list_unstarted(status.get("acts", ())), status.get("manual_acts")
+    if unstarted:
+        extra["warnings"] = [*live_range.built.header.get("warnings", ()), *unstarted]
+    if not rows:
+        return
+    extra["manual_acts"] = rows
+    done = [ManualActTable(**{key: row[key] for key in ManualActTable.model_fields}) for row in rows]
+    newest = {(act.act, act.action): act for act in (*live_range.built.scenario.manual_acts, *done)}
+    text = replace_manual_acts(live_range.built.attachments[SCENARIO].decode(), list(newest.values()))
+    live_range.recorder.replace_file(SCENARIO, text.encode())
 
 
 def _parts(live_range: LiveRange) -> list[str]:
@@ -43,7 +64,9 @@ def _parts(live_range: LiveRange) -> list[str]:
 
 def _timings(live_range: LiveRange) -> dict[str, Any]:
     late_ns = max((int(member.status.get("late_ns", 0)) for member in live_range.members.values()), default=0)
-    reached_s = max((to_seconds(int(one.status.get("now_ns", 0))) for one in live_range.members.values()), default=0.0)
+    reached_s = max(
+        (to_seconds(int(member.status.get("now_ns", 0))) for member in live_range.members.values()), default=0.0
+    )
     return {
         "wall_s": round(live_range.took_s, 3),
         "real_time_factor": round(reached_s / live_range.took_s, 3) if live_range.took_s else None,
@@ -57,7 +80,8 @@ def _live(live_range: LiveRange) -> dict[str, Any]:
         "nodes": {node.name: sorted(node.endpoints) for node in live_range.deployment.nodes},
         "outside": sorted(live_range.deployment.outside),
         "links": {
-            one.link.name: f"{one.transport}://{one.address[0]}:{one.address[1]}" for one in live_range.crossings
+            crossing.link.name: f"{crossing.transport}://{crossing.address[0]}:{crossing.address[1]}"
+            for crossing in live_range.crossings
         },
         "hosts": {node.name: node.host for node in live_range.deployment.nodes} if live_range.deployment.others else {},
         "namespaces": dict(live_range.spaces.names) if live_range.spaces is not None else {},

@@ -92,12 +92,14 @@ def namespaces(components: Sequence[str]) -> Namespaces:
         raise InputError.one("live", "--netns", who, "Linux, and root, to make network namespaces", hint)
     if shutil.which("ip") is None:
         raise InputError.one("live", "--netns", "no `ip` command", "iproute2", "Install the package iproute2.")
-    number = next((one for one in NETWORKS if not _taken(one)), None)
+    number = next((network for network in NETWORKS if not _taken(network)), None)
     if number is None:
         hint = "`ip link` shows them; `ip link del skyN` removes one."
         raise InputError.one("live", "--netns", "all its networks are in use", f"a free one of sky{NETWORKS[0]}…", hint)
-    owners = [one for one in components if one.endswith(".gcs")]
-    owners += dict.fromkeys(f"{owner_of(one)}.*" for one in components if one.endswith((".companion", ".proxy")))
+    owners = [component for component in components if component.endswith(".gcs")]
+    owners += dict.fromkeys(
+        f"{owner_of(component)}.*" for component in components if component.endswith((".companion", ".proxy"))
+    )
     hosts = {WORLD: f"10.{number}.0.1"}
     names = {}
     for at, pattern in enumerate(owners):

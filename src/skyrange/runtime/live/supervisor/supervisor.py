@@ -20,6 +20,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.io.mavlink.transports import Address
 from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.record.folder import PARTS
+from skyrange.runtime.event_reports import EventReport
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.runtime.live.config import NodeConfig, part_of
 from skyrange.runtime.live.deployment import LOOPBACK, WORLD
@@ -89,8 +90,9 @@ class _Supervisor:
         self._control = live_range.system.control_server(Keys(public, secret, frozenset(peers)))
         others = {address: RemoteHost(address) for address in live_range.joining}
         self._receiver: asyncio.Task[None] | None = None
-        self._active_attacks: dict[str, int] = {}
-        """Attacks whose trigger has held, and the range's time at which it did, in ns."""
+        self._active_attacks: dict[str, tuple[int, int | None]] = {}
+        """Attacks whose trigger has held, or that were started or stopped by hand, and the range's times at which they
+        begin and end, in ns."""
         self._ending = False
         self._hosts = RemoteHosts(live_range.built.scenario.name, self._control, self._on_ended, others, self._clock)
 
@@ -107,6 +109,7 @@ class _Supervisor:
         except Exception as error:  # whatever broke: processes are ended, and the record says so
             failure = _as_failure(error)
         live_range.took_s = max(live_range.now_s, 0.0)
+        live_range.requests.end()
         try:
             await self._end()
         except Exception as error:
@@ -190,12 +193,15 @@ class _Supervisor:
             part=part_of(node.name, start),
             host=node.host,
             control=self._control.address,
-            crossings=tuple(one for one in live_range.crossings if {one.link.a, one.link.b} & node.endpoints),
+            crossings=tuple(
+                crossing for crossing in live_range.crossings if {crossing.link.a, crossing.link.b} & node.endpoints
+            ),
             credentials=self._credentials,
             restarted=start > 1,
             motion=live_range.motion,
             on_death=live_range.on_death,
             watched=live_range.watched if node.name == WORLD else (),
+            reports_events=live_range.reports_events,
         )
 
     async def _start(self) -> None:
@@ -238,9 +244,9 @@ class _Supervisor:
         while any(members[name].state != state for name in who) and not self._interrupt.requested:
             self._raise_of_receiver()
             self._notice_ended()
-            gone = [member for member in members.values() if member.state in ("done", "dead")]
-            if gone:
-                raise ComponentError(gone[0].name, gone[0].ended or "ended before the start")
+            ended = [member for member in members.values() if member.state in ("done", "dead")]
+            if ended:
+                raise ComponentError(ended[0].name, ended[0].ended or "ended before the start")
             if self._is_past(deadline_ns):
                 late = ", ".join(name for name in who if members[name].state != state)
                 raise ComponentError("live", f"{late} not {state} within {within_s:g} s")
@@ -250,7 +256,9 @@ class _Supervisor:
     async def _watch(self) -> None:
         """Wait until all are done, or one of them has ended that the range cannot do without."""
         live_range, interrupt = self._range, self._interrupt
-        while not interrupt.requested and any(one.state not in ("done", "dead") for one in live_range.members.values()):
+        while not interrupt.requested and any(
+            member.state not in ("done", "dead") for member in live_range.members.values()
+        ):
             self._raise_of_receiver()
             self._notice_ended()
             for dead in [member for member in live_range.members.values() if member.ended]:
@@ -258,6 +266,7 @@ class _Supervisor:
                     raise ComponentError(dead.name, dead.ended)
                 if live_range.on_death == "restart" and dead.starts < MAX_STARTS and not dead.running:
                     await self._restart(dead)
+            await self._send_requests()
             self._on_update(live_range)
             await asyncio.sleep(UPDATE_S)
 
@@ -303,7 +312,10 @@ class _Supervisor:
             try:
                 if not await self._hosts.handle_message(who, message, blob):
                     if message["kind"] == "attack":
-                        await self._forward_trigger(who, str(message["id"]), int(message["start_ns"]))
+                        stop_ns = None if message["stop_ns"] is None else int(message["stop_ns"])
+                        await self._forward_change(who, str(message["id"]), int(message["start_ns"]), stop_ns)
+                    elif message["kind"] == "acted":
+                        self._take_answer(who, message)
                     else:
                         self._handle_message(who, message)
                         await self._lead(who)
@@ -318,6 +330,9 @@ class _Supervisor:
             self._control.strange += 1
             return
         kind = message.pop("kind")
+        events = message.pop("events", None)
+        if self._range.reports_events and events is not None:
+            self._range.reports.append(EventReport.read(events))
         if kind == "hello":
             member.state = "here"
         elif kind in ("bound", "ready"):
@@ -338,18 +353,30 @@ class _Supervisor:
         kind = {"bound": "connect", "ready": "start"}.get(member.state, "") if member is not None else ""
         if member is not None and member.deaths and kind:
             await self._control.send(name, kind, zero_ns=self._hosts.zero_at(member.host))
-            for attack, start_ns in self._active_attacks.items() if kind == "start" else ():
-                await self._control.send(name, "attack", id=attack, start_ns=start_ns)
+            for attack, (start_ns, stop_ns) in self._active_attacks.items() if kind == "start" else ():
+                await self._control.send(name, "attack", id=attack, start_ns=start_ns, stop_ns=stop_ns)
 
-    async def _forward_trigger(self, who: str, attack: str, start_ns: int) -> None:
-        """Tell all nodes that an attack's trigger has held: taps of it may be anywhere."""
+    async def _forward_change(self, who: str, attack: str, start_ns: int, stop_ns: int | None) -> None:
+        """Tell all nodes that an attack begins, or was stopped: taps of it may be anywhere."""
         if who != WORLD:
             self._control.strange += 1
             return
-        self._active_attacks[attack] = start_ns
+        self._active_attacks[attack] = start_ns, stop_ns
         for member in self._range.members.values():
             if member.name != WORLD and member.state in ("ready", "flying"):
-                await self._control.send(member.name, "attack", id=attack, start_ns=start_ns)
+                await self._control.send(member.name, "attack", id=attack, start_ns=start_ns, stop_ns=stop_ns)
+
+    async def _send_requests(self) -> None:
+        """Ask the world's node for what is to be started and stopped by hand."""
+        for request in self._range.requests.take():
+            facts = {"request": request.number, "id": request.act, "action": request.action, "by": request.by}
+            await self._control.send(WORLD, "act", **facts)
+
+    def _take_answer(self, who: str, message: Message) -> None:
+        """Take the answer of the world's node to a request."""
+        at_s = None if message["at_s"] is None else float(message["at_s"])
+        if who != WORLD or not self._range.requests.answer(int(message["request"]), at_s, str(message["error"])):
+            self._control.strange += 1
 
     async def _send_zero(self, who: str) -> None:
         """Tell the nodes of a machine whose clock was measured again where time 0 lies on it."""
@@ -367,9 +394,9 @@ class _Supervisor:
             if member.state not in ("done", "dead"):
                 await self._control.send(name, "stop")
         deadline_ns = self._deadline_ns(END_S)
-        while any(one.running for one in live_range.members.values()) and not self._is_past(deadline_ns):
+        while any(member.running for member in live_range.members.values()) and not self._is_past(deadline_ns):
             self._notice_ended()
-            if all(not one.running or one.state == "dead" for one in live_range.members.values()):
+            if all(not member.running or member.state == "dead" for member in live_range.members.values()):
                 break
             self._on_update(live_range)
             await asyncio.sleep(UPDATE_S)

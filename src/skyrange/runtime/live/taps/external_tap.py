@@ -128,8 +128,8 @@ class ExternalTap:
     @property
     def due(self) -> Time:
         """When `turn` has something to do; `NEVER` where it waits for the program alone."""
-        asked = next(iter(self._asked.values()), None)
-        first = asked.taken_ns + self._hold_ns if asked is not None else NEVER
+        oldest = next(iter(self._asked.values()), None)
+        first = oldest.taken_ns + self._hold_ns if oldest is not None else NEVER
         return min(first, self._later[0][0] if self._later else NEVER)
 
     @property
@@ -165,12 +165,12 @@ class ExternalTap:
     def answer(self, now: Time, line: bytes) -> str:
         """Act on the program's verdict `line`; what is wrong with it, "" for nothing. If so the frame waits on."""
         try:
-            said = TapVerdict.model_validate_json(line)
+            verdict = TapVerdict.model_validate_json(line)
         except ValidationError as error:
             first = error.errors(include_url=False, include_input=False)[0]
             wrong = f"{'.'.join(map(str, first['loc'])) or 'line'}: {first['msg']}"
         else:
-            wrong = self._inject(now, said) if said.do == "inject" else self._decide(now, said)
+            wrong = self._inject(now, verdict) if verdict.do == "inject" else self._decide(now, verdict)
         self.counts.strange += bool(wrong)
         return wrong
 
@@ -192,8 +192,8 @@ class ExternalTap:
             return
         self.present = there
         self.note(now, "came" if there else "went")
-        asked, self._asked = self._asked, {}
-        for held in asked.values():
+        waiting, self._asked = self._asked, {}
+        for held in waiting.values():
             self.counts.unanswered += 1
             self._fail(now, held)
 
@@ -220,50 +220,52 @@ class ExternalTap:
 
     # ---------------------------------------------------------------- verdicts
 
-    def _decide(self, now: Time, said: TapVerdict) -> str:
-        held = self._asked.get(said.id) if said.id is not None else None
-        if held is None or said.id is None:
-            return f"id: {said.id} waits for no answer"
-        if said.direction is not None:
+    def _decide(self, now: Time, verdict: TapVerdict) -> str:
+        held = self._asked.get(verdict.id) if verdict.id is not None else None
+        if held is None or verdict.id is None:
+            return f"id: {verdict.id} waits for no answer"
+        if verdict.direction is not None:
             return 'direction: only "inject" has one'
-        if (said.payload is not None) != (said.do == "replace"):
-            return f'payload: "{said.do}" {"needs one" if said.do == "replace" else "has none"}'
-        if (said.do == "delay") > (said.delay_ms > 0) or (said.delay_ms > 0 and said.do in ("pass", "drop")):
-            return f'delay_ms: not for "{said.do}"' if said.delay_ms else "delay_ms: more than 0"
-        payload = self._unit(said.payload) if said.payload is not None else None
+        if (verdict.payload is not None) != (verdict.do == "replace"):
+            return f'payload: "{verdict.do}" {"needs one" if verdict.do == "replace" else "has none"}'
+        if (verdict.do == "delay") > (verdict.delay_ms > 0) or (
+            verdict.delay_ms > 0 and verdict.do in ("pass", "drop")
+        ):
+            return f'delay_ms: not for "{verdict.do}"' if verdict.delay_ms else "delay_ms: more than 0"
+        payload = self._unit(verdict.payload) if verdict.payload is not None else None
         if isinstance(payload, str):
             return payload
-        del self._asked[said.id]
-        if said.do == "drop":
+        del self._asked[verdict.id]
+        if verdict.do == "drop":
             self._drop(now, held)
             return ""
         if payload is not None:
             self.counts.replaced += 1
             held = _Held(self._instead(now, held.frame, payload), held.outgoing, held.taken_ns)
-        elif said.do == "pass":
+        elif verdict.do == "pass":
             self.counts.passed += 1
-        if said.delay_ms:
-            heappush(self._later, (now + round(said.delay_ms * NS_PER_MS), said.id, held))
+        if verdict.delay_ms:
+            heappush(self._later, (now + round(verdict.delay_ms * NS_PER_MS), verdict.id, held))
         else:
             self._release(now, held)
         return ""
 
-    def _inject(self, now: Time, said: TapVerdict) -> str:
-        if said.payload is None or said.direction is None:
+    def _inject(self, now: Time, verdict: TapVerdict) -> str:
+        if verdict.payload is None or verdict.direction is None:
             return '"inject" needs a payload and a direction, "fwd" or "rev"'
-        if said.delay_ms:
+        if verdict.delay_ms:
             return 'delay_ms: not for "inject"'
-        payload = self._unit(said.payload)
+        payload = self._unit(verdict.payload)
         if isinstance(payload, str):
             return payload
         if len(self.ready) >= MAX_HELD:
             return "too much at once"
-        src, dst = (self.spec.a, self.spec.b) if said.direction == "fwd" else (self.spec.b, self.spec.a)
-        parent = self._recent.get(said.id) if said.id is not None else None
-        frame = self._own(now, said.direction, src, dst, payload, parent)
+        src, dst = (self.spec.a, self.spec.b) if verdict.direction == "fwd" else (self.spec.b, self.spec.a)
+        parent = self._recent.get(verdict.id) if verdict.id is not None else None
+        frame = self._own(now, verdict.direction, src, dst, payload, parent)
         self.counts.injected += 1
         self._label(now, "inject", frame.id)
-        self.ready.append((frame, said.direction == self.outward))
+        self.ready.append((frame, verdict.direction == self.outward))
         return ""
 
     def _unit(self, payload: str) -> bytes | str:
@@ -271,9 +273,9 @@ class ExternalTap:
         data = bytes.fromhex(payload)
         if self.mavlink:
             deframer = Deframer()
-            found = [*deframer.feed(data), *deframer.finish()]
-            if len(found) != 1:
-                return f"payload: {len(found)} MAVLink frames or runs of garbage, one was expected"
+            pieces = [*deframer.feed(data), *deframer.finish()]
+            if len(pieces) != 1:
+                return f"payload: {len(pieces)} MAVLink frames or runs of garbage, one was expected"
         return data
 
     def _fail(self, now: Time, held: _Held) -> None:

@@ -153,20 +153,20 @@ def find_node_folder(run: Path, link: str) -> Path | None:
     That is the node of the listening end, or the other where that end is no process of the range. `InputError` for a
     link that does not cross between processes, and for a range that has ended.
     """
-    found: dict[str, Path] = {}
+    folder_by_link: dict[str, Path] = {}
     folders = [path.parent for path in sorted((run / PARTS).glob(f"*.program/{CONFIG_FILE}"))]
     for folder in folders:
         config = _read_json(folder / CONFIG_FILE)
         if config is None:
             return None
         for crossing in config["crossings"]:
-            if crossing["listener"] in config["endpoints"] or crossing["link"]["name"] not in found:
-                found[crossing["link"]["name"]] = folder
-    if link in found:
-        return found[link] if (found[link] / SOCKET).exists() else None
+            if crossing["listener"] in config["endpoints"] or crossing["link"]["name"] not in folder_by_link:
+                folder_by_link[crossing["link"]["name"]] = folder
+    if link in folder_by_link:
+        return folder_by_link[link] if (folder_by_link[link] / SOCKET).exists() else None
     if folders and all((folder / SOCKET).exists() for folder in folders):
-        hint = f"{nearest(link, found)} One within a process has no socket: --group component gives each its own. "
-        hint += "One between other machines is tapped on one of those."
+        hint = f"{nearest(link, folder_by_link)} One within a process has no socket: --group component gives each its "
+        hint += "own. One between other machines is tapped on one of those."
         raise InputError("tap", [Problem("LINK", link, "a link that crosses between processes", hint)])
     status = (_read_json(run / MANIFEST) or {}).get("status", "running")
     if status != "running":
@@ -177,10 +177,10 @@ def find_node_folder(run: Path, link: str) -> Path | None:
 def _read_json(path: Path) -> dict[str, Any] | None:
     """The JSON object in a file; `None` while there is none, or half of one."""
     try:
-        found = json.loads(path.read_text())
+        content = json.loads(path.read_text())
     except (OSError, ValueError):
         return None
-    return found if isinstance(found, dict) else None
+    return content if isinstance(content, dict) else None
 
 
 def parse_loopback(address: str) -> tuple[str, int]:

@@ -46,20 +46,20 @@ def socket_path(folder: Path) -> Iterator[str]:
     if len(os.fsencode(path)) < 104 or not Path("/proc/self/fd").is_dir():
         yield path
         return
-    held = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        yield f"/proc/self/fd/{held}/{SOCKET}"
+        yield f"/proc/self/fd/{descriptor}/{SOCKET}"
     finally:
-        os.close(held)
+        os.close(descriptor)
 
 
 class TapServer:
     """All taps on the links that leave one node."""
 
-    def __init__(self, crossings: Sequence[Crossing], own: frozenset[str], record: Record) -> None:
-        """`own` are the node's endpoints; `crossings` those of its links."""
-        self._crossings = {one.link.name: one for one in crossings}
-        self._own = own
+    def __init__(self, crossings: Sequence[Crossing], endpoints: frozenset[str], record: Record) -> None:
+        """`endpoints` are the node's endpoints; `crossings` those of its links."""
+        self._crossings = {crossing.link.name: crossing for crossing in crossings}
+        self._own = endpoints
         self._record = record
         self._taps: dict[str, ExternalTap] = {}
         self._writers: dict[str, asyncio.StreamWriter] = {}
@@ -93,9 +93,9 @@ class TapServer:
         tap = self._taps[frame.link]
         writer = self._writers.get(frame.link)
         deaf = writer is None or writer.transport.get_write_buffer_size() > MAX_WAITING_BYTES
-        asked = tap.take(now, frame, outgoing=outgoing, deaf=deaf)
-        if asked is not None and writer is not None:
-            writer.write(line_of(asked))
+        message = tap.take(now, frame, outgoing=outgoing, deaf=deaf)
+        if message is not None and writer is not None:
+            writer.write(line_of(message))
 
     def turn(self, now: Time) -> list[tuple[Frame, bool]]:
         """Frames that go on now, and whether each leaves this node."""

@@ -73,7 +73,7 @@ def crossings(links: Sequence[LinkSpec], planned: Deployment, offset: int = 0) -
         name = spec.name.partition(":")[0]
         places[spec.name] = numbered.get(name, 0)
         numbered[name] = places[spec.name] + 1
-    found, problems = [], []
+    result, problems = [], []
     for spec in planned.crossing(links):
         kind = KINDS[spec.name.partition(":")[0]]
         port = kind.port + STEP * places[spec.name] + offset
@@ -84,10 +84,10 @@ def crossings(links: Sequence[LinkSpec], planned: Deployment, offset: int = 0) -
             )
         hosts = {planned.host(spec.a), planned.host(spec.b)}
         host = planned.host(listener) if len(hosts) > 1 else LOOPBACK
-        found.append(Crossing(LinkEnds(spec.name, spec.a, spec.b), kind.transport, listener, (host, port)))
+        result.append(Crossing(LinkEnds(spec.name, spec.a, spec.b), kind.transport, listener, (host, port)))
     if problems:
         raise InputError("live", problems)
-    return found
+    return result
 
 
 def check_own_addresses(base: str) -> None:
@@ -111,21 +111,21 @@ def check_own_addresses(base: str) -> None:
 def check_free(places: Sequence[Crossing]) -> None:
     """Raise `InputError` with every address that is in use, is not this machine's, or belongs to two links."""
     problems = []
-    held: dict[tuple[str, tuple[str, int]], str] = {}
-    for one in places:
-        family = "udp" if one.transport == "udp" else "tcp"
-        other = held.setdefault((family, one.address), one.link.name)
-        where = f"{one.link.name} at {one.address[0]}:{one.address[1]}/{family}"
+    owners: dict[tuple[str, tuple[str, int]], str] = {}
+    for crossing in places:
+        family = "udp" if crossing.transport == "udp" else "tcp"
+        other = owners.setdefault((family, crossing.address), crossing.link.name)
+        where = f"{crossing.link.name} at {crossing.address[0]}:{crossing.address[1]}/{family}"
         hint = "Move all ports with --port-offset, or end what uses it."
-        if other != one.link.name:
+        if other != crossing.link.name:
             problems.append(Problem(where, f"taken by {other}", "an address of its own", hint))
             continue
         kind = socket.SOCK_DGRAM if family == "udp" else socket.SOCK_STREAM
-        with socket.socket(socket.AF_INET6 if ":" in one.address[0] else socket.AF_INET, kind) as tried:
+        with socket.socket(socket.AF_INET6 if ":" in crossing.address[0] else socket.AF_INET, kind) as tried:
             if family == "tcp":
                 tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
-                tried.bind(one.address)
+                tried.bind(crossing.address)
             except OSError as error:
                 if error.errno == errno.EADDRNOTAVAIL:
                     hint = "Start the range on the machine that hosts.world names."

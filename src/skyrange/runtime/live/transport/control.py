@@ -1,11 +1,13 @@
 """Control channel between the supervisor, its nodes and other machines: JSON objects over ZeroMQ, under CURVE keys.
 
 A node sends `hello`, `bound` (it has flown on trial, and holds its addresses), `ready` (booted and connected), `status`
-twice a second, `attack` when the trigger of one holds in the world, `done`. The supervisor sends `warm_up` to the first
-node of each machine, and to the others once those are bound; `connect` once all are bound; `start` with the clock's
-zero once all are ready; `clock` when that is known better; `attack` as the world said; `stop`. The messages of machines
-are in `remote_hosts`. A message may carry bytes, a part of a file in a transfer by chunks. Nothing that is received is
-evaluated; anything but such an object is dropped and counted, and nobody without a key of the range is let in.
+twice a second, `attack` when one begins by a trigger or by hand in the world, or is stopped by hand there, `acted` as
+the answer to an `act`, `done`. The supervisor sends `warm_up` to the first node of each machine, and to the others once
+those are bound; `connect` once all are bound; `start` with the clock's zero once all are ready; `clock` when that is
+known better; `attack` as the world said; `act` to the world's node, where somebody starts or stops an act by hand;
+`stop`. The messages of machines are in `remote_hosts`. A message may carry bytes, a part of a file in a transfer by
+chunks. Nothing that is received is evaluated; anything but such an object is dropped and counted, and nobody without a
+key of the range is let in.
 """
 
 from __future__ import annotations
@@ -255,8 +257,8 @@ def split_chunks(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 def list_files(folder: Path) -> list[tuple[str, int]]:
     """All files below `folder`: relative name and size in bytes."""
-    found = (path for path in sorted(folder.rglob("*")) if path.is_file() and not path.is_symlink())
-    return [(path.relative_to(folder).as_posix(), path.stat().st_size) for path in found]
+    paths = (path for path in sorted(folder.rglob("*")) if path.is_file() and not path.is_symlink())
+    return [(path.relative_to(folder).as_posix(), path.stat().st_size) for path in paths]
 
 
 def read_chunk(folder: Path, name: str, offset: int) -> bytes:

@@ -61,8 +61,8 @@ async def listen(crossing: Crossing, on_piece: OnPiece, host: str, credentials: 
 async def connect(crossing: Crossing, on_piece: OnPiece, host: str, credentials: Credentials) -> Transport:
     """The transport that connects from `host` to the link's address, now or as soon as somebody is there."""
     if crossing.transport == "udp":
-        own = crossing.address[0] if is_loopback(crossing.address[0]) else host
-        return _Udp(await UdpTransport.open(on_piece, (own, 0), remote=crossing.address))
+        local_host = crossing.address[0] if is_loopback(crossing.address[0]) else host
+        return _Udp(await UdpTransport.open(on_piece, (local_host, 0), remote=crossing.address))
     if crossing.transport == "tcp":
         return TcpConnector(on_piece, crossing.address)
     if crossing.transport == "zmq":

@@ -108,9 +108,9 @@ class UssJournal:
         """Its intents become rows of `changes`."""
         self._changes = changes
 
-    def put(self, own: OwnIntent) -> None:
+    def put(self, own_intent: OwnIntent) -> None:
         """An intent that the USS manages is new, or has another version."""
-        intent, reference = own
+        intent, reference = own_intent
         row = _reference_row(reference) | {
             "start_ns": reference.start_ns,
             "end_ns": reference.end_ns,
@@ -179,12 +179,12 @@ def _intent_row(intent: OperationalIntent) -> Row:
         "vehicle": intent.vehicle,
         "priority": intent.priority,
         "state": intent.state.value,
-        "volumes": json.dumps([_volume_row(one) for one in intent.volumes]),
+        "volumes": json.dumps([_volume_row(volume) for volume in intent.volumes]),
     }
 
 
 def _intent_of(row: Mapping[str, Any]) -> OperationalIntent:
-    volumes = tuple(_volume_of(one) for one in json.loads(row["volumes"]))
+    volumes = tuple(_volume_of(volume) for volume in json.loads(row["volumes"]))
     state = IntentState(row["state"])
     return OperationalIntent(row["id"], row["operator"], row["vehicle"], volumes, row["priority"], state)
 

@@ -12,21 +12,23 @@ from skyrange.contracts.mailboxes import Turn
 from skyrange.utm.federated.dss.coverings import Extent
 from skyrange.utm.federated.dss.requests import DssState, Handler, RefusalError, check_version
 from skyrange.utm.federated.dss.store import StoredConstraint
-from skyrange.utm.federated.exchanges import Asked
+from skyrange.utm.federated.exchanges import IncomingRequest
 
 
-def _query(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    found = dss.store.constraints_in(dss.area(asked))
-    return 200, {"constraint_references": [dss.shown(one, asked.claims.uss) for one in found]}
+def _query(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    constraints = dss.store.constraints_in(dss.area(request))
+    return 200, {
+        "constraint_references": [dss.describe_reference(constraint, request.claims.uss) for constraint in constraints]
+    }
 
 
-def _get(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    return 200, {"constraint_reference": dss.shown(_stored(dss, asked), asked.claims.uss)}
+def _get(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    return 200, {"constraint_reference": dss.describe_reference(_stored_constraint(dss, request), request.claims.uss)}
 
 
-def _put(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    body, uss, id_ = asked.body, asked.claims.uss, asked.parameters["entityid"]
-    ovn = asked.parameters.get("ovn")
+def _put(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    body, uss, id_ = request.body, request.claims.uss, request.parameters["entityid"]
+    ovn = request.parameters.get("ovn")
     extent = dss.extent(turn.now, body["extents"], heights=False)
     old = dss.store.constraint(id_)
     check_version("constraint", uss, old.reference if old is not None else None, ovn, missing=409)
@@ -43,29 +45,33 @@ def _put(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     stored = StoredConstraint(reference, extent)
     dss.store.put_constraint(stored)
     turn.note("decision.dss_constraint", uss, {"constraint": id_, "version": version})
-    return (201 if old is None else 200), _changed(dss, stored, extent if old is None else extent.joined(old.extent))
+    return (201 if old is None else 200), _describe_change(
+        dss, stored, extent if old is None else extent.joined(old.extent)
+    )
 
 
-def _delete(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    stored = _stored(dss, asked)
-    check_version("constraint", asked.claims.uss, stored.reference, asked.parameters["ovn"], missing=404)
+def _delete(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    stored = _stored_constraint(dss, request)
+    check_version("constraint", request.claims.uss, stored.reference, request.parameters["ovn"], missing=404)
     dss.store.delete_constraint(stored.id)
-    return 200, _changed(dss, stored, stored.extent)
+    return 200, _describe_change(dss, stored, stored.extent)
 
 
-def _changed(dss: DssState, stored: StoredConstraint, extent: Extent) -> dict[str, Any]:
+def _describe_change(dss: DssState, stored: StoredConstraint, extent: Extent) -> dict[str, Any]:
     """The response to its manager, with the subscribers that it has to notify."""
-    subscriptions = [one for one in dss.store.subscriptions_in(extent) if one.notify_for_constraints]
+    subscriptions = [
+        subscription for subscription in dss.store.subscriptions_in(extent) if subscription.notify_for_constraints
+    ]
     return {
         "subscribers": dss.notify(subscriptions),
-        "constraint_reference": dss.shown(stored, stored.reference.manager),
+        "constraint_reference": dss.describe_reference(stored, stored.reference.manager),
     }
 
 
-def _stored(dss: DssState, asked: Asked) -> StoredConstraint:
-    stored = dss.store.constraint(asked.parameters["entityid"])
+def _stored_constraint(dss: DssState, request: IncomingRequest) -> StoredConstraint:
+    stored = dss.store.constraint(request.parameters["entityid"])
     if stored is None:
-        raise RefusalError(404, f"there is no constraint {asked.parameters['entityid']}")
+        raise RefusalError(404, f"there is no constraint {request.parameters['entityid']}")
     return stored
 
 

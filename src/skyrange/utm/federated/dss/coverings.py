@@ -75,14 +75,14 @@ class Extent:
 def extent_of(areas: Sequence[Area]) -> Extent:
     """The extent of at least one area, open bounds as wide as they can be. Raises `AreaError`."""
     cells: set[int] = set()
-    for one in areas:
-        cells |= _cover(_box(one))
+    for area in areas:
+        cells |= _cover(_box(area))
     return Extent(
         frozenset(cells),
-        min(MIN_ALTITUDE_M if one.lower_m is None else one.lower_m for one in areas),
-        max(MAX_ALTITUDE_M if one.upper_m is None else one.upper_m for one in areas),
-        min(-NEVER if one.start_ns is None else one.start_ns for one in areas),
-        max(NEVER if one.end_ns is None else one.end_ns for one in areas),
+        min(MIN_ALTITUDE_M if area.lower_m is None else area.lower_m for area in areas),
+        max(MAX_ALTITUDE_M if area.upper_m is None else area.upper_m for area in areas),
+        min(-NEVER if area.start_ns is None else area.start_ns for area in areas),
+        max(NEVER if area.end_ns is None else area.end_ns for area in areas),
     )
 
 

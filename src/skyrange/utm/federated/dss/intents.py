@@ -17,24 +17,28 @@ from skyrange.core.time import Time
 from skyrange.utm.federated.dss.coverings import Extent
 from skyrange.utm.federated.dss.requests import DssState, Handler, RefusalError, check_version, requested_ovn
 from skyrange.utm.federated.dss.store import StoredIntent, Subscription
-from skyrange.utm.federated.exchanges import Asked
+from skyrange.utm.federated.exchanges import IncomingRequest
 
 NOMINAL: Final = frozenset({State.Accepted, State.Activated})
 """States that need a key."""
 
 
-def _query(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    stored = dss.store.intents_in(dss.area(asked))
-    return 200, {"operational_intent_references": [dss.shown(one, asked.claims.uss) for one in stored]}
+def _query(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    stored = dss.store.intents_in(dss.area(request))
+    return 200, {
+        "operational_intent_references": [dss.describe_reference(intent, request.claims.uss) for intent in stored]
+    }
 
 
-def _get(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    return 200, {"operational_intent_reference": dss.shown(_stored(dss, asked), asked.claims.uss)}
+def _get(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    return 200, {
+        "operational_intent_reference": dss.describe_reference(_stored_intent(dss, request), request.claims.uss)
+    }
 
 
-def _put(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    body, uss, id_ = asked.body, asked.claims.uss, asked.parameters["entityid"]
-    ovn, state = asked.parameters.get("ovn"), body["state"]
+def _put(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    body, uss, id_ = request.body, request.claims.uss, request.parameters["entityid"]
+    ovn, state = request.parameters.get("ovn"), body["state"]
     if ovn is None and state is not State.Accepted:
         raise RefusalError(400, f"the first version of an intent is Accepted, not {state.value}")
     extent = dss.extent(turn.now, body["extents"], heights=True)
@@ -42,14 +46,14 @@ def _put(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     suffix = body.get("requested_ovn_suffix")
     wanted_ovn = None if suffix is None else requested_ovn(turn.now, dss.epoch, id_, suffix)
     needed = Scope.StrategicCoordination if state in NOMINAL else Scope.ConformanceMonitoringForSituationalAwareness
-    if not asked.has(needed):
+    if not request.has(needed):
         raise RefusalError(403, f"state {state.value} needs the scope {needed.value}")
     old = dss.store.intent(id_)
     check_version("intent", uss, old.reference if old is not None else None, ovn, missing=400)
     version = 1 if old is None else old.reference.version + 1
-    subscription = _find_subscription(dss, turn.now, asked, extent, version)
+    subscription = _find_subscription(dss, turn.now, request, extent, version)
     if state in NOMINAL:
-        _check_key(dss, turn, asked, extent, subscription)
+        _check_key(dss, turn, request, extent, subscription)
     if subscription is not None:
         dss.store.put_subscription(subscription)
     reference = IntentReference(
@@ -68,53 +72,61 @@ def _put(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     if old is not None and old.reference.subscription_id != reference.subscription_id:
         _release(dss, old.reference.subscription_id)
     turn.note("decision.dss_accepted", uss, {"intent": id_, "state": state.value, "version": version})
-    return (201 if old is None else 200), _changed(dss, stored, extent if old is None else extent.joined(old.extent))
+    return (201 if old is None else 200), _describe_change(
+        dss, stored, extent if old is None else extent.joined(old.extent)
+    )
 
 
-def _delete(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    stored = _stored(dss, asked)
-    check_version("intent", asked.claims.uss, stored.reference, asked.parameters["ovn"], missing=404)
+def _delete(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    stored = _stored_intent(dss, request)
+    check_version("intent", request.claims.uss, stored.reference, request.parameters["ovn"], missing=404)
     dss.store.delete_intent(stored.id)
-    body = _changed(dss, stored, stored.extent)
+    body = _describe_change(dss, stored, stored.extent)
     _release(dss, stored.reference.subscription_id)
     return 200, body
 
 
-def _changed(dss: DssState, stored: StoredIntent, extent: Extent) -> dict[str, Any]:
+def _describe_change(dss: DssState, stored: StoredIntent, extent: Extent) -> dict[str, Any]:
     """The response to its manager, with the subscribers that it has to notify."""
-    subscriptions = [one for one in dss.store.subscriptions_in(extent) if one.notify_for_operational_intents]
+    subscriptions = [
+        subscription
+        for subscription in dss.store.subscriptions_in(extent)
+        if subscription.notify_for_operational_intents
+    ]
     return {
         "subscribers": dss.notify(subscriptions),
-        "operational_intent_reference": dss.shown(stored, stored.reference.manager),
+        "operational_intent_reference": dss.describe_reference(stored, stored.reference.manager),
     }
 
 
-def _stored(dss: DssState, asked: Asked) -> StoredIntent:
-    stored = dss.store.intent(asked.parameters["entityid"])
+def _stored_intent(dss: DssState, request: IncomingRequest) -> StoredIntent:
+    stored = dss.store.intent(request.parameters["entityid"])
     if stored is None:
-        raise RefusalError(404, f"there is no intent {asked.parameters['entityid']}")
+        raise RefusalError(404, f"there is no intent {request.parameters['entityid']}")
     return stored
 
 
-def _check_key(dss: DssState, turn: Turn, asked: Asked, extent: Extent, subscription: Subscription | None) -> None:
+def _check_key(
+    dss: DssState, turn: Turn, request: IncomingRequest, extent: Extent, subscription: Subscription | None
+) -> None:
     """Refuse an intent whose USS does not know the current version of everything that may be in the way."""
-    uss, id_ = asked.claims.uss, asked.parameters["entityid"]
-    key, state = frozenset(asked.body.get("key") or ()), asked.body["state"]
+    uss, id_ = request.claims.uss, request.parameters["entityid"]
+    key, state = frozenset(request.body.get("key") or ()), request.body["state"]
     intents = [
-        one
-        for one in dss.store.intents_in(extent)
-        if one.id != id_ and one.reference.ovn not in key and _requires_key(dss, one)
+        intent
+        for intent in dss.store.intents_in(extent)
+        if intent.id != id_ and intent.reference.ovn not in key and _requires_key(dss, intent)
     ]
     processes = subscription is not None and subscription.notify_for_constraints
-    found = dss.store.constraints_in(extent) if processes else ()
-    constraints = [one for one in found if one.reference.ovn not in key]
+    candidates = dss.store.constraints_in(extent) if processes else ()
+    constraints = [constraint for constraint in candidates if constraint.reference.ovn not in key]
     if not intents and not constraints:
         return
     data = {"intent": id_, "state": state.value, "missing": len(intents) + len(constraints)}
     turn.note("decision.dss_conflict", uss, data)
-    more: dict[str, Any] = {"missing_operational_intents": [dss.shown(one, uss) for one in intents]}
+    more: dict[str, Any] = {"missing_operational_intents": [dss.describe_reference(intent, uss) for intent in intents]}
     if constraints:
-        more["missing_constraints"] = [dss.shown(one, uss) for one in constraints]
+        more["missing_constraints"] = [dss.describe_reference(constraint, uss) for constraint in constraints]
     raise RefusalError(409, "the key lacks the OVNs of some intents or constraints", more)
 
 
@@ -134,14 +146,16 @@ def _check_subscription_fields(body: Mapping[str, Any], state: State) -> None:
         raise RefusalError(400, "new_subscription: it needs uss_base_url")
 
 
-def _find_subscription(dss: DssState, now: Time, asked: Asked, extent: Extent, version: int) -> Subscription | None:
+def _find_subscription(
+    dss: DssState, now: Time, request: IncomingRequest, extent: Extent, version: int
+) -> Subscription | None:
     """The subscription that an intent is to have: a new one, one that exists, widened where it is implicit, or none."""
-    id_, wanted = asked.body.get("subscription_id"), asked.body.get("new_subscription")
+    id_, wanted = request.body.get("subscription_id"), request.body.get("new_subscription")
     if wanted is not None:
-        subscription = dss.renewed_uuid("implicit subscription", asked.parameters["entityid"], version, now)
+        subscription = dss.renewed_uuid("implicit subscription", request.parameters["entityid"], version, now)
         return Subscription(
             subscription,
-            asked.claims.uss,
+            request.claims.uss,
             wanted["uss_base_url"],
             extent,
             version=dss.renewed_uuid("version", subscription, "", now),
@@ -150,23 +164,23 @@ def _find_subscription(dss: DssState, now: Time, asked: Asked, extent: Extent, v
         )
     if not id_:
         return None
-    found = dss.store.subscription(id_)
-    if found is None:
+    existing = dss.store.subscription(id_)
+    if existing is None:
         raise RefusalError(400, f"there is no subscription {id_}")
-    if found.manager != asked.claims.uss:
+    if existing.manager != request.claims.uss:
         raise RefusalError(403, "the subscription belongs to another USS")
-    if not found.extent.covers(extent):
-        if not found.is_implicit:
+    if not existing.extent.covers(extent):
+        if not existing.is_implicit:
             raise RefusalError(400, "the subscription does not cover the intent")
-        renewed = dss.renewed_uuid("version", found.id, found.version, now)
-        return replace(found, extent=found.extent.joined(extent), version=renewed)
-    return found
+        renewed = dss.renewed_uuid("version", existing.id, existing.version, now)
+        return replace(existing, extent=existing.extent.joined(extent), version=renewed)
+    return existing
 
 
 def _release(dss: DssState, subscription: str) -> None:
     """End an implicit subscription that no intent has any more."""
-    found = dss.store.subscription(subscription)
-    if found is not None and found.is_implicit and not dss.store.dependents(subscription):
+    existing = dss.store.subscription(subscription)
+    if existing is not None and existing.is_implicit and not dss.store.dependents(subscription):
         dss.store.delete_subscription(subscription)
 
 

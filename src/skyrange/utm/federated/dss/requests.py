@@ -14,7 +14,7 @@ from skyrange.core.time import NS_PER_S, Epoch, Time
 from skyrange.utm.contract import make_uuid
 from skyrange.utm.federated.dss.coverings import Extent, extent_of
 from skyrange.utm.federated.dss.store import DssStore, StoredConstraint, StoredIntent, Subscription
-from skyrange.utm.federated.exchanges import Asked
+from skyrange.utm.federated.exchanges import IncomingRequest
 
 MAX_SKEW_NS: Final = 300 * NS_PER_S
 """By how much the clocks of a client and the DSS may differ, as in the DSS of InterUSS (`maxClockSkew`)."""
@@ -43,7 +43,7 @@ class DssState:
         """The OVN of a version of an entity."""
         return blake2b(repr(content).encode(), key=self.secret, digest_size=16).hexdigest()
 
-    def shown(self, stored: StoredIntent | StoredConstraint, uss: str) -> dict[str, Any]:
+    def describe_reference(self, stored: StoredIntent | StoredConstraint, uss: str) -> dict[str, Any]:
         """A reference as a USS sees it: it gets an OVN of others from their USS."""
         reference: ConstraintReference = stored.reference
         reference = replace(reference, uss_availability=self.store.availability(reference.manager).state)
@@ -53,28 +53,28 @@ class DssState:
 
     def notify(self, subscriptions: Iterable[Subscription]) -> list[dict[str, Any]]:
         """Count a notification of each subscription: whom the USS that has changed an entity has to tell."""
-        told: dict[str, list[dict[str, Any]]] = {}
-        for one in subscriptions:
-            counted = replace(one, notification_index=one.notification_index + 1)
+        states_by_url: dict[str, list[dict[str, Any]]] = {}
+        for subscription in subscriptions:
+            counted = replace(subscription, notification_index=subscription.notification_index + 1)
             self.store.put_subscription(counted)
-            state = {"subscription_id": one.id, "notification_index": counted.notification_index}
-            told.setdefault(one.uss_base_url, []).append(state)
-        return [{"uss_base_url": url, "subscriptions": states} for url, states in sorted(told.items())]
+            state = {"subscription_id": subscription.id, "notification_index": counted.notification_index}
+            states_by_url.setdefault(subscription.uss_base_url, []).append(state)
+        return [{"uss_base_url": url, "subscriptions": states} for url, states in sorted(states_by_url.items())]
 
-    def area(self, asked: Asked) -> Extent:
+    def area(self, request: IncomingRequest) -> Extent:
         """The area of interest of a query."""
-        area = asked.body.get("area_of_interest")
+        area = request.body.get("area_of_interest")
         if area is None:
             raise RefusalError(400, "area_of_interest: it is needed")
         return extent_of([area_of(area, self.epoch, "area_of_interest")])
 
     def extent(self, now: Time, bodies: Sequence[Mapping[str, Any]], *, heights: bool) -> Extent:
         """What an entity covers; `heights` says whether its volumes need altitudes."""
-        areas = [area_of(one, self.epoch, f"volume {number}") for number, one in enumerate(bodies, 1)]
+        areas = [area_of(body, self.epoch, f"volume {number}") for number, body in enumerate(bodies, 1)]
         if not areas:
             raise RefusalError(400, "extents: at least one volume is needed")
-        for number, one in enumerate(areas, 1):
-            _check_bounds(number, one, heights=heights)
+        for number, area in enumerate(areas, 1):
+            _check_bounds(number, area, heights=heights)
         extent = extent_of(areas)
         if extent.end_ns <= now:
             raise RefusalError(400, "extents: all are over")
@@ -117,6 +117,6 @@ def requested_ovn(now: Time, epoch: Epoch, id_: str, suffix: str) -> str:
     return f"{id_}_{uuid}"
 
 
-Handler = Callable[[DssState, Turn, Asked], tuple[int, Any]]
+Handler = Callable[[DssState, Turn, IncomingRequest], tuple[int, Any]]
 """`handle(state, now, asked, out)`: status and body of the response. Raises `RefusalError`, `DecodeError` and
 `AreaError`."""

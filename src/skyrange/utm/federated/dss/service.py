@@ -21,7 +21,7 @@ from skyrange.utm.federated.dss import constraints, intents, subscriptions
 from skyrange.utm.federated.dss.coverings import AreaError
 from skyrange.utm.federated.dss.requests import DssState, Handler, RefusalError
 from skyrange.utm.federated.dss.store import Availability, DssStore
-from skyrange.utm.federated.exchanges import Asked, Server, file_report
+from skyrange.utm.federated.exchanges import IncomingRequest, Server, file_report
 from skyrange.utm.federated.tokens import TokenChecker
 
 SERVICE_NS: Final = 10 * NS_PER_MS
@@ -106,42 +106,42 @@ class Dss:
         if not isinstance(frame, UssRequest):
             self._server.count_bad("a response that nobody asked for", arrival.ref, turn.out)
             return
-        asked = self._server.read(turn, arrival, frame)
-        if asked is None:
+        request = self._server.read(turn, arrival, frame)
+        if request is None:
             return
         try:
-            status, body = _HANDLERS[asked.operation](self._state, turn, asked)
+            status, body = _HANDLERS[request.operation](self._state, turn, request)
         except RefusalError as refusal:
-            self._server.answer(asked, refusal.status, refusal.body, turn.out)
+            self._server.answer(request, refusal.status, refusal.body, turn.out)
         except DecodeError as error:
-            self._server.answer(asked, 400, {"message": str(error)}, turn.out)
+            self._server.answer(request, 400, {"message": str(error)}, turn.out)
         except AreaError as error:
-            self._server.answer(asked, 413, {"message": str(error)}, turn.out)
+            self._server.answer(request, 413, {"message": str(error)}, turn.out)
         else:
-            self._server.answer(asked, status, body, turn.out)
+            self._server.answer(request, status, body, turn.out)
 
 
-def _get_availability(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    return 200, _availability(dss, asked.parameters["uss_id"])
+def _get_availability(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    return 200, _availability(dss, request.parameters["uss_id"])
 
 
-def _set_availability(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    uss = asked.parameters["uss_id"]
+def _set_availability(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    uss = request.parameters["uss_id"]
     version = dss.store.availability(uss).version
-    if (asked.body.get("old_version") or "") != version:
+    if (request.body.get("old_version") or "") != version:
         raise RefusalError(409, "old_version is not the current one")
     renewed = dss.renewed_uuid("availability", uss, version, turn.now)
-    dss.store.put_availability(Availability(uss, asked.body["availability"], renewed))
+    dss.store.put_availability(Availability(uss, request.body["availability"], renewed))
     return 200, _availability(dss, uss)
 
 
 def _availability(dss: DssState, uss: str) -> dict[str, Any]:
-    found = dss.store.availability(uss)
-    return {"version": found.version, "status": {"uss": uss, "availability": found.state.value}}
+    stored = dss.store.availability(uss)
+    return {"version": stored.version, "status": {"uss": uss, "availability": stored.state.value}}
 
 
-def _report(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    return 201, file_report(turn, "decision.dss_report", asked)
+def _report(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    return 201, file_report(turn, "decision.dss_report", request)
 
 
 _HANDLERS: Final[Mapping[Op, Handler]] = {

@@ -14,30 +14,36 @@ from skyrange.core.time import NS_PER_S, NS_PER_US, Time
 from skyrange.utm.federated.dss.coverings import Extent, extent_of
 from skyrange.utm.federated.dss.requests import MAX_SKEW_NS, DssState, Handler, RefusalError
 from skyrange.utm.federated.dss.store import Subscription
-from skyrange.utm.federated.exchanges import Asked
+from skyrange.utm.federated.exchanges import IncomingRequest
 
 MAX_DURATION_NS: Final = 24 * 3_600 * NS_PER_S
 """Longest subscription (F3548-21, DSSMaxSubscriptionDuration)."""
 
 
-def _query(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    found = dss.store.subscriptions_in(dss.area(asked))
-    return 200, {"subscriptions": [_shown(dss, one) for one in found if one.manager == asked.claims.uss]}
+def _query(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    subscriptions = dss.store.subscriptions_in(dss.area(request))
+    return 200, {
+        "subscriptions": [
+            _describe_subscription(dss, subscription)
+            for subscription in subscriptions
+            if subscription.manager == request.claims.uss
+        ]
+    }
 
 
-def _get(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    return 200, {"subscription": _shown(dss, _own(dss, asked))}
+def _get(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    return 200, {"subscription": _describe_subscription(dss, _own_subscription(dss, request))}
 
 
-def _put(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    body, uss, id_ = asked.body, asked.claims.uss, asked.parameters["subscriptionid"]
+def _put(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    body, uss, id_ = request.body, request.claims.uss, request.parameters["subscriptionid"]
     for_intents, for_constraints = (
         bool(body.get("notify_for_operational_intents")),
         bool(body.get("notify_for_constraints")),
     )
     if not (for_intents or for_constraints):
         raise RefusalError(400, "a subscription is for operational intents, constraints or both")
-    version = asked.parameters.get("version")
+    version = request.parameters.get("version")
     old = dss.store.subscription(id_)
     extent = _extent(dss, turn.now, body["extents"], old)
     if old is None and version is not None:
@@ -45,7 +51,7 @@ def _put(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
     if old is not None:
         if version is None:
             raise RefusalError(409, "the subscription exists already")
-        _own(dss, asked)
+        _own_subscription(dss, request)
         for intent in map(dss.store.intent, dss.store.dependents(id_)):
             if intent is not None and not extent.covers(intent.extent):
                 raise RefusalError(400, f"the subscription does not cover the intent {intent.id}, which has it")
@@ -61,11 +67,15 @@ def _put(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
         notify_for_constraints=for_constraints,
     )
     dss.store.put_subscription(made)
-    answer: dict[str, Any] = {"subscription": _shown(dss, made)}
+    answer: dict[str, Any] = {"subscription": _describe_subscription(dss, made)}
     if for_intents:
-        answer["operational_intent_references"] = [dss.shown(one, uss) for one in dss.store.intents_in(extent)]
+        answer["operational_intent_references"] = [
+            dss.describe_reference(intent, uss) for intent in dss.store.intents_in(extent)
+        ]
     if for_constraints:
-        answer["constraint_references"] = [dss.shown(one, uss) for one in dss.store.constraints_in(extent)]
+        answer["constraint_references"] = [
+            dss.describe_reference(constraint, uss) for constraint in dss.store.constraints_in(extent)
+        ]
     return 200, answer
 
 
@@ -86,37 +96,37 @@ def _extent(dss: DssState, now: Time, body: Mapping[str, Any], old: Subscription
     return extent_of([replace(area, start_ns=start_ns, end_ns=end_ns)])
 
 
-def _delete(dss: DssState, turn: Turn, asked: Asked) -> tuple[int, Any]:
-    found = _own(dss, asked)
-    if dss.store.dependents(found.id):
+def _delete(dss: DssState, turn: Turn, request: IncomingRequest) -> tuple[int, Any]:
+    subscription = _own_subscription(dss, request)
+    if dss.store.dependents(subscription.id):
         raise RefusalError(400, "an operational intent has this subscription")
-    dss.store.delete_subscription(found.id)
-    return 200, {"subscription": _shown(dss, found)}
+    dss.store.delete_subscription(subscription.id)
+    return 200, {"subscription": _describe_subscription(dss, subscription)}
 
 
-def _own(dss: DssState, asked: Asked) -> Subscription:
-    found = dss.store.subscription(asked.parameters["subscriptionid"])
-    if found is None:
-        raise RefusalError(404, f"there is no subscription {asked.parameters['subscriptionid']}")
-    if found.manager != asked.claims.uss:
+def _own_subscription(dss: DssState, request: IncomingRequest) -> Subscription:
+    subscription = dss.store.subscription(request.parameters["subscriptionid"])
+    if subscription is None:
+        raise RefusalError(404, f"there is no subscription {request.parameters['subscriptionid']}")
+    if subscription.manager != request.claims.uss:
         raise RefusalError(403, "the subscription belongs to another USS")
-    if asked.parameters.get("version", found.version) != found.version:
+    if request.parameters.get("version", subscription.version) != subscription.version:
         raise RefusalError(409, "the version is not the current one")
-    return found
+    return subscription
 
 
-def _shown(dss: DssState, one: Subscription) -> dict[str, Any]:
+def _describe_subscription(dss: DssState, subscription: Subscription) -> dict[str, Any]:
     return {
-        "id": one.id,
-        "version": one.version,
-        "notification_index": one.notification_index,
-        "time_start": moment_body(one.extent.start_ns, dss.epoch),
-        "time_end": moment_body(one.extent.end_ns, dss.epoch, up=True),
-        "uss_base_url": one.uss_base_url,
-        "notify_for_operational_intents": one.notify_for_operational_intents,
-        "notify_for_constraints": one.notify_for_constraints,
-        "implicit_subscription": one.is_implicit,
-        "dependent_operational_intents": dss.store.dependents(one.id),
+        "id": subscription.id,
+        "version": subscription.version,
+        "notification_index": subscription.notification_index,
+        "time_start": moment_body(subscription.extent.start_ns, dss.epoch),
+        "time_end": moment_body(subscription.extent.end_ns, dss.epoch, up=True),
+        "uss_base_url": subscription.uss_base_url,
+        "notify_for_operational_intents": subscription.notify_for_operational_intents,
+        "notify_for_constraints": subscription.notify_for_constraints,
+        "implicit_subscription": subscription.is_implicit,
+        "dependent_operational_intents": dss.store.dependents(subscription.id),
     }
 
 

@@ -14,7 +14,7 @@ from skyrange.contracts.mailboxes import Outbox, Turn
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Epoch
 from skyrange.utm.contract import OperationalIntent
-from skyrange.utm.federated.exchanges import Asked, Server, file_report
+from skyrange.utm.federated.exchanges import IncomingRequest, Server, file_report
 from skyrange.utm.federated.uss.shared_intents import SharedIntents
 from skyrange.utm.intent_states import OFF_NOMINAL
 
@@ -41,81 +41,90 @@ class PeerRequests:
     intents: SharedIntents
     epoch: Epoch
 
-    def answer(self, turn: Turn, asked: Asked) -> OperationalIntent | None:
+    def answer(self, turn: Turn, request: IncomingRequest) -> OperationalIntent | None:
         """Answer a request; returns the intent of another USS that it was told of."""
-        return _HANDLERS[asked.operation](self, turn, asked)
+        return _HANDLERS[request.operation](self, turn, request)
 
-    def _get_details(self, turn: Turn, asked: Asked) -> None:
-        id_ = asked.parameters["entityid"]
-        own, intent = self.intents.own.get(id_), self.intents.get(id_)
-        if own is None or intent is None:
-            self.server.answer(asked, 404, {"message": f"there is no intent {id_}"}, turn.out)
+    def _get_details(self, turn: Turn, request: IncomingRequest) -> None:
+        id_ = request.parameters["entityid"]
+        reference, intent = self.intents.own.get(id_), self.intents.get(id_)
+        if reference is None or intent is None:
+            self.server.answer(request, 404, {"message": f"there is no intent {id_}"}, turn.out)
         else:
-            self.server.answer(asked, 200, {"operational_intent": self.intents.show(intent, own)}, turn.out)
+            self.server.answer(
+                request, 200, {"operational_intent": self.intents.describe_own(intent, reference)}, turn.out
+            )
 
-    def _get_telemetry(self, turn: Turn, asked: Asked) -> None:
+    def _get_telemetry(self, turn: Turn, request: IncomingRequest) -> None:
         """Operators report states, not positions: an aircraft outside its volumes has no telemetry here."""
-        id_ = asked.parameters["entityid"]
-        own = self.intents.get(id_) if id_ in self.intents.own else None
-        if own is None:
-            self.server.answer(asked, 404, {"message": f"there is no intent {id_}"}, turn.out)
-        elif own.state not in OFF_NOMINAL:
-            message = f"the intent is {own.state.value}: its aircraft is within its volumes"
-            self.server.answer(asked, 409, {"message": message}, turn.out)
+        id_ = request.parameters["entityid"]
+        intent = self.intents.get(id_) if id_ in self.intents.own else None
+        if intent is None:
+            self.server.answer(request, 404, {"message": f"there is no intent {id_}"}, turn.out)
+        elif intent.state not in OFF_NOMINAL:
+            message = f"the intent is {intent.state.value}: its aircraft is within its volumes"
+            self.server.answer(request, 409, {"message": message}, turn.out)
         else:
-            self.server.answer(asked, 200, {"operational_intent_id": id_}, turn.out)
+            self.server.answer(request, 200, {"operational_intent_id": id_}, turn.out)
 
-    def _take_intent_notification(self, turn: Turn, asked: Asked) -> OperationalIntent | None:
+    def _take_intent_notification(self, turn: Turn, request: IncomingRequest) -> OperationalIntent | None:
         """Another USS has a new version of an intent, or has ended it."""
 
-        def learn(reference: IntentReference, details: Mapping[str, Any]) -> None:
-            self.intents.learn(reference, IntentDetails.of(details, self.epoch))
+        def store(reference: IntentReference, details: Mapping[str, Any]) -> None:
+            self.intents.store_intent(reference, IntentDetails.of(details, self.epoch))
 
-        return self._take_notification("operational_intent", IntentReference, learn, asked, turn.out)
+        return self._take_notification("operational_intent", IntentReference, store, request, turn.out)
 
-    def _take_constraint_notification(self, turn: Turn, asked: Asked) -> OperationalIntent | None:
+    def _take_constraint_notification(self, turn: Turn, request: IncomingRequest) -> OperationalIntent | None:
         """A constraint manager has a new version of a constraint, or has ended it."""
 
-        def learn(reference: ConstraintReference, details: Mapping[str, Any]) -> None:
-            self.intents.learn_constraint(reference, volumes_of(details["volumes"], self.epoch))
+        def store(reference: ConstraintReference, details: Mapping[str, Any]) -> None:
+            self.intents.store_constraint(reference, volumes_of(details["volumes"], self.epoch))
 
-        return self._take_notification("constraint", ConstraintReference, learn, asked, turn.out)
+        return self._take_notification("constraint", ConstraintReference, store, request, turn.out)
 
     def _take_notification(
-        self, kind: str, type_: type[_R], learn: Callable[[_R, Mapping[str, Any]], None], asked: Asked, out: Outbox
+        self,
+        kind: str,
+        type_: type[_R],
+        store: Callable[[_R, Mapping[str, Any]], None],
+        request: IncomingRequest,
+        out: Outbox,
     ) -> OperationalIntent | None:
         """Know another version of an entity of another service, or know it no more; only its manager may tell."""
-        id_, body = asked.body[f"{kind}_id"], asked.body.get(kind)
-        known, manager = self.intents.other(id_), asked.claims.uss
+        id_, body = request.body[f"{kind}_id"], request.body.get(kind)
+        known, manager = self.intents.find_other(id_), request.claims.uss
         is_of_others = known is not None and (known.manager != manager or type(known) is not type_)
         if id_ in self.intents.own or is_of_others:
-            self.server.answer(asked, 403, {"message": f"{id_} is managed by another USS"}, out)
+            self.server.answer(request, 403, {"message": f"{id_} is managed by another USS"}, out)
             return None
         if body is None:
-            self.intents.lose(id_)
-            self.server.answer(asked, 204, None, out)
+            self.intents.remove_other(id_)
+            self.server.answer(request, 204, None, out)
             return None
         try:
             reference = type_.of(body["reference"], self.epoch)
             if (reference.id, reference.manager) != (id_, manager):
                 raise DecodeError("the reference is that of another entity, or of another USS")
             if known is None or known.version < reference.version:
-                learn(reference, body["details"])
+                store(reference, body["details"])
         except DecodeError as error:
-            self.server.answer(asked, 400, {"message": str(error)}, out)
+            self.server.answer(request, 400, {"message": str(error)}, out)
             return None
-        self.server.answer(asked, 204, None, out)
+        self.server.answer(request, 204, None, out)
         return self.intents.get(id_)
 
-    def _get_constraint(self, turn: Turn, asked: Asked) -> None:
+    def _get_constraint(self, turn: Turn, request: IncomingRequest) -> None:
         """A USS of operators manages no constraints."""
-        self.server.answer(asked, 404, {"message": f"there is no constraint {asked.parameters['entityid']}"}, turn.out)
+        self.server.answer(
+            request, 404, {"message": f"there is no constraint {request.parameters['entityid']}"}, turn.out
+        )
 
-    def _take_report(self, turn: Turn, asked: Asked) -> None:
-        self.server.answer(asked, 201, file_report(turn, "decision.uss_report", asked), turn.out)
+    def _take_report(self, turn: Turn, request: IncomingRequest) -> None:
+        self.server.answer(request, 201, file_report(turn, "decision.uss_report", request), turn.out)
 
 
-_Handler = Callable[[PeerRequests, Turn, Asked], OperationalIntent | None]
+_Handler = Callable[[PeerRequests, Turn, IncomingRequest], OperationalIntent | None]
 _HANDLERS: Final[Mapping[Op, _Handler]] = {
     Op.GetOperationalIntentDetails: PeerRequests._get_details,
     Op.GetOperationalIntentTelemetry: PeerRequests._get_telemetry,

@@ -77,12 +77,13 @@ class Uss:
         limits: Limits,
         epoch: Epoch,
         journal: Journal[OwnIntent] | None = None,
-        own: Iterable[OwnIntent] = (),
+        earlier_intents: Iterable[OwnIntent] = (),
         constraints: bool = False,
     ) -> None:
-        """`uss` is what tokens call it; `base_url` where others reach it; `own` what it managed before a restart.
+        """`uss` is what tokens call it; `base_url` where others reach it.
 
-        `constraints` says whether it has the role of constraint processing.
+        `earlier_intents` are those that it managed before a restart; `constraints` says whether it
+        has the role of constraint processing.
         """
         self.name = name
         self.uss = uss
@@ -107,15 +108,15 @@ class Uss:
         self._processes_constraints = constraints
         self._queue = TaskQueue()
         self._task: Task | None = None
-        for one in own:
-            self._restore(one)
+        for earlier in earlier_intents:
+            self._restore_intent(earlier)
 
-    def _restore(self, own: OwnIntent) -> None:
+    def _restore_intent(self, earlier: OwnIntent) -> None:
         """Go on with an intent that it managed before a restart."""
-        self._intents.restore(own)
-        self._book.restore(own.intent.operator, own.intent.id)
-        if own.intent.state is IntentState.ENDED:
-            self._queue.add(Task(own.intent, None, ()))
+        self._intents.restore(earlier)
+        self._book.restore(earlier.intent.operator, earlier.intent.id)
+        if earlier.intent.state is IntentState.ENDED:
+            self._queue.add(Task(earlier.intent, None, ()))
 
     @property
     def bad_requests(self) -> int:
@@ -143,24 +144,24 @@ class Uss:
         self._intents.forget(now)
         for arrival in inbox:
             if arrival.port.link in self._approvals:
-                asked = self._book.read(arrival, out)
-                if asked is not None:
-                    self._queue.add(Task(asked.request.intent(self._epoch), asked, (asked.cause,)))
+                open_request = self._book.read(arrival, out)
+                if open_request is not None:
+                    self._queue.add(Task(open_request.request.intent(self._epoch), open_request, (open_request.cause,)))
             else:
                 self._on_frame(turn.caused_by(arrival.ref), arrival)
-        for call in self._caller.on_time(turn):
+        for call in self._caller.repeat_overdue(turn):
             self._on_failure(turn, call, f"does not answer {call.operation.value}")
         while self._task is None and (task := self._queue.take(now)) is not None:
-            self._begin(turn, task)
+            self._begin_task(turn, task)
         return out
 
     def _on_frame(self, turn: Turn, arrival: Arrival) -> None:
         try:
             frame = decode(arrival.payload)
             if isinstance(frame, UssRequest):
-                asked = self._server.read(turn, arrival, frame)
-                if asked is not None:
-                    self._end_outranked(turn, self._peer_requests.answer(turn, asked))
+                request = self._server.read(turn, arrival, frame)
+                if request is not None:
+                    self._end_outranked(turn, self._peer_requests.answer(turn, request))
                 return
             reply = self._caller.read(arrival, frame)
             if reply is not None:
@@ -177,10 +178,10 @@ class Uss:
             return
         if self._task is not None:
             self._task.relevant[intent.id] = None
-        overruled = self._overrule(intent, turn.causes)
+        overruled = self._overrule_own_intents(intent, turn.causes)
         tell_overruled(turn, ApprovalDecision(accepted=True, overruled=overruled), self._book, self._epoch)
 
-    def _overrule(self, intent: OperationalIntent, causes: Refs) -> tuple[Overruled, ...]:
+    def _overrule_own_intents(self, intent: OperationalIntent, causes: Refs) -> tuple[Overruled, ...]:
         """End the own intents that an intent outranks, but for those in flight."""
         overruled = []
         for other in self._intents.find_outranked(intent):
@@ -192,10 +193,10 @@ class Uss:
 
     # --- a task --------------------------------------------------------------------------------------------
 
-    def _begin(self, turn: Turn, task: Task) -> None:
-        intent, held = task.intent, self._intents.get(task.intent.id)
+    def _begin_task(self, turn: Turn, task: Task) -> None:
+        intent, known_intent = task.intent, self._intents.get(task.intent.id)
         managed = self._intents.own.get(intent.id)
-        if task.ends and task.asked is None and held is not None:
+        if task.ends and task.request is None and known_intent is not None:
             return  # its operator has claimed it anew
         self._task = task
         if self._intents.is_uncertain(intent.id):
@@ -205,22 +206,22 @@ class Uss:
             if managed is None:
                 self._finish_end(turn, task)
             else:
-                self._call_dss(turn, task, Op.DeleteOperationalIntentReference, more={"ovn": managed.ovn})
+                self._call_dss(turn, task, Op.DeleteOperationalIntentReference, parameters={"ovn": managed.ovn})
             return
-        if managed is not None and held == intent:
-            self._answer(turn, task, ApprovalDecision(accepted=True, ovn=managed.ovn, tracked=True))
+        if managed is not None and known_intent == intent:
+            self._answer_operator(turn, task, ApprovalDecision(accepted=True, ovn=managed.ovn, tracked=True))
             return
-        problem = find_problem(turn.now, intent, held.state if held is not None else None)
+        problem = find_problem(turn.now, intent, known_intent.state if known_intent is not None else None)
         if not problem and managed is None and intent.state in OFF_NOMINAL:
             problem = f"an intent that is unknown cannot become {intent.state.value}"
         if problem:
-            self._answer(turn, task, ApprovalDecision(accepted=False, reason=problem))
+            self._answer_operator(turn, task, ApprovalDecision(accepted=False, reason=problem))
         elif intent.state in OFF_NOMINAL:
-            self._put(turn, task)
+            self._put_reference(turn, task)
         else:
             task.listed.clear()
             for operation in self._queries:
-                area = {"area_of_interest": volume_body(self._area(task), self._epoch)}
+                area = {"area_of_interest": volume_body(self._query_area(task), self._epoch)}
                 self._call_dss(turn, task, operation, body=area)
 
     @property
@@ -230,7 +231,7 @@ class Uss:
             return (Op.QueryOperationalIntentReferences, Op.QueryConstraintReferences)
         return (Op.QueryOperationalIntentReferences,)
 
-    def _area(self, task: Task) -> Volume4D:
+    def _query_area(self, task: Task) -> Volume4D:
         return reach(task.intent.volumes, self._limits)
 
     def _on_reply(self, turn: Turn, reply: Reply) -> None:
@@ -243,7 +244,7 @@ class Uss:
             return  # its task was given up
         task.causes = (*task.causes[:1], reply.ref)
         if call.operation is Op.CreateOperationalIntentReference and 400 <= reply.status < 500 and call.tries == 1:
-            self._intents.lose_own(task.intent.id)
+            self._intents.remove_own(task.intent.id)
         if call.operation in _DETAILS:
             self._on_details(turn, task, reply)
         elif reply.status in (200, 201):
@@ -253,16 +254,16 @@ class Uss:
         elif reply.status == 404 and call.operation is Op.DeleteOperationalIntentReference:
             self._finish_end(turn, task)
         elif reply.status == 404 and call.operation is Op.GetOperationalIntentReference:  # the DSS has lost the intent
-            self._intents.lose_own(task.intent.id)
+            self._intents.remove_own(task.intent.id)
             task.refusal = ""
-            self._begin(turn, task)
+            self._begin_task(turn, task)
         else:
             refusal = f"DSS: {reply.body.get('message') or f'status {reply.status}'}"
             if reply.status == 400 and call.operation is Op.UpdateOperationalIntentReference and not task.refusal:
                 task.refusal = refusal  # perhaps because the DSS has lost the intent
                 self._call_dss(turn, task, Op.GetOperationalIntentReference)
             else:
-                self._fail(turn, task, refusal)
+                self._fail_task(turn, task, refusal)
 
     def _on_references(self, turn: Turn, task: Task, reply: Reply) -> None:
         """The DSS has told what may be in the way."""
@@ -274,16 +275,16 @@ class Uss:
             task.listed[reply.call.operation] = [IntentReference.of(reference, self._epoch) for reference in rows]
         if len(task.listed) < len(self._queries):
             return
-        found = [reference for operation in self._queries for reference in task.listed[operation]]
-        self._intents.lose_all_but((reference.id for reference in found), [self._area(task)])
-        for reference in found:
+        references = [reference for operation in self._queries for reference in task.listed[operation]]
+        self._intents.remove_others_but((reference.id for reference in references), [self._query_area(task)])
+        for reference in references:
             if reference.manager == self.uss:
-                self._expect_own(task, reference)
+                self._confirm_own(task, reference)
             else:
                 self._ask_for_details(turn, task, reference)
         self._decide_if_complete(turn, task)
 
-    def _expect_own(self, task: Task, reference: ConstraintReference) -> None:
+    def _confirm_own(self, task: Task, reference: ConstraintReference) -> None:
         """The DSS has an own intent that the key has to name."""
         task.relevant[reference.id] = None
         if isinstance(reference, IntentReference):
@@ -291,9 +292,12 @@ class Uss:
 
     def _ask_for_details(self, turn: Turn, task: Task, reference: ConstraintReference) -> None:
         """Ask the managing USS what an intent claims or a constraint closes, unless the version is known."""
-        known = self._intents.other(reference.id)
+        known_reference = self._intents.find_other(reference.id)
         task.relevant[reference.id] = None
-        if known is not None and (known.version, known.manager) == (reference.version, reference.manager):
+        if known_reference is not None and (known_reference.version, known_reference.manager) == (
+            reference.version,
+            reference.manager,
+        ):
             return
         peer = self._directory.find(reference.uss_base_url)
         if peer is None:
@@ -318,7 +322,7 @@ class Uss:
                 self._note_failure(turn, reference.manager, f"details: {error}")
                 self._assume_worst(task, reference)
         elif reply.status == 404:  # it has ended since the DSS was asked
-            self._intents.lose(reference.id)
+            self._intents.remove_other(reference.id)
             task.relevant.pop(reference.id, None)
         else:
             self._note_failure(turn, reference.manager, f"details: status {reply.status}")
@@ -334,23 +338,23 @@ class Uss:
         if (answered.id, answered.manager) != (reference.id, reference.manager):
             raise DecodeError("the details are those of another one")
         if isinstance(answered, IntentReference):
-            self._intents.learn(answered, IntentDetails.of(body["details"], self._epoch))
+            self._intents.store_intent(answered, IntentDetails.of(body["details"], self._epoch))
         else:
-            self._intents.learn_constraint(answered, volumes_of(body["details"]["volumes"], self._epoch))
+            self._intents.store_constraint(answered, volumes_of(body["details"]["volumes"], self._epoch))
 
     def _assume_worst(self, task: Task, reference: ConstraintReference) -> None:
         """Suppose what an intent claims whose USS does not tell: nothing if that is down and nobody flies, else the
         whole area; and that a constraint closes the whole area.
         """
         if not isinstance(reference, IntentReference):
-            self._intents.assume_constraint(reference, self._area(task))
+            self._intents.assume_constraint(reference, self._query_area(task))
             return
         is_down = reference.uss_availability is UssAvailabilityState.Down
         if is_down and reference.state is State.Accepted:
             task.relevant.pop(reference.id, None)
-            self._intents.lose(reference.id)
+            self._intents.remove_other(reference.id)
             return
-        self._intents.assume(reference, self._area(task), task.intent.priority + 1)
+        self._intents.assume_intent(reference, self._query_area(task), task.intent.priority + 1)
 
     def _decide_if_complete(self, turn: Turn, task: Task) -> None:
         if task.awaited:
@@ -358,12 +362,12 @@ class Uss:
         examined = self._intents.examine(task.intent)
         if examined.reason:
             rejection = ApprovalDecision(accepted=False, reason=examined.reason, alternatives=examined.alternatives)
-            self._answer(turn, task, rejection)
+            self._answer_operator(turn, task, rejection)
         else:
             task.outranked = len(examined.outranked)
-            self._put(turn, task)
+            self._put_reference(turn, task)
 
-    def _put(self, turn: Turn, task: Task) -> None:
+    def _put_reference(self, turn: Turn, task: Task) -> None:
         """Have the DSS accept the intent, with the OVNs of all that is known to be there."""
         intent, managed = task.intent, self._intents.own.get(task.intent.id)
         is_new = managed is None or not managed.ovn
@@ -371,53 +375,53 @@ class Uss:
             self._intents.announce(intent, self.uss, self._base_url)
         body = {
             "extents": [volume_body(volume, self._epoch) for volume in intent.volumes],
-            "key": self._intents.key(id_ for id_ in task.relevant if id_ != intent.id),
+            "key": self._intents.list_ovns(id_ for id_ in task.relevant if id_ != intent.id),
             "state": (State.Accepted if is_new else intent.state).value,  # the DSS takes no other first version
             "uss_base_url": self._base_url,
             "new_subscription": {"uss_base_url": self._base_url, "notify_for_constraints": self._processes_constraints},
         }
         operation = Op.CreateOperationalIntentReference if is_new else Op.UpdateOperationalIntentReference
-        more = {} if managed is None or is_new else {"ovn": managed.ovn}
-        self._call_dss(turn, task, operation, more=more, body=body)
+        parameters = {} if managed is None or is_new else {"ovn": managed.ovn}
+        self._call_dss(turn, task, operation, parameters=parameters, body=body)
 
     def _on_accepted(self, turn: Turn, task: Task, reply: Reply) -> None:
         reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
         task.is_new = reference.version == 1
         intent = replace(task.intent, state=IntentState(reference.state.value))
         self._intents.accept(intent, reference)
-        self._notify(turn, intent, reference, reply)
+        self._notify_subscribers(turn, intent, reference, reply)
         if intent.state is not task.intent.state:
-            self._put(turn, task)
+            self._put_reference(turn, task)
             return
-        overruled = self._overrule(intent, task.causes)
+        overruled = self._overrule_own_intents(intent, task.causes)
         accepted = ApprovalDecision(accepted=True, ovn=reference.ovn, tracked=True)
-        self._answer(turn, task, replace(accepted, overruled=overruled, conflicts=task.outranked))
+        self._answer_operator(turn, task, replace(accepted, overruled=overruled, conflicts=task.outranked))
 
     def _on_deleted(self, turn: Turn, task: Task, reply: Reply) -> None:
         reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
-        self._notify(turn, None, reference, reply)
+        self._notify_subscribers(turn, None, reference, reply)
         self._finish_end(turn, task)
 
     def _on_own_reference(self, turn: Turn, task: Task, reply: Reply) -> None:
         """The DSS has told the current version of an own intent."""
         if task.refusal:
-            self._fail(turn, task, task.refusal)
+            self._fail_task(turn, task, task.refusal)
             return
         reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
         if reference.manager == self.uss:
             self._intents.own[task.intent.id] = reference
-            self._begin(turn, task)
+            self._begin_task(turn, task)
         elif task.ends:
             self._finish_end(turn, task)
         else:
-            self._intents.lose_own(task.intent.id)
-            self._fail(turn, task, f"{task.intent.id} is an intent of {reference.manager}")
+            self._intents.remove_own(task.intent.id)
+            self._fail_task(turn, task, f"{task.intent.id} is an intent of {reference.manager}")
 
     def _on_conflict(self, turn: Turn, task: Task, reply: Reply) -> None:
         """The DSS knows intents that this USS does not, or another version of this one."""
         task.conflicts += 1
         if task.conflicts > MAX_CONFLICTS:
-            self._fail(turn, task, "others claim airspace there all the time")
+            self._fail_task(turn, task, "others claim airspace there all the time")
             return
         intents, constraints = (
             reply.body.get(name) or () for name in ("missing_operational_intents", "missing_constraints")
@@ -431,9 +435,9 @@ class Uss:
             return
         for reference in missing:
             if reference.manager == self.uss:
-                self._expect_own(task, reference)
+                self._confirm_own(task, reference)
             else:
-                self._intents.lose(reference.id)  # the version that was known is not the current one
+                self._intents.remove_other(reference.id)  # the version that was known is not the current one
                 self._ask_for_details(turn, task, reference)
         self._decide_if_complete(turn, task)
 
@@ -449,9 +453,9 @@ class Uss:
                 self._assume_worst(task, reference)
                 self._decide_if_complete(turn, task)
         else:
-            self._fail(turn, task, f"{name} {problem}")
+            self._fail_task(turn, task, f"{name} {problem}")
 
-    def _fail(self, turn: Turn, task: Task, reason: str) -> None:
+    def _fail_task(self, turn: Turn, task: Task, reason: str) -> None:
         """Nothing can be decided now: an end is tried again later; an operator may ask again for the same."""
         self._note_failure(turn.caused_by(*task.causes), task.intent.vehicle, reason)
         if task.ends:
@@ -460,20 +464,20 @@ class Uss:
             self._queue.add(task)
             return
         again = (Alternative(task.intent.volumes),) if task.intent.volumes else ()
-        self._answer(turn, task, ApprovalDecision(accepted=False, reason=reason[:256], alternatives=again))
+        self._answer_operator(turn, task, ApprovalDecision(accepted=False, reason=reason[:256], alternatives=again))
 
-    def _answer(self, turn: Turn, task: Task, decision: ApprovalDecision) -> None:
+    def _answer_operator(self, turn: Turn, task: Task, decision: ApprovalDecision) -> None:
         self._task = None
         if not decision.accepted and (task.is_new or self._intents.is_uncertain(task.intent.id)):
             self._queue.add(Task(self._intents.release(task.intent), None, task.causes))
-        if task.asked is not None:
-            answer_intent(turn, task.asked, decision, self._book, self._epoch)
+        if task.request is not None:
+            answer_intent(turn, task.request, decision, self._book, self._epoch)
 
     def _finish_end(self, turn: Turn, task: Task) -> None:
         self._task = None
         self._intents.end(task.intent.id)
-        if task.asked is not None:
-            answer_end(turn, task.asked, self._book)
+        if task.request is not None:
+            answer_end(turn, task.request, self._book)
 
     # --- the federation ------------------------------------------------------------------------------------
 
@@ -483,7 +487,7 @@ class Uss:
         task: Task,
         operation: Op,
         *,
-        more: Mapping[str, str] = NOTHING,
+        parameters: Mapping[str, str] = NOTHING,
         body: Mapping[str, Any] | None = None,
     ) -> None:
         off_nominal = task.intent.state in OFF_NOMINAL
@@ -491,11 +495,13 @@ class Uss:
         if self._processes_constraints:
             scopes.append(Scope.ConstraintProcessing)
         token = self._tokens.get(turn.now, self._dss.name, *(scope.value for scope in scopes))
-        parameters = {"entityid": task.intent.id, **more}
+        parameters = {"entityid": task.intent.id, **parameters}
         turn = turn.caused_by(*task.causes)
         task.calls.add(self._caller.call(turn, self._dss, operation, token=token, parameters=parameters, body=body))
 
-    def _notify(self, turn: Turn, intent: OperationalIntent | None, reference: IntentReference, reply: Reply) -> None:
+    def _notify_subscribers(
+        self, turn: Turn, intent: OperationalIntent | None, reference: IntentReference, reply: Reply
+    ) -> None:
         """Tell the subscribers of an intent, or of its end."""
         for subscriber in reply.body.get("subscribers") or ():
             peer = self._directory.find(subscriber["uss_base_url"])
@@ -503,7 +509,7 @@ class Uss:
                 continue  # its own, or a USS that it cannot reach
             body: dict[str, Any] = {"operational_intent_id": reference.id, "subscriptions": subscriber["subscriptions"]}
             if intent is not None:
-                body["operational_intent"] = self._intents.show(intent, reference)
+                body["operational_intent"] = self._intents.describe_own(intent, reference)
             token = self._tokens.get(turn.now, peer.name, Scope.StrategicCoordination.value)
             operation = Op.NotifyOperationalIntentDetailsChanged
             self._caller.call(turn, peer, operation, token=token, body=body)

@@ -49,21 +49,21 @@ class SharedIntents:
         """Forget intents that are long over."""
         for id_ in self._register.forget(now):
             self._others.pop(id_, None)
-            self.lose_own(id_)
+            self.remove_own(id_)
 
     def get(self, id_: str) -> OperationalIntent | None:
         """What an intent claims, if it is known."""
         return self._register.get(id_)
 
-    def other(self, id_: str) -> ConstraintReference | None:
+    def find_other(self, id_: str) -> ConstraintReference | None:
         """The reference of an intent or a constraint of another USS."""
         return self._others.get(id_)
 
     @property
     def own_intents(self) -> list[OperationalIntent]:
         """Own intents that claim airspace."""
-        found = (self._register.get(id_) for id_ in self.own)
-        return [one for one in found if one is not None]
+        intents = (self._register.get(id_) for id_ in self.own)
+        return [intent for intent in intents if intent is not None]
 
     def examine(self, intent: OperationalIntent) -> Examination:
         """What of all that is known is in the way of an intent, and alternatives to it."""
@@ -83,8 +83,8 @@ class SharedIntents:
             version=0,
             ovn="",
             uss_base_url=base_url,
-            start_ns=min(one.start_ns for one in intent.volumes),
-            end_ns=max(one.end_ns for one in intent.volumes),
+            start_ns=min(volume.start_ns for volume in intent.volumes),
+            end_ns=max(volume.end_ns for volume in intent.volumes),
             state=State.Accepted,
         )
         self.own[intent.id] = reference
@@ -97,19 +97,19 @@ class SharedIntents:
 
     def is_uncertain(self, id_: str) -> bool:
         """Whether the DSS may have an own intent or not."""
-        own = self.own.get(id_)
-        return own is not None and not own.ovn
+        reference = self.own.get(id_)
+        return reference is not None and not reference.ovn
 
     def accept(self, intent: OperationalIntent, reference: IntentReference) -> None:
         """The DSS has accepted a version of an own intent."""
         self.restore(OwnIntent(intent, reference))
         self._journal.put(OwnIntent(intent, reference))
 
-    def restore(self, own: OwnIntent) -> None:
+    def restore(self, own_intent: OwnIntent) -> None:
         """An own intent is known from before."""
-        self.own[own.intent.id] = own.reference
-        if own.intent.volumes:
-            self._register.put(own.intent)
+        self.own[own_intent.intent.id] = own_intent.reference
+        if own_intent.intent.volumes:
+            self._register.put(own_intent.intent)
 
     def release(self, intent: OperationalIntent) -> OperationalIntent:
         """Release the airspace of an own intent, which the DSS may still know; returns it as one that has ended."""
@@ -119,7 +119,7 @@ class SharedIntents:
             self._journal.put(OwnIntent(ended, self.own[intent.id]))
         return ended
 
-    def lose_own(self, id_: str) -> None:
+    def remove_own(self, id_: str) -> None:
         """The DSS does not have an own intent."""
         if self.own.pop(id_, None) is not None:
             self._journal.delete(id_)
@@ -127,20 +127,20 @@ class SharedIntents:
     def end(self, id_: str) -> None:
         """An own intent has ended."""
         self._register.remove(id_)
-        self.lose_own(id_)
+        self.remove_own(id_)
 
     def find_outranked(self, intent: OperationalIntent) -> list[OperationalIntent]:
         """Own intents that one of higher priority overlaps, and that are not flown outside their volumes."""
-        found = []
+        outranked = []
         for id_ in self._register.overlapping(intent.volumes, ignored=intent.id):
-            own = self._register.get(id_) if id_ in self.own else None
-            if own is not None and own.priority < intent.priority and own.state not in OFF_NOMINAL:
-                found.append(own)
-        return found
+            own_intent = self._register.get(id_) if id_ in self.own else None
+            if own_intent is not None and own_intent.priority < intent.priority and own_intent.state not in OFF_NOMINAL:
+                outranked.append(own_intent)
+        return outranked
 
     # --- those of others -----------------------------------------------------------------------------------
 
-    def learn(self, reference: IntentReference, details: IntentDetails) -> None:
+    def store_intent(self, reference: IntentReference, details: IntentDetails) -> None:
         """Know a version of an intent of another USS. Raises `DecodeError` for one without volumes."""
         volumes = (*details.volumes, *details.off_nominal_volumes)
         if not volumes:
@@ -152,7 +152,7 @@ class SharedIntents:
             OperationalIntent(reference.id, reference.manager, vehicle, volumes, details.priority, state)
         )
 
-    def learn_constraint(self, reference: ConstraintReference, volumes: Sequence[Volume4D]) -> None:
+    def store_constraint(self, reference: ConstraintReference, volumes: Sequence[Volume4D]) -> None:
         """Know a version of a constraint. Raises `DecodeError` for one without volumes."""
         if not volumes:
             raise DecodeError("a constraint without volumes")
@@ -161,32 +161,32 @@ class SharedIntents:
 
     def assume_constraint(self, reference: ConstraintReference, area: Volume4D) -> None:
         """Suppose that a constraint closes `area`, because its manager does not tell."""
-        self.learn_constraint(replace(reference, version=UNKNOWN_VERSION), [area])
+        self.store_constraint(replace(reference, version=UNKNOWN_VERSION), [area])
 
-    def assume(self, reference: IntentReference, area: Volume4D, priority: int) -> None:
+    def assume_intent(self, reference: IntentReference, area: Volume4D, priority: int) -> None:
         """Suppose that an intent claims `area`, because its USS does not tell; it is asked again the next time."""
-        self.learn(replace(reference, version=UNKNOWN_VERSION), IntentDetails((area,), (), priority))
+        self.store_intent(replace(reference, version=UNKNOWN_VERSION), IntentDetails((area,), (), priority))
 
-    def lose(self, id_: str) -> None:
+    def remove_other(self, id_: str) -> None:
         """Know an intent of another USS no more."""
         if self._others.pop(id_, None) is not None:
             self._register.remove(id_)
 
-    def lose_all_but(self, ids: Iterable[str], area: Sequence[Volume4D]) -> None:
+    def remove_others_but(self, ids: Iterable[str], area: Sequence[Volume4D]) -> None:
         """Know no other intents of others in an area than these, because the DSS knows no others."""
-        there = frozenset(ids)
+        kept_ids = frozenset(ids)
         for id_ in self._register.overlapping(area):
-            if id_ not in there:
-                self.lose(id_)
+            if id_ not in kept_ids:
+                self.remove_other(id_)
 
     # --- what is told --------------------------------------------------------------------------------------
 
-    def key(self, ids: Iterable[str]) -> list[str]:
+    def list_ovns(self, ids: Iterable[str]) -> list[str]:
         """The OVNs of the versions of intents and constraints that are known."""
         known = (self.own.get(id_) or self._others.get(id_) for id_ in ids)
-        return sorted(one.ovn for one in known if one is not None and one.ovn)
+        return sorted(reference.ovn for reference in known if reference is not None and reference.ovn)
 
-    def show(self, intent: OperationalIntent, reference: IntentReference) -> dict[str, Any]:
+    def describe_own(self, intent: OperationalIntent, reference: IntentReference) -> dict[str, Any]:
         """An own intent as JSON, for another USS."""
         off_nominal = intent.state in OFF_NOMINAL
         nominal, outside = ((), intent.volumes) if off_nominal else (intent.volumes, ())

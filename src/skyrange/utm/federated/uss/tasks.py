@@ -21,7 +21,7 @@ class Task:
     """A request of an operator, or the end of an intent that was overruled, in progress."""
 
     intent: OperationalIntent
-    asked: OpenRequest | None
+    request: OpenRequest | None
     causes: tuple[FrameId, ...]
     due: Time = 0
     """When it may begin."""
@@ -76,7 +76,7 @@ class TaskQueue:
     def add(self, task: Task) -> None:
         """Add a task."""
         if task.is_urgent:
-            self._tasks.insert(sum(1 for one in self._tasks if one.is_urgent), task)
+            self._tasks.insert(sum(1 for queued in self._tasks if queued.is_urgent), task)
         else:
             self._tasks.append(task)
 

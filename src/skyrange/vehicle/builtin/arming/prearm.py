@@ -68,13 +68,13 @@ def prearm_failures(
 ) -> Iterator[tuple[NDArray[np.bool_], str | Callable[[Vehicle], str]]]:
     """Return which of `rows` may not be armed, and why."""
     settings, watch = fleet.settings, fleet.checks
-    asked = settings["DID_OPTIONS"][rows].astype(np.int64) & _ENFORCE != 0
-    yield asked & (settings["DID_ENABLE"][rows] == 0), "OpenDroneID: DID_ENABLE must be 1"
-    yield asked & (watch["rid_id_type"][rows] == 0), "OpenDroneID: UA_TYPE required in BasicID"
-    yield asked & (watch["rid_operator"][rows] == 0), "OpenDroneID: operator location must be set"
-    yield asked & _is_stale(fleet, watch["rid_ns"][rows]), "OpenDroneID: ARM_STATUS not available"
-    yield asked & _is_stale(fleet, watch["rid_system_ns"][rows]), "OpenDroneID: SYSTEM not available"
-    yield asked & (watch["rid_status"][rows] != _GOOD), lambda vehicle: f"OpenDroneID: {vehicle.rid_error}"
+    required = settings["DID_OPTIONS"][rows].astype(np.int64) & _ENFORCE != 0
+    yield required & (settings["DID_ENABLE"][rows] == 0), "OpenDroneID: DID_ENABLE must be 1"
+    yield required & (watch["rid_id_type"][rows] == 0), "OpenDroneID: UA_TYPE required in BasicID"
+    yield required & (watch["rid_operator"][rows] == 0), "OpenDroneID: operator location must be set"
+    yield required & _is_stale(fleet, watch["rid_ns"][rows]), "OpenDroneID: ARM_STATUS not available"
+    yield required & _is_stale(fleet, watch["rid_system_ns"][rows]), "OpenDroneID: SYSTEM not available"
+    yield required & (watch["rid_status"][rows] != _GOOD), lambda vehicle: f"OpenDroneID: {vehicle.rid_error}"
 
 
 def _is_stale(fleet: Fleet, heard_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -186,7 +186,7 @@ def _compass_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
 def _gps_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
     """`gps_checks`: the receiver, where a position is required; then the estimate (`mandatory_gps_checks`)."""
     estimate, rows = fleet.estimate, inputs.rows
-    asked = inputs.check_enabled(ArmingCheck.GPS) & (inputs.requires_position | inputs.fence_requires_position)
+    enabled = inputs.check_enabled(ArmingCheck.GPS) & (inputs.requires_position | inputs.fence_requires_position)
     lost = (estimate["gnss_fix"][rows] < _FIX_3D) | (estimate["gnss_age_s"][rows] > _GNSS_LOST_S)
     away = estimate["pos"][rows, :2] - estimate["gnss_pos"][rows, :2]
     apart = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2)
@@ -197,11 +197,11 @@ def _gps_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
         return f"GPS and AHRS differ by {np.hypot(east, north):4.1f}m"
 
     return [
-        (asked & lost, "GPS 1: Bad fix"),
-        (asked & (fleet.checks["located"][rows] == 0), "AHRS: waiting for home"),
-        (asked & (apart > _MAX_GPS_AHRS_ERROR_M), describe),
+        (enabled & lost, "GPS 1: Bad fix"),
+        (enabled & (fleet.checks["located"][rows] == 0), "AHRS: waiting for home"),
+        (enabled & (apart > _MAX_GPS_AHRS_ERROR_M), describe),
         *_mandatory_gps_checks(fleet, inputs),
-        (asked & rough, "High GPS HDOP"),
+        (enabled & rough, "High GPS HDOP"),
     ]
 
 
@@ -225,8 +225,8 @@ def _mandatory_gps_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
 
 
 def _battery_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
-    asked = inputs.check_enabled(ArmingCheck.BATTERY)
-    return [(asked & bad, reason) for bad, reason in battery_monitor.prearm_failures(fleet, inputs.rows)]
+    enabled = inputs.check_enabled(ArmingCheck.BATTERY)
+    return [(enabled & bad, reason) for bad, reason in battery_monitor.prearm_failures(fleet, inputs.rows)]
 
 
 def _battery_failsafe_check(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
@@ -313,9 +313,11 @@ def update(fleet: Fleet) -> None:
         return
     inputs = gather_inputs(fleet, rows)
     every = inputs.bits != 0
-    found = _run_selected(fleet, inputs, CHECKS, every) + _run_selected(fleet, inputs, MANDATORY_CHECKS, ~every)
+    failures_by_check = _run_selected(fleet, inputs, CHECKS, every) + _run_selected(
+        fleet, inputs, MANDATORY_CHECKS, ~every
+    )
     failing = np.zeros(rows.size, dtype=bool)
-    for reasons in found:
+    for reasons in failures_by_check:
         for bad, _ in reasons:
             failing |= bad
     since_report_ns = fleet.now - watch["prearm_reported_ns"][rows]
@@ -325,7 +327,7 @@ def update(fleet: Fleet) -> None:
     watch["prearm_urgent"][rows[due]] = 0
     quiet = fleet.settings["ARMING_OPTIONS"][rows].astype(np.int64) & _DISABLE_DISPLAY != 0
     for place in np.flatnonzero(failing & due & ~quiet).tolist():
-        _send_failures(fleet, fleet.vehicles[rows[place]], place, found, "PreArm", ())
+        _send_failures(fleet, fleet.vehicles[rows[place]], place, failures_by_check, "PreArm", ())
     watch["prearm_urgent"][rows[failing & (watch["prearm_ok"][rows] != 0)]] = 1
     watch["prearm_ok"][rows] = ~failing
 
@@ -333,18 +335,20 @@ def update(fleet: Fleet) -> None:
 def report_failures(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> None:
     """Report what prevents arming, if anything does."""
     inputs = gather_inputs(fleet, np.array([vehicle.row]))
-    found = _run_selected(fleet, inputs, CHECKS if inputs.bits[0] else MANDATORY_CHECKS, np.ones(1, dtype=bool))
-    _send_failures(fleet, vehicle, 0, found, "PreArm", causes)
+    failures_by_check = _run_selected(
+        fleet, inputs, CHECKS if inputs.bits[0] else MANDATORY_CHECKS, np.ones(1, dtype=bool)
+    )
+    _send_failures(fleet, vehicle, 0, failures_by_check, "PreArm", causes)
 
 
 def run_checks(fleet: Fleet, vehicle: Vehicle, causes: Causes, *, forced: bool) -> bool:
     """Run the checks for an aircraft to be armed now and report failures; if `forced`, only the mandatory ones."""
     inputs = gather_inputs(fleet, np.array([vehicle.row]))
     few = forced or inputs.bits[0] == 0
-    found = _run_selected(fleet, inputs, MANDATORY_CHECKS if few else CHECKS, np.ones(1, dtype=bool))
-    failing = any(bad[0] for reasons in found for bad, _ in reasons)
+    failures_by_check = _run_selected(fleet, inputs, MANDATORY_CHECKS if few else CHECKS, np.ones(1, dtype=bool))
+    failing = any(bad[0] for reasons in failures_by_check for bad, _ in reasons)
     if failing:
-        _send_failures(fleet, vehicle, 0, found, "Arm", causes)
+        _send_failures(fleet, vehicle, 0, failures_by_check, "Arm", causes)
     return not failing
 
 
@@ -358,10 +362,10 @@ def _run_selected(
 
 
 def _send_failures(
-    fleet: Fleet, vehicle: Vehicle, place: int, found: list[list[Failure]], head: str, causes: Causes
+    fleet: Fleet, vehicle: Vehicle, place: int, failures_by_check: list[list[Failure]], head: str, causes: Causes
 ) -> None:
     """Send the first failure of every failing check as STATUSTEXT."""
-    for reasons in found:
+    for reasons in failures_by_check:
         reason = next((reason for bad, reason in reasons if bad[place]), None)
         if reason is not None:
             text = reason if isinstance(reason, str) else reason(vehicle)

@@ -160,10 +160,10 @@ class GainSets:
         """Apply changed parameters; `dt_s` is the step that the gains are computed for."""
         if dt_s == self._dt_s and now % UPDATE_NS != 0:
             return
-        seen = self._settings.tobytes()
-        if dt_s == self._dt_s and seen == self._applied:
+        settings = self._settings.tobytes()
+        if dt_s == self._dt_s and settings == self._applied:
             return
-        self._applied, self._dt_s = seen, dt_s
+        self._applied, self._dt_s = settings, dt_s
         keys = np.hstack(
             [self._settings.view(np.uint8).reshape(len(self.set_index), -1), self._frames.view(np.uint8).reshape(-1, 8)]
         )

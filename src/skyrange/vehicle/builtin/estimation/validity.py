@@ -32,13 +32,13 @@ def has_position(fleet: Fleet, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
     watch = fleet.checks
     armed = fleet.flight["armed"][rows] != 0
     reckons = (watch["dr_active"][rows] != 0) & (watch["dr_timed_out"][rows] == 0)
-    good = np.where(
+    is_valid = np.where(
         armed,
         (status & _CONST == 0) & ((status & _ABS != 0) | (reckons & (status & _REL != 0))),
         (status & (_ABS | _PRED_ABS) != 0) | (reckons & (status & _PRED_REL != 0)),
     )
     finite = np.isfinite(fleet.estimate["pos"][rows]).all(axis=1) & np.isfinite(fleet.estimate["vel"][rows]).all(axis=1)
-    return np.asarray(good & finite & (watch["ekf_failsafe"][rows] == 0))
+    return np.asarray(is_valid & finite & (watch["ekf_failsafe"][rows] == 0))
 
 
 def has_altitude(fleet: Fleet, rows: NDArray[np.int64]) -> NDArray[np.bool_]:

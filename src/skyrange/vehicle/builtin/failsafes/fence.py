@@ -203,9 +203,9 @@ def on_breach(fleet: Fleet, vehicle: Vehicle) -> None:
     kinds = int(state["new_breaches"][row])
     if int(state["breach_ns"][row]) == fleet.now and fleet.now - int(state["status_sent_ns"][row]) > _NOTIFY_NS:
         state["status_sent_ns"][row] = fleet.now
-        told = build_message(fleet, vehicle, dialect.MAVLINK_MSG_ID_FENCE_STATUS)
-        if told is not None:
-            fleet.send(vehicle, told)
+        message = build_message(fleet, vehicle, dialect.MAVLINK_MSG_ID_FENCE_STATUS)
+        if message is not None:
+            fleet.send(vehicle, message)
     if not fleet.armed(vehicle):
         return
     fence.send_fence_message(fleet, vehicle, "breached", 0 if fleet.landed(vehicle) else kinds)

@@ -37,8 +37,8 @@ def parse_query(name: str) -> ParamQuery:
     file, _, question = name.partition("?")
     if file != NAME:
         raise fail(errno.ENOENT)
-    asked = {key: _leading_number(text) for key, _, text in (part.partition("=") for part in question.split("&"))}
-    query = ParamQuery(asked.get("start", 0), asked.get("count", 0), asked.get("withdefaults", 0))
+    numbers = {key: _leading_number(text) for key, _, text in (part.partition("=") for part in question.split("&"))}
+    query = ParamQuery(numbers.get("start", 0), numbers.get("count", 0), numbers.get("withdefaults", 0))
     if query.start >= _LIMIT or query.most >= _LIMIT or query.defaults > 1:
         raise fail(errno.EINVAL)
     return query

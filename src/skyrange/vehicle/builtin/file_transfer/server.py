@@ -184,9 +184,9 @@ def _list_directory(vehicle: Vehicle, request: Transfer) -> bytes:
     """The entries of a directory from the offset on that fit (`ftp_list_dir`, `gen_dir_entry`)."""
     path = _path(request)
     path = path.removesuffix("/") or path
-    told = [line for line in map(_line, vehicle.card.list_directory(_on_card(path))) if len(line) <= DATA_BYTES]
+    lines = [line for line in map(_line, vehicle.card.list_directory(_on_card(path))) if len(line) <= DATA_BYTES]
     out = b""
-    for line in told[request.offset :]:
+    for line in lines[request.offset :]:
         if len(out) + len(line) >= DATA_BYTES:
             break
         out += line + b"\0"

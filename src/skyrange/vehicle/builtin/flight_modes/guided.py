@@ -109,8 +109,8 @@ def on_position_target_global(
 def in_guided_mode(vehicle: Vehicle) -> bool:
     """Whether it obeys targets: in GUIDED, and in AUTO where the mission asks for them (`in_guided_mode`)."""
     item = vehicle.active_item
-    asked = item is not None and item.command in GUIDED_COMMANDS
-    return vehicle.mode == Mode.GUIDED or (vehicle.mode == Mode.AUTO and asked)
+    takes_targets = item is not None and item.command in GUIDED_COMMANDS
+    return vehicle.mode == Mode.GUIDED or (vehicle.mode == Mode.AUTO and takes_targets)
 
 
 def _to_enu(fleet: Fleet, vehicle: Vehicle, frame: int, x: float, y: float, z: float) -> Vector:
@@ -129,13 +129,13 @@ def is_sane(vector: Vector | None, most: float) -> bool:
 def _set_target(fleet: Fleet, vehicle: Vehicle, target: _Target, causes: Causes, mask: int) -> None:
     """Fly the requested combination of fields; stop where it is invalid or has a value that is not a number."""
     position, velocity, accel, yaw, yaw_rate, relative = target
-    good = (
+    is_valid = (
         is_sane(position, MAX_POSITION_M) and is_sane(velocity, _MAX_VELOCITY_MPS) and is_sane(accel, _MAX_VELOCITY_MPS)
     )
-    good = good and all(part is None or math.isfinite(part) for part in (yaw, yaw_rate))
+    is_valid = is_valid and all(part is None or math.isfinite(part) for part in (yaw, yaw_rate))
     forced = bool(mask & _FORCE) and accel is not None
     alone = position is not None and velocity is None and accel is not None
-    if not good or forced or alone or (position is None and velocity is None and accel is None):
+    if not is_valid or forced or alone or (position is None and velocity is None and accel is None):
         stop_and_hold(fleet, vehicle, causes)
         return
     if (

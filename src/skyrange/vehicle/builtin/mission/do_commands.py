@@ -189,14 +189,14 @@ def seconds_until_utc(fleet: Fleet, vehicle: Vehicle, hour: float, minute: float
     The first part that is not -1 says how often the time comes: each day, each hour or each minute. A later -1 counts
     as a number.
     """
-    asked = (int(hour), int(minute), int(second))
-    first = next((place for place, part in enumerate(asked) if part != -1), None)
+    requested = (int(hour), int(minute), int(second))
+    first = next((place for place, part in enumerate(requested) if part != -1), None)
     if first is None or not fleet.clocks.known[vehicle.row]:
         return 0.0
     now_ms = int(fleet.clocks.utc_us(np.array([vehicle.row]), fleet.now)[0]) // 1000
     now = (now_ms // 3_600_000 % 24, now_ms // 60_000 % 60, now_ms // 1000 % 60)
     left_ms = -(now_ms % 1000)
-    for part_ms, ask, part in list(zip(_PARTS_MS, asked, now, strict=True))[first:]:
+    for part_ms, ask, part in list(zip(_PARTS_MS, requested, now, strict=True))[first:]:
         left_ms += (ask - part) * part_ms
     if left_ms < 0:
         left_ms += _PERIODS_MS[first]

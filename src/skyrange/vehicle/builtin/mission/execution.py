@@ -124,8 +124,8 @@ def set_current_cmd(fleet: Fleet, vehicle: Vehicle, seq: int) -> bool:
     if vehicle.mission_state == MissionState.ACTIVE and vehicle.mode == Mode.AUTO and fleet.armed(vehicle):
         _advance_nav_command(fleet, vehicle, seq)
         return vehicle.active_item is not None
-    found = next_nav_command(vehicle, seq)
-    if found is None:
+    nav_command = next_nav_command(vehicle, seq)
+    if nav_command is None:
         return False
     vehicle.current = seq
     if vehicle.mission_state != MissionState.ACTIVE:
@@ -156,7 +156,7 @@ def on_mission_changed(fleet: Fleet, vehicle: Vehicle) -> None:
 
 def _upcoming_commands(vehicle: Vehicle) -> tuple[object, ...]:
     """Return the contents of the navigation command in progress and of the two after it."""
-    found: list[object] = []
+    commands: list[object] = []
     seq: int | None = vehicle.current
     for _ in range(_CHANGE_DETECT_COMMANDS):
         seq = None if seq is None else next_nav_command(vehicle, seq)
@@ -164,9 +164,9 @@ def _upcoming_commands(vehicle: Vehicle) -> tuple[object, ...]:
             break
         item = vehicle.mission[seq]
         place = (item.x, item.y, item.z)
-        found.append((seq, item.command, item.frame, item.param1, item.param2, item.param3, item.param4, place))
+        commands.append((seq, item.command, item.frame, item.param1, item.param2, item.param3, item.param4, place))
         seq += 1
-    return tuple(found)
+    return tuple(commands)
 
 
 def on_event(fleet: Fleet, vehicle: Vehicle, flag: FlightEvent) -> None:
@@ -246,10 +246,10 @@ def _advance_nav_command(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
             fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, f"Mission: {jump} Jump {made}/{most}")
 
     for _ in range(MAX_COMMANDS):
-        found = next_command(vehicle, seq, jumped, count=True)
-        if found is None:
+        following = next_command(vehicle, seq, jumped, count=True)
+        if following is None:
             break
-        place = found
+        place = following
         item = vehicle.mission[place]
         if item.command in NAV_COMMANDS:
             vehicle.current = place
@@ -364,7 +364,7 @@ def nearest_start(fleet: Fleet, vehicle: Vehicle) -> int | None:
     One without a place is at the navigation command behind it.
     """
     here = wpnav.stopping_point_of(fleet.estimate, fleet.flight, fleet.settings, vehicle.row)
-    found, least = None, math.inf
+    nearest, least = None, math.inf
     for seq, item in enumerate(vehicle.mission):
         if seq == 0 or item.command != DO_LAND_START:
             continue
@@ -376,9 +376,9 @@ def nearest_start(fleet: Fleet, vehicle: Vehicle) -> int | None:
             continue
         place = locations.to_enu(fleet, vehicle, placed.frame, placed.x, placed.y, placed.z)
         away = math.inf if place is None else math.dist(place, here)
-        if found is None or away < least:
-            found, least = seq, away
-    return found
+        if nearest is None or away < least:
+            nearest, least = seq, away
+    return nearest
 
 
 def jump_to_start(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:

@@ -54,16 +54,16 @@ def jump_target(vehicle: Vehicle, item: MissionItem) -> int:
 
 def find_tag(vehicle: Vehicle, tag: int) -> int:
     """Return the first item that sets a tag, 0 without one (AP_Mission::get_index_of_jump_tag)."""
-    found = (n for n, item in enumerate(vehicle.mission) if n and item.command == JUMP_TAG and int(item.param1) == tag)
-    return next(found, 0)
+    tagged = (n for n, item in enumerate(vehicle.mission) if n and item.command == JUMP_TAG and int(item.param1) == tag)
+    return next(tagged, 0)
 
 
 def is_takeoff_next(vehicle: Vehicle, seq: int) -> bool:
     """Whether a take-off is flown from `seq` on, after delays at most (AP_Mission::is_takeoff_next)."""
     for first in range(seq, seq + _MAX_PLACES):
-        found = next_nav_command(vehicle, first)
-        if found is None or vehicle.mission[found].command != NAV_DELAY:
-            return found is not None and vehicle.mission[found].command in TAKEOFFS
+        nav_command = next_nav_command(vehicle, first)
+        if nav_command is None or vehicle.mission[nav_command].command != NAV_DELAY:
+            return nav_command is not None and vehicle.mission[nav_command].command in TAKEOFFS
     return False
 
 
@@ -74,13 +74,13 @@ def next_nav_command(vehicle: Vehicle, seq: int) -> int | None:
     that is flown: it then stops at a waypoint that it will leave in another direction (AP_Mission::get_next_nav_cmd).
     """
     for first in range(seq, len(vehicle.mission)):
-        found = next_command(vehicle, first, count=False)
-        if found is None or vehicle.mission[found].command in NAV_COMMANDS:
-            return found
+        following = next_command(vehicle, first, count=False)
+        if following is None or vehicle.mission[following].command in NAV_COMMANDS:
+            return following
     return None
 
 
 def next_do_command(vehicle: Vehicle, seq: int) -> int | None:
     """Return the DO command at or after a place, `None` where a navigation command is next (get_next_do_cmd)."""
-    found = next_command(vehicle, seq, count=False)
-    return None if found is None or vehicle.mission[found].command in NAV_COMMANDS else found
+    following = next_command(vehicle, seq, count=False)
+    return None if following is None or vehicle.mission[following].command in NAV_COMMANDS else following

@@ -275,8 +275,8 @@ def on_clear_all(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, cause
     kind = _item_type(fleet, vehicle, message, peer)
     if kind is None:
         return
-    mine = _cancel_upload(fleet, vehicle, peer, kind)  # during another peer's upload: a denial, then an error
-    result = ACCEPTED if mine and kind.clear_items(fleet, vehicle, causes) else dialect.MAV_MISSION_ERROR
+    is_own_upload = _cancel_upload(fleet, vehicle, peer, kind)  # during another peer's upload: a denial, then an error
+    result = ACCEPTED if is_own_upload and kind.clear_items(fleet, vehicle, causes) else dialect.MAV_MISSION_ERROR
     _send_ack(fleet, vehicle, peer, result, kind.mission_type, causes)
 
 

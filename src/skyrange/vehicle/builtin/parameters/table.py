@@ -131,15 +131,17 @@ def initial_values(who: str, airframe: Airframe, system_id: int, given: Mapping[
     """
     values: dict[str, float] = {"SYSID_THISMAV": system_id}
     problems = []
-    taken: dict[str, str] = {}
+    names_by_parameter: dict[str, str] = {}
     for name, value in given.items():
         known = canonical_name(name)
         parameter = PARAMETERS[INDEX[known]] if known in INDEX else None
         shown = f"{name} ({known})" if known != name else name
         if parameter is None:
             problems.append(Problem(name, str(value), "a parameter of the builtin autopilot", nearest(name, INDEX)))
-        elif known in taken:
-            problems.append(Problem(shown, str(value), f"given once; {taken[known]} is the same parameter"))
+        elif known in names_by_parameter:
+            problems.append(
+                Problem(shown, str(value), f"given once; {names_by_parameter[known]} is the same parameter")
+            )
         elif not (math.isfinite(value) and parameter.low <= to_canonical(name, value) <= parameter.high):
             low, high = from_canonical(name, parameter.low), from_canonical(name, parameter.high)
             problems.append(Problem(shown, str(value), f"{low:g} to {high:g} ({parameter.meaning})"))
@@ -147,7 +149,7 @@ def initial_values(who: str, airframe: Airframe, system_id: int, given: Mapping[
             problems.append(Problem(shown, str(value), "the vehicle's system_id, which sets it"))
         else:
             values[known] = to_canonical(name, value)
-        taken.setdefault(known, name)
+        names_by_parameter.setdefault(known, name)
     if problems:
         raise InputError(f"params of {who}", problems)
     stored = np.array(_stored_defaults(airframe))

@@ -80,8 +80,8 @@ def heading_cdeg_of(yaw: float) -> int:
 
 def finite_or_zeros(values: Floats) -> Floats:
     """Return the numbers, 0 where they are not finite."""
-    found: Floats = np.where(np.isfinite(values), values, 0.0)
-    return found
+    finite: Floats = np.where(np.isfinite(values), values, 0.0)
+    return finite
 
 
 def gather_from_vehicles(fleet: Fleet, rows: Ints, read: Callable[[Any], Any], dtype: str = "i8") -> NDArray[Any]:
@@ -124,5 +124,5 @@ def msl_mm(fleet: Fleet, up: Floats) -> Floats:
 
 def home_positions(fleet: Fleet, rows: Ints) -> Floats:
     """Return (n, 3) home positions, ENU metres."""
-    found: Floats = fleet.checks["home"][rows]
-    return found
+    homes: Floats = fleet.checks["home"][rows]
+    return homes

@@ -150,8 +150,8 @@ def _fill_global_position_int(  # noqa: PLR0917
 def vfr_hud(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """VFR_HUD; without an airspeed sensor `airspeed` is the receiver's ground speed."""
     e, f = fleet.estimate, fleet.flight
-    vel, seen = e["vel"][rows], columns.finite_or_zeros(e["gnss_vel"][rows])
-    out["airspeed"] = np.hypot(seen[:, 0], seen[:, 1])
+    vel, gnss_vel = e["vel"][rows], columns.finite_or_zeros(e["gnss_vel"][rows])
+    out["airspeed"] = np.hypot(gnss_vel[:, 0], gnss_vel[:, 1])
     out["groundspeed"] = np.hypot(vel[:, 0], vel[:, 1])
     out["heading"] = columns.heading_cdeg(e["yaw"][rows]) // 100
     out["throttle"] = np.where(f["armed"][rows] == 1, clip_to_field(f["throttle"][rows] * 100.0, 100, 0), 0)
@@ -257,9 +257,9 @@ def position_target_local_ned(fleet: Fleet, rows: Ints, out: MessageTable) -> No
     _fill_ned(out, ("afx", "afy", "afz"), f["target_acc"][rows], pushed)
 
 
-def _fill_ned(out: MessageTable, names: tuple[str, str, str], enu: Floats, said: NDArray[np.bool_]) -> None:
+def _fill_ned(out: MessageTable, names: tuple[str, str, str], enu: Floats, is_known: NDArray[np.bool_]) -> None:
     for name, metres in zip(names, (enu[:, 1], enu[:, 0], -enu[:, 2]), strict=True):
-        out[name] = np.where(said, metres, 0.0)
+        out[name] = np.where(is_known, metres, 0.0)
 
 
 def has_local_target(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
@@ -322,8 +322,8 @@ def _centimetres(metres: Floats) -> Floats:
     centimetre more.
     """
     centimetres = np.trunc(metres * 100.0)
-    found: Floats = np.where(centimetres == _UNKNOWN_CM, _UNKNOWN_CM + 1.0, centimetres) * 0.01
-    return found
+    heights: Floats = np.where(centimetres == _UNKNOWN_CM, _UNKNOWN_CM + 1.0, centimetres) * 0.01
+    return heights
 
 
 def _accuracy_codes(limits: Floats, errors: Floats) -> Ints:

@@ -130,21 +130,21 @@ class Schedule:
         ends = np.empty(_SENT, dtype=np.int64)
         _take_due(self.due, self.interval, self.soonest, picked, fleet.now, rows, ends)
         self._next = int(self.soonest.min())
-        found: list[tuple[int, Ints]] = []
+        due_rows: list[tuple[int, Ints]] = []
         start = 0
         for message, end in zip(_IN_ORDER, ends.tolist(), strict=True):
             if end > start:
-                those = rows[start:end]
+                message_rows = rows[start:end]
                 if message in AVAILABLE:
-                    those = those[AVAILABLE[message](fleet, those)]
-                if len(those):
-                    found.append((message, those))
+                    message_rows = message_rows[AVAILABLE[message](fleet, message_rows)]
+                if len(message_rows):
+                    due_rows.append((message, message_rows))
             start = end
         batches = []
-        for message, those in found:
-            sequences = np.empty(len(those), dtype=np.int64)
-            assign_sequence_numbers(those, fleet.sequences, sequences)
-            batches.append(Batch(message, those, build_table(fleet, message, those), sequences))
+        for message, message_rows in due_rows:
+            sequences = np.empty(len(message_rows), dtype=np.int64)
+            assign_sequence_numbers(message_rows, fleet.sequences, sequences)
+            batches.append(Batch(message, message_rows, build_table(fleet, message, message_rows), sequences))
         return batches
 
     def send_due(self, fleet: Fleet) -> None:
@@ -253,8 +253,8 @@ def on_request_data_stream(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, m
     if message.start_stop > 1:
         return
     # ArduPilot stores the rate as a signed 16-bit integer: a larger one is negative, and nothing is sent
-    asked = message.req_message_rate if message.start_stop == 1 else 0
-    rate = asked if asked <= 32_767 else 0
+    requested_hz = message.req_message_rate if message.start_stop == 1 else 0
+    rate = requested_hz if requested_hz <= 32_767 else 0
     chosen = STREAMS if message.req_stream_id == mav.MAV_DATA_STREAM_ALL else (message.req_stream_id,)
     for stream in chosen:
         if stream not in STREAMS:

@@ -327,10 +327,10 @@ def autopilot_version(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
 
 def mission_current(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """MISSION_CURRENT; the total excludes home."""
-    told = gather_from_vehicles(fleet, rows, _mission_progress).reshape(len(rows), 4)
-    out["seq"], out["total"] = told[:, 0], told[:, 1]
-    out["mission_state"] = told[:, 2]
-    out["mission_mode"] = told[:, 3] == _AUTO
+    progress = gather_from_vehicles(fleet, rows, _mission_progress).reshape(len(rows), 4)
+    out["seq"], out["total"] = progress[:, 0], progress[:, 1]
+    out["mission_state"] = progress[:, 2]
+    out["mission_mode"] = progress[:, 3] == _AUTO
 
 
 def _mission_progress(vehicle: Any) -> tuple[int, int, int, int]:

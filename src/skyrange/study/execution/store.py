@@ -1,0 +1,222 @@
+"""Store of a plan: a folder that says what is flown, with a file for each block that is finished.
+
+plan.json                what is flown, its digest, and the version of skyrange that began it
+blocks/NAME.json         the result of a block, written last: what is here is whole
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from skyrange.contracts.plugins.registry import loaded_paths
+from skyrange.core.errors import InputError
+from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, parse_json, read_input
+from skyrange.record.folder import make_new_folder
+from skyrange.study.execution.plan import RunPlan
+
+FORMAT: Final = "skyrange.plan/1"
+MANIFEST: Final = "plan.json"
+BLOCKS: Final = "blocks"
+"""Folder of a file for each finished block."""
+_BLOCK_FORMAT: Final = "skyrange.block/3"
+_LOCK: Final = ".lock"
+
+
+class BlockResult(NamedTuple):
+    """What is known of a block that was flown."""
+
+    name: str
+    runs: int
+    failed: int
+    errors: tuple[str, ...]
+    wall_s: float
+    """Of everything."""
+    flight_s: float
+    """Of the flights themselves."""
+    disk_bytes: int
+    """What its kept files take."""
+    remarks: tuple[str, ...] = ()
+    """What a user should know of the flights, beside errors."""
+
+
+@dataclass(frozen=True)
+class RunStore:
+    """The folder of a plan. `manifest` is its `plan.json`, empty in a folder of single blocks."""
+
+    path: Path
+    manifest: Mapping[str, Any]
+
+    @property
+    def kind(self) -> str:
+        """The kind of plan: pair, compare, matrix or study."""
+        return str(self.manifest["kind"])
+
+    @property
+    def name(self) -> str:
+        """The name of what is flown."""
+        return str(self.manifest["name"])
+
+    @property
+    def plugins(self) -> list[Path]:
+        """The plugin files that were loaded when it was begun."""
+        return [Path(path) for path in self.manifest["plugins"]]
+
+    @property
+    def digest(self) -> str:
+        """The digest of the plan as it was begun, whatever has become of its files since."""
+        return str(self.manifest["digest"])
+
+    @property
+    def version(self) -> str:
+        """The version of skyrange that began it."""
+        return str(self.manifest["skyrange"])
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What the command was told."""
+        return dict(self.manifest["told"])
+
+    def finished(self) -> set[str]:
+        """The names of the blocks that are finished."""
+        folder = self.path / BLOCKS
+        return {path.relative_to(folder).with_suffix("").as_posix() for path in folder.rglob("*.json")}
+
+    def read(self, name: str) -> tuple[BlockResult, Any]:
+        """The result of a finished block, and what it measured. Raises `InputError` for a damaged file."""
+        path = self._file(name)
+        try:
+            stored: dict[str, Any] = json.loads(read_input(path, "study", max_bytes=MAX_RECORD_BYTES))
+            block_format = stored.pop("format")
+            if block_format != _BLOCK_FORMAT:
+                raise ValueError(f"the format {block_format!r}")
+            data = stored.pop("data")
+            for name in {"errors", "remarks"} & stored.keys():
+                stored[name] = tuple(stored[name])
+            return BlockResult(**stored), data
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            expected = f"the file of a block, {_BLOCK_FORMAT}"
+            raise InputError.one("study", str(path), str(error), expected, "Delete it and resume.") from error
+
+    def write(self, result: BlockResult, data: Any) -> None:
+        """Write the file of a finished block: it is there as a whole or not at all."""
+        path = self._file(result.name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(path) as file:
+            content = {"format": _BLOCK_FORMAT, **result._asdict(), "data": data}
+            file.write(json.dumps(content, allow_nan=True).encode())
+
+    def forget(self, name: str) -> None:
+        """Count a block as not finished, so that it is flown again."""
+        self._file(name).unlink()
+
+    def list_failures(self) -> list[BlockResult]:
+        """The finished blocks with failed runs, in order of their names."""
+        results = (self.read(name)[0] for name in sorted(self.finished()))
+        return [result for result in results if result.failed]
+
+    def _file(self, name: str) -> Path:
+        return self.path / BLOCKS / f"{name}.json"
+
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Hold the folder: `InputError` if another process, or a worker of one, flies its blocks.
+
+        Forked workers inherit the lock, so that it is held until the last of them has ended.
+        """
+        import fcntl
+
+        with (self.path / _LOCK).open("w") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                expected = "a folder in which no other process is flying"
+                raise InputError.one("study", "folder", str(self.path), expected, "Wait for it, or end it.") from error
+            yield
+
+    def require_version(self) -> None:
+        """Raise `InputError` if skyrange has changed since the plan was begun."""
+        now = version("skyrange")
+        if now not in (self.version, *self.manifest.get("also", ())):
+            hint = "Runs of two versions may differ: install that version, or say resume --other-version to mix them."
+            raise InputError.one(str(self.path), "skyrange", now, f"version {self.version}, which began it", hint)
+
+    def allow_version(self) -> RunStore:
+        """Let this version of skyrange go on with the plan, whichever began it: `also` in `plan.json` has it."""
+        versions = dict.fromkeys([*self.manifest.get("also", ()), version("skyrange")])
+        allowed = RunStore(self.path, {**self.manifest, "also": [other for other in versions if other != self.version]})
+        allowed._write_manifest()
+        return allowed
+
+    def _write_manifest(self) -> None:
+        with atomic_write(self.path / MANIFEST) as file:
+            file.write(f"{json.dumps(dict(self.manifest), indent=1)}\n".encode())
+
+
+def create_store(plan: RunPlan, path: Path) -> RunStore:
+    """Make the folder of a plan. Raises `InputError` if it is not new or empty, or an input file cannot be read."""
+    manifest = {
+        "format": FORMAT,
+        "kind": plan.kind,
+        "name": plan.name,
+        "digest": plan.digest(),
+        "skyrange": version("skyrange"),
+        "blocks": len(plan.blocks),
+        "plugins": [str(plugin) for plugin in loaded_paths()],
+        "told": plan.tell(),
+    }
+    folder = make_new_folder(path)
+    (folder / BLOCKS).mkdir()
+    store = RunStore(folder, manifest)
+    store._write_manifest()
+    return store
+
+
+def open_store(path: Path, kind: str | None = None) -> RunStore:
+    """The store in a folder; with `kind`, of a plan of that kind. Raises `InputError` if there is none."""
+    who = str(path)
+    manifest = path / MANIFEST
+    if not manifest.is_file():
+        hint = "skyrange pair, compare, matrix and study run make one."
+        raise InputError.one(
+            who, MANIFEST, "missing", f"the folder of a {kind or 'pair, a comparison, a matrix or a study'}", hint
+        )
+    data: Any = parse_json(read_input(manifest, who, MANIFEST, max_bytes=MAX_RECORD_BYTES), who, MANIFEST)
+    if not isinstance(data, dict) or data.get("format") != FORMAT or not isinstance(data.get("told"), dict):
+        plan_format = data.get("format") if isinstance(data, dict) else type(data).__name__
+        other = str(plan_format).startswith("skyrange.plan/") and plan_format != FORMAT
+        hint = "It was made by another version of skyrange: fly it again, in a new folder." if other else ""
+        raise InputError.one(who, f"{MANIFEST}: format", repr(plan_format), repr(FORMAT), hint)
+    if kind is not None and data.get("kind") != kind:
+        hint = "Choose another folder, or go on with what is there: skyrange resume FOLDER."
+        raise InputError.one(who, f"{MANIFEST}: kind", repr(data.get("kind")), repr(kind), hint)
+    return RunStore(path, data)
+
+
+def claim_store(plan: RunPlan, path: Path) -> RunStore:
+    """The folder of a plan: that which was begun, or else a new one.
+
+    Raises `InputError` for a folder of another plan or of another version, and for one that holds something else.
+    """
+    if not (path / MANIFEST).is_file():
+        return create_store(plan, path)
+    store = open_store(path, plan.kind)
+    require_plan(store, plan)
+    store.require_version()
+    return store
+
+
+def require_plan(store: RunStore, plan: RunPlan) -> None:
+    """Raise `InputError` if a folder is of another plan than this, or if one of its input files has changed."""
+    if store.digest == plan.digest():
+        return
+    who, hint = str(store.path), "Results of both cannot be mixed: choose another folder."
+    now, then = plan.tell(), store.told
+    changed = [name for name in now if now[name] != then.get(name)]
+    differences = ", ".join(changed) or "a file that it or its scenarios name, or a plugin"
+    raise InputError.one(who, plan.kind, f"differs in {differences}", f"the {plan.kind} that began here", hint)

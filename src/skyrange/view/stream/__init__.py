@@ -1,0 +1,1 @@
+"""The viewer's stream (docs/reference/viewer-stream.md): encoder of recorded runs, and decoder."""

@@ -1,0 +1,79 @@
+"""A run in progress is read as it grows: every row once, in the order recorded, wherever the spool keeps it."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skyrange.contracts.mailboxes import Note
+from skyrange.record import Recorder, load
+from skyrange.record.read.growth import GrowingRun, GrowingSegment
+from skyrange.record.spool import SPOOL, Spool
+
+HEADER = {"name": "growth", "vehicles": [], "links": []}
+
+
+def spooled(tmp: Path, sizes: list[int]) -> tuple[bytes, list[str]]:
+    """The bytes of a segment of batches of names, whose dictionary grows, and the names."""
+    (tmp / SPOOL).mkdir(parents=True)
+    spool, names, known = Spool(tmp), list[str](), list[str]()
+    for size in sizes:
+        known += [f"n{len(known) + k}" for k in range(size % 3)] or (["first"] if not known else [])
+        numbers = [k % len(known) for k in range(size)]
+        column = pa.DictionaryArray.from_arrays(pa.array(numbers, pa.int32()), pa.array(known, pa.string()))
+        spool.append("names", pa.record_batch([column], names=["name"]))
+        names += [known[number] for number in numbers]
+    spool.end_segment()
+    return (tmp / SPOOL / "names-0000.arrows").read_bytes(), names
+
+
+@given(st.lists(st.integers(0, 5), min_size=1, max_size=6), st.lists(st.integers(1, 400), max_size=20), st.booleans())
+def test_a_segment_that_is_cut_anywhere_gives_its_whole_batches_and_later_the_rest(
+    tmp_path_factory: pytest.TempPathFactory, sizes: list[int], steps: list[int], damaged: bool
+) -> None:
+    tmp = tmp_path_factory.mktemp("segment")
+    data, names = spooled(tmp / "whole", sizes)
+    path = tmp / "growing.arrows"
+    path.touch()
+    segment, found, at = GrowingSegment(path), list[str](), 0
+    for step in [*steps, len(data)]:
+        with path.open("ab") as file:
+            part = data[at : at + step]
+            file.write(part[::-1] if damaged and at else part)
+        at += step
+        found += [name for batch in segment.read() for name in batch.column("name").to_pylist()]
+    segment.close()
+    if damaged:
+        assert found == names[: len(found)]
+    else:
+        assert found == names
+        assert segment.ended
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rows_are_read_once_from_segments_and_from_the_parts_that_replace_them(tmp_path: Path, seed: int) -> None:
+    chance = random.Random(seed)
+    recorder = Recorder.open(tmp_path / "run", HEADER, part_rows=7)
+    growing, found = GrowingRun(tmp_path / "run"), list[int]()
+
+    def add(table: str, batch: pa.RecordBatch, _recorder: int) -> None:
+        if table == "events":
+            found.extend(batch.column("time_ns").to_pylist())
+
+    for number in range(120):
+        recorder.on_note(number, "someone", Note("event.mode", "blue/b1", {}))
+        if chance.random() < 0.3:
+            recorder.flush()
+        if chance.random() < 0.05:
+            growing.read(add)
+    recorder.flush()
+    growing.read(add)
+    assert found == list(range(120))
+    assert growing.read(add) == 0
+    recorder.close()
+    assert load(tmp_path / "run").rows("events") == 120
