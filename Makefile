@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 2
 REALTIME_WORKERS ?= 3
 
-# The tests of each kind of attack, defence, detector and fault that `make test` runs: a tenth of them, or all.
+# Whether `make test` runs a tenth of the tests marked `catalogue` and a third of the files marked `rotating`, or all.
 KINDS ?= tenth
 
 # How long `make fuzz` draws new examples.

@@ -1,8 +1,9 @@
-"""Choice of the catalogue tests that a run of the fast tier takes: a tenth of them, and those of kinds that changed.
+"""Choice of the tests that take turns in the fast tier: a tenth of the catalogue tests, a third of the rotating files.
 
 A catalogue test checks one kind of attack, defence, detector or fault by flights, and all of them together take half an
-hour. The tenth is chosen by the commit before HEAD, so that one commit is tested alike everywhere, and ten commits in a
-row see most kinds. Tests of kinds that have changed since then, committed or not, are taken too, unless there are many.
+hour. Rotating tests are dear ones of other subjects; those of a file run together, because they share flights. Both are
+chosen by the commit before HEAD, so that one commit is tested alike everywhere, and some commits in a row see most of
+them. Tests that, or whose kinds, have changed since then, committed or not, are taken too, unless there are many.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from skyrange.contracts.plugins.form import MakeKind
 from skyrange.contracts.plugins.registry import Plugin
 
 ROOT = Path(__file__).parents[1]
-SHARE = 10
-"""One of so many is chosen."""
+SHARES: Mapping[str, int] = {"catalogue": 10, "rotating": 3}
+"""By mark, one of so many is chosen: of catalogue tests a test, of rotating tests a file."""
 MOST_CHANGED = 20
 """So many tests of changed kinds are taken besides; of more, none."""
 
@@ -47,16 +48,20 @@ class Choice:
                 return cls(commit[0], frozenset(changed))
         return cls("", frozenset())
 
-    def take(self, tests: Mapping[str, Iterable[str]]) -> Taken:
-        """Choose among tests, by id, each with the files that hold what it is about."""
+    def take(self, tests: Mapping[str, Iterable[str]], mark: str = "catalogue") -> Taken:
+        """Choose among the tests of a mark, by id, each with the files that hold what it is about."""
         changed = {test for test, files in tests.items() if not self.changed.isdisjoint(files)}
-        drawn = {test for test in tests if self.number_of(test) % SHARE == 0}
+        drawn = {test for test in tests if self.number_of(_case(test, mark)) % SHARES[mark] == 0}
         few = len(changed - drawn) <= MOST_CHANGED
         return Taken(frozenset(drawn | changed if few else drawn), 0 if few else len(changed - drawn))
 
     def number_of(self, test: str) -> int:
         """A number that this commit gives a test or a case, as good as random."""
         return int.from_bytes(blake2b(f"{self.commit} {test}".encode(), digest_size=8).digest(), "big")
+
+
+def _case(test: str, mark: str) -> str:
+    return test.partition("::")[0] if mark == "rotating" else test
 
 
 T = TypeVar("T")
@@ -103,7 +108,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--kinds",
         choices=["all", "tenth"],
         default="all",
-        help="tests marked `catalogue`: all (default), or a tenth and those of kinds that changed",
+        help="tests marked `catalogue` or `rotating`: all (default), or a tenth and a third, and those that changed",
     )
 
 
@@ -113,41 +118,53 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 class Sample:
-    """A plugin of pytest that deselects the catalogue tests that are not taken, and says which those are."""
+    """A plugin of pytest that deselects the tests that are not taken, and says which those are."""
 
     def __init__(self) -> None:
         self._choice = Choice.of_checkout()
-        self._left = 0
+        self._left = dict.fromkeys(SHARES, 0)
 
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
-        kinds = {item.nodeid: files_of(item) for item in items if item.get_closest_marker("catalogue")}
-        taken = self._choice.take(kinds)
-        config.hook.pytest_deselected(items=[one for one in items if one.nodeid in kinds.keys() - taken.tests])
-        items[:] = [one for one in items if one.nodeid not in kinds or one.nodeid in taken.tests]
-        self._left = taken.left
+        for mark in SHARES:
+            marked = {item.nodeid: files_of(item, mark) for item in items if mark_of(item) == mark}
+            taken = self._choice.take(marked, mark)
+            config.hook.pytest_deselected(items=[one for one in items if one.nodeid in marked.keys() - taken.tests])
+            items[:] = [one for one in items if one.nodeid not in marked or one.nodeid in taken.tests]
+            self._left[mark] = taken.left
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         if isinstance(output := getattr(session.config, "workeroutput", None), dict):
-            output["catalogue_left"] = self._left
+            output["left_by_mark"] = self._left
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any) -> None:
         """A worker of xdist has ended; all have chosen alike."""
-        self._left = node.workeroutput["catalogue_left"] if hasattr(node, "workeroutput") else self._left
+        self._left = node.workeroutput["left_by_mark"] if hasattr(node, "workeroutput") else self._left
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         commit = self._choice.commit[:12] or "none"
-        terminalreporter.write_line(
-            f"catalogue tests: one of {SHARE} ran, chosen by commit {commit}; KINDS=all runs all"
-        )
-        if self._left:
+        for mark, share in SHARES.items():
             terminalreporter.write_line(
-                f"catalogue tests: {self._left} of kinds that have changed did not run, being more than {MOST_CHANGED}"
+                f"{mark} tests: one of {share} ran, chosen by commit {commit}; KINDS=all runs all"
             )
+            if left := self._left[mark]:
+                terminalreporter.write_line(
+                    f"{mark} tests: {left} that have changed did not run, being more than {MOST_CHANGED}"
+                )
 
 
-def files_of(item: pytest.Item) -> set[str]:
-    """The files that are a test's parameters, and those of the kinds that are, from the checkout's root."""
+def mark_of(item: pytest.Item) -> str:
+    """The mark of `SHARES` that chooses a test, or none: a catalogue test in a rotating file is the former."""
+    return next((mark for mark in SHARES if item.get_closest_marker(mark)), "")
+
+
+def files_of(item: pytest.Item, mark: str = "catalogue") -> set[str]:
+    """The files that a test of a mark is about, from the checkout's root.
+
+    A rotating test is about its own file; a catalogue test about the files and the kinds that are its parameters.
+    """
+    if mark == "rotating":
+        return {item.nodeid.partition("::")[0]}
     found: set[str] = set()
     callspec = getattr(item, "callspec", None)
     for value in callspec.params.values() if callspec else ():

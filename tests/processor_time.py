@@ -31,8 +31,8 @@ PARTS = ("total", "compiled", "flown", "shared", "children")
 share; and what other processes took that ended in the phase. The others are parts of the first."""
 LIMIT_S = 2.0
 """The most that the call of a test may take, without compilation and shared flights, at the reference yardstick."""
-CATALOGUE_LIMIT_S = 10.0
-"""The same for a test of the catalogue, which flies several times, but of which a tenth runs."""
+MARK_LIMITS_S = {"catalogue": 10.0, "rotating": 6.0}
+"""The same for tests by their mark, of which a tenth and a third run."""
 REFERENCE_US = 7.5
 """The yardstick of the reference machine, in microseconds."""
 DEAR_TESTS = Path(__file__).with_name("dear_tests.toml")
@@ -233,7 +233,7 @@ class Limit:
 
     def _excess(self, item: pytest.Item, spent: dict[str, float]) -> str:
         taken_s = spent["total"] - spent["compiled"] - spent["shared"]
-        usual_s = CATALOGUE_LIMIT_S if item.get_closest_marker("catalogue") else LIMIT_S
+        usual_s = max([LIMIT_S] + [limit_s for mark, limit_s in MARK_LIMITS_S.items() if item.get_closest_marker(mark)])
         limit_s = self._dear.get(item.nodeid.partition("[")[0], usual_s)
         if taken_s <= limit_s * self._scale():
             return ""
@@ -242,8 +242,8 @@ class Limit:
             return ""
         return (
             f"{item.nodeid} takes {taken_s:.1f} s of processor time, more than {limit_s:g} s times {scale:.2f} for the"
-            " machine. Make it shorter, read a flight of tests/flights.py, or mark it slow; if its length is what"
-            f" finds something, list it in tests/{DEAR_TESTS.name}."
+            " machine. Make it shorter, read a flight of tests/flights.py, or mark it rotating or slow; if its"
+            f" length is what finds something, list it in tests/{DEAR_TESTS.name}."
         )
 
     def _scale(self) -> float:

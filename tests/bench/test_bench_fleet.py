@@ -16,6 +16,8 @@ from skyrange.core.errors import InputError
 from skyrange.gcs.plan.routes import estimated_duration_s
 from tests.bench.in_process import measure_here
 
+pytestmark = pytest.mark.rotating
+
 
 @pytest.mark.parametrize(("vehicles", "seconds"), [(1, 5.0), (3, 600.0), (600, 5.0)])
 def test_every_mission_outlasts_the_measurement(vehicles: int, seconds: float) -> None:

@@ -22,6 +22,8 @@ from skyrange.testing import NonConformance, check_attack
 from tests.hostile_kind import HOMEWARD, Homeward, Orders
 from tests.hostile_kind import make as make_homeward
 
+pytestmark = pytest.mark.rotating
+
 JAM = AttackPlugin.find("remote_id.jam")
 SPOOF = AttackPlugin.find("remote_id.spoof")
 REPLAY = AttackPlugin.find("remote_id.replay")

@@ -13,6 +13,8 @@ from skyrange.scenario.model.constraints import ConstraintTable
 from skyrange.scenario.model.scenario import Operator, Origin, Scenario, Start, Vehicle, square
 from skyrange.testing import check_attack
 
+pytestmark = pytest.mark.rotating
+
 ECLIPSE = AttackPlugin.find("approval.eclipse")
 EQUIVOCATE = AttackPlugin.find("approval.equivocate")
 FALSE_CONTINGENCY = AttackPlugin.find("approval.false_contingency")

@@ -10,6 +10,8 @@ import pytest
 from skyrange.attack.contract import AttackPlugin
 from skyrange.testing import check_attack
 
+pytestmark = pytest.mark.rotating
+
 ACCELEROMETER = AttackPlugin.find("sensor.accelerometer")
 BAROMETER = AttackPlugin.find("sensor.barometer")
 BUS = AttackPlugin.find("sensor.bus")

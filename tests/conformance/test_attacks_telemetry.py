@@ -12,6 +12,8 @@ from skyrange.scenario.model.scenario import Radio, Scenario
 from skyrange.testing import check_attack
 from skyrange.testing.checks.attacks import two_squares
 
+pytestmark = pytest.mark.rotating
+
 KEEP_ALIVE = AttackPlugin.find("identity.keep_alive")
 SECOND_VEHICLE = AttackPlugin.find("identity.second_vehicle")
 SILENCE_STATION = AttackPlugin.find("identity.silence_station")

@@ -33,6 +33,8 @@ from skyrange.utm.federated.plugin import FEDERATED
 from skyrange.utm.hashgraph.plugin import HASHGRAPH
 from skyrange.utm.messages import Response, decode_request, encode
 
+pytestmark = pytest.mark.rotating
+
 
 @dataclass
 class Front:

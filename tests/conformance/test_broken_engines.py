@@ -19,6 +19,8 @@ from skyrange.testing.checks.engines import ENGINE
 from skyrange.testing.drivers.engine_driver import FLEET
 from skyrange.vehicle.contract import VehicleSpec
 
+pytestmark = pytest.mark.rotating
+
 MAIL = [
     InputMessage(
         k * 130 * NS_PER_MS, Port(f"{spec.vehicle}.autopilot", f"autopilot:{spec.vehicle}"), f"ask {k}".encode()

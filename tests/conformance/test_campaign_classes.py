@@ -32,6 +32,8 @@ from skyrange.scenario.toml_files import load_text
 from skyrange.testing import check_attack
 from skyrange.testing.checks.attacks import Flight
 
+pytestmark = pytest.mark.rotating
+
 GHOST = {"kind": "remote_id.spoof", "params": {"at": [10.0, 5.0, 20.0]}}
 JUMP = {"kind": "gnss.jump", "params": {"vehicles": ["blue/b1"], "offset_m": [20.0, 0.0, 0.0]}}
 MEANS: dict[str, Any] = {

@@ -15,6 +15,8 @@ from skyrange.record import MemoryObserver
 from skyrange.scenario.toml_files import load_text
 from skyrange.testing import check_attack
 
+pytestmark = pytest.mark.rotating
+
 GHOST = {"kind": "remote_id.spoof", "params": {"at": [10.0, 5.0, 20.0]}}
 JUMP = {"kind": "gnss.jump", "params": {"vehicles": ["blue/b1"], "offset_m": [20.0, 0.0, 0.0]}}
 ARMED: dict[str, Any] = {

@@ -9,6 +9,8 @@ import pytest
 from skyrange.testing import check_attack
 from tests.unit import test_common_acts as acts
 
+pytestmark = pytest.mark.rotating
+
 ON_LINK: dict[str, Any] = {"links": ["gcs:blue/b1"], "direction": "rev"}
 ON_SENSORS: dict[str, Any] = {"vehicles": ["blue/b1"]}
 KINDS: list[tuple[Any, dict[str, Any], str]] = [

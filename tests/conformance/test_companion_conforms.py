@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from functools import cache
 
+import pytest
+
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_S
 from skyrange.remoteid.broadcast_profiles import Broadcast
@@ -12,6 +14,8 @@ from skyrange.vehicle.avoidance.geometric import Geometric
 from skyrange.vehicle.companion import Companion, CompanionSpec
 from tests.integration.companion_range import CRUISE_MPS, Ghost, legs, wired
 from tests.unit.fake_autopilot import ORIGIN
+
+pytestmark = pytest.mark.rotating
 
 NAMES = ("blue/b1", "blue/b2")
 UNTIL = 40 * NS_PER_S

@@ -20,6 +20,8 @@ from skyrange.defence.placement import Alarm, DefenceTap, place_taps
 from skyrange.testing import NonConformance, check_defence
 from tests.registered_kinds import registered
 
+pytestmark = pytest.mark.rotating
+
 TERMINATE = {
     "kind": "mavlink.command",
     "start_s": 5.0,

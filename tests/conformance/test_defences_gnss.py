@@ -18,6 +18,8 @@ from skyrange.scenario.toml_files import load_text
 from skyrange.testing import check_defence
 from skyrange.testing.checks.attacks import two_squares
 
+pytestmark = pytest.mark.rotating
+
 JUMP = {"kind": "gnss.jump", "start_s": 5.0, "params": {"vehicles": ["blue/b1"], "offset_m": [30, 0, 0]}}
 CLIMB = {"kind": "gnss.jump", "start_s": 5.0, "params": {"vehicles": ["blue/b1"], "offset_m": [0, 0, 12]}}
 TIME = {"kind": "gnss.time", "start_s": 5.0, "params": {"vehicles": ["blue/b1"], "offset_s": 20}}

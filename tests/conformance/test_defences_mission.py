@@ -9,6 +9,8 @@ import pytest
 
 from skyrange.testing import check_defence
 
+pytestmark = pytest.mark.rotating
+
 VICTIMS = {"vehicles": ["blue/b1"]}
 ALTER = {"kind": "mavlink.mission_alter", "params": {**VICTIMS, "offset_m": [40, 0, 0]}}
 REPLACE = {

@@ -13,6 +13,8 @@ from skyrange.scenario.model.scenario import Scenario
 from skyrange.testing import check_defence
 from skyrange.testing.checks.attacks import two_squares
 
+pytestmark = pytest.mark.rotating
+
 PLACES = {"west": (-60.0, 0.0, 4.0), "east": (120.0, 40.0, 4.0), "north": (0.0, 150.0, 4.0)}
 
 

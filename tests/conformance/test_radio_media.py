@@ -21,6 +21,8 @@ from skyrange.radio.builtin.state import FREE, STATE
 from skyrange.radio.contract import MediumPlugin
 from skyrange.testing import NonConformance, check_medium
 
+pytestmark = pytest.mark.rotating
+
 
 def test_the_builtin_medium_conforms() -> None:
     check_medium(MediumPlugin.find("builtin"))

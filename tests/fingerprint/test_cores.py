@@ -32,6 +32,8 @@ from skyrange.study.runs import fly
 from tests.catalogue import draw
 from tests.tiers import examples
 
+pytestmark = pytest.mark.rotating
+
 TABLES = ("truth", "sensors", "frames", "receptions", "observations", "decisions", "events", "labels", "alerts")
 UNLIKE = {"payload_id"}
 """Columns that number something in each process."""

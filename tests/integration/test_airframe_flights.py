@@ -14,6 +14,8 @@ from skyrange.world import AIRFRAMES, Body, SensorSpec, Wind, World
 from skyrange.world.sensing.geomagnetism import magnetic_field_at
 from tests.integration.flight_harness import QUANTUM_NS, Range, square, start
 
+pytestmark = pytest.mark.rotating
+
 V = "blue/b1"
 SLOW_BUT_ONE = ["iris", *(pytest.param(name, marks=pytest.mark.slow) for name in sorted(AIRFRAMES.keys() - {"iris"}))]
 

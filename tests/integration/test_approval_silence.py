@@ -11,6 +11,8 @@ from skyrange.record import RunRecord
 from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly as fly_scenario
 
+pytestmark = pytest.mark.rotating
+
 OPERATOR = """
 [[operators]]
 id = "{name}"

@@ -15,6 +15,8 @@ from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.testing.checks.attacks import AttackCase, Flight, two_squares
 from skyrange.vehicle.builtin.parameters.table import PARAMETERS
 
+pytestmark = pytest.mark.rotating
+
 COMMAND = AttackPlugin.find("mavlink.command")
 EXFILTRATE = AttackPlugin.find("mavlink.exfiltrate")
 FENCE = AttackPlugin.find("mavlink.fence")

@@ -11,6 +11,8 @@ from skyrange.scenario.toml_files import load_text
 from skyrange.study.pairing import pair
 from skyrange.twins.pair_folder import Pair
 
+pytestmark = pytest.mark.rotating
+
 FLEET = """
 name = "two"
 seed = 3

@@ -10,6 +10,8 @@ from skyrange.scenario.shipped import source_of
 from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 
+pytestmark = pytest.mark.rotating
+
 SQUARES = source_of("squares").read_text()
 LINKS = {
     "lossy": "loss = 0.05\njitter_ms = 200\nduplicate = 0.05\nreorder = 0.05",

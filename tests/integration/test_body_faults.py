@@ -16,6 +16,8 @@ from skyrange.record.write.memory_observer import MemoryObserver
 from skyrange.scenario.toml_files import load_text
 from skyrange.study.pairing import pair
 
+pytestmark = pytest.mark.rotating
+
 FLEET = """
 name = "one"
 seed = 2

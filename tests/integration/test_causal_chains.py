@@ -24,6 +24,8 @@ from skyrange.study.pairing import pair
 from skyrange.twins.pair_folder import Pair
 from tests.registered_kinds import registered
 
+pytestmark = pytest.mark.rotating
+
 FLEET = """
 name = "chains"
 seed = 4

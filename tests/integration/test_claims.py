@@ -20,6 +20,8 @@ from skyrange.utm.intent_states import IntentState
 from skyrange.view.inline import STREAM_ID
 from skyrange.view.stream.messages import decode_file
 
+pytestmark = pytest.mark.rotating
+
 
 @pytest.fixture(scope="module")
 def record(tmp_path_factory: pytest.TempPathFactory) -> RunRecord:

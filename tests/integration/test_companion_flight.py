@@ -7,6 +7,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 import shapely
 
 from skyrange.city.buildings import Building
@@ -25,6 +26,8 @@ from skyrange.vehicle.avoidance.contract import Avoidance
 from skyrange.vehicle.avoidance.geometric import Geometric
 from skyrange.vehicle.avoidance.none import NoAvoidance
 from tests.integration.companion_range import Flown, Ghost, Notes, legs, wired
+
+pytestmark = pytest.mark.rotating
 
 A = "blue/b1"
 HOME = (-100.0, 0.0, 0.0)

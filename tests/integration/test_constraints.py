@@ -35,6 +35,8 @@ from skyrange.utm.federated.uss.service import Uss
 from skyrange.utm.intent_states import IntentState
 from tests.approval_stations import LAT, LON, Station, ask, decisions, end, fly_requests
 
+pytestmark = pytest.mark.rotating
+
 KINDS = ("authority", "federated", "hashgraph")
 NAMES = ("blue", "green", "red")
 FIRE = box(LAT, LON, start_s=0.0)

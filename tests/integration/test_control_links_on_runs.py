@@ -17,6 +17,8 @@ from skyrange.runtime.live.range import prepare_range
 from skyrange.scenario import Link, Radio, Scenario, WifiParams, load_scenario, load_toml
 from skyrange.study.runs import fly
 
+pytestmark = pytest.mark.rotating
+
 DEAUTHENTICATION = "control_link.deauthenticate"
 
 

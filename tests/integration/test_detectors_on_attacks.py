@@ -19,6 +19,8 @@ from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.runs import fly as fly_scenario
 
+pytestmark = pytest.mark.rotating
+
 MAVLINK_COMMANDS = DetectorPlugin.find("mavlink.commands")
 MAVLINK_RATE = DetectorPlugin.find("mavlink.rate")
 MAVLINK_SEQUENCE = DetectorPlugin.find("mavlink.sequence")

@@ -27,6 +27,8 @@ from skyrange.env import (
 )
 from skyrange.scenario import Operator, Origin, Scenario
 
+pytestmark = pytest.mark.rotating
+
 AUTO, RTL, LAND = 3.0, 6.0, 9.0
 BLUE = "blue_blue"
 

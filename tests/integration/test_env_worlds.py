@@ -27,6 +27,8 @@ from skyrange.scenario.model.plan import square
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load
 
+pytestmark = pytest.mark.rotating
+
 BLUE = "blue_blue"
 SHORT = make_scenario(2, duration_s=16)
 

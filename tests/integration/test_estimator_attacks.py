@@ -19,7 +19,7 @@ from skyrange.vehicle.builtin.estimation.state import Status
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range
 
-pytestmark = pytest.mark.catalogue
+pytestmark = [pytest.mark.catalogue, pytest.mark.rotating]
 
 ME = "blue/b1"
 HELD = Status.POS_HORIZ_ABS

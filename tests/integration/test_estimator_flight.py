@@ -12,6 +12,8 @@ from skyrange.vehicle.contract import VehicleSpec
 from skyrange.world.sensing import sensor_errors as models
 from tests.integration.flight_harness import Range, square, start
 
+pytestmark = pytest.mark.rotating
+
 VEHICLES = 12
 
 

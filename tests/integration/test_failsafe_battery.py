@@ -7,6 +7,8 @@ import pytest
 from skyrange.vehicle.builtin.modes import Mode
 from tests.integration.hovering import V, beat, believe, hovering, modes, put, standing, texts, when
 
+pytestmark = pytest.mark.rotating
+
 WARNING = 4
 
 

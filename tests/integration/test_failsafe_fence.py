@@ -14,6 +14,8 @@ from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range, takeoff, waypoint
 from tests.integration.hovering import V, hovering, modes, put, standing, texts, when
 
+pytestmark = pytest.mark.rotating
+
 NOTICE, INFO = 5, 6
 A = dialect
 

@@ -8,6 +8,8 @@ from skyrange.vehicle.builtin.modes import Mode
 from tests.integration.flight_harness import Range, land, rtl, takeoff, waypoint
 from tests.integration.hovering import V, beat, hovering, modes, put, standing, texts, when
 
+pytestmark = pytest.mark.rotating
+
 WARNING = 4
 
 

@@ -10,6 +10,8 @@ from skyrange.scenario.toml_files import load_text
 from skyrange.study.pairing import pair
 from skyrange.twins.pair_folder import Pair
 
+pytestmark = pytest.mark.rotating
+
 FLEET = """
 name = "both"
 seed = 3

@@ -15,6 +15,8 @@ from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range, square
 from tests.integration.hovering import V, hovering
 
+pytestmark = pytest.mark.rotating
+
 A = dialect
 FENCE, RALLY = 1, 2
 IN, OUT, RING_IN, RING_OUT, RETURN, POINT = 5001, 5002, 5003, 5004, 5000, 5100

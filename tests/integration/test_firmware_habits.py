@@ -15,6 +15,8 @@ from skyrange.world.airframes import AIRFRAMES
 from tests.integration.flight_harness import Range, land, speed, start, takeoff, waypoint
 from tests.integration.hovering import V, hovering, put
 
+pytestmark = pytest.mark.rotating
+
 
 def away(r: Range, north_m: float) -> None:
     """To a place in GUIDED."""

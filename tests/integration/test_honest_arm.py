@@ -25,6 +25,8 @@ from skyrange.twins.arms import HONEST, Arm, scenario_of
 from skyrange.twins.pair_folder import Pair
 from tests.integration.twin_range import RID_SPOOFING, before, plain
 
+pytestmark = pytest.mark.rotating
+
 JAM = AttackPlugin.find("remote_id.jam")
 SPOOF = AttackPlugin.find("remote_id.spoof")
 

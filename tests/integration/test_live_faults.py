@@ -18,6 +18,8 @@ from tests.integration.live_faults import FAULTS, Harmed, LiveFault, VirtualHarm
 from tests.integration.live_programs import ONE_AIRCRAFT
 from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared
 
+pytestmark = pytest.mark.rotating
+
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "live-faults.md"
 COMMITTED = rows_of(PAGE.read_text())
 

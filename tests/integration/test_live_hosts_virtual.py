@@ -24,6 +24,8 @@ from tests.integration.live_virtual import JITTER_S, VirtualFlight, fly_virtual,
 from tests.integration.test_live_taps_virtual import Tool
 from tests.live_ranges import VirtualNetwork, VirtualSystem
 
+pytestmark = pytest.mark.rotating
+
 BASE, OTHER, THIRD = "10.199.0.1", "10.199.0.2", "10.199.0.3"
 AHEAD_S = {OTHER: 5000, THIRD: 900}
 """What each machine's clock shows more than the first one's."""

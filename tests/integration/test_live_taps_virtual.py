@@ -21,6 +21,8 @@ from tests.integration.live_programs import ONE_AIRCRAFT, kinds
 from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared
 from tests.live_ranges import VirtualProcess
 
+pytestmark = pytest.mark.rotating
+
 LINK, TAP = "gcs:blue/b1", "tap-process@gcs:blue/b1.gcs"
 ARM, MISSION_START, DO_SET_MODE, AUTO, GUIDED = 400, 300, 176, 3, 4
 Line = dict[str, Any]

@@ -16,6 +16,8 @@ from skyrange.scenario.toml_files import load_file
 from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared
 from tests.live_ranges import VirtualSystem
 
+pytestmark = pytest.mark.rotating
+
 SCENARIO = """
 name = "triggered"
 seed = 4

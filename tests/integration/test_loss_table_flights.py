@@ -27,6 +27,8 @@ from skyrange.scenario.toml_files import load_file, load_text
 from skyrange.study.runs import fly
 from tests.loss_tables import make_table
 
+pytestmark = pytest.mark.rotating
+
 SCENARIO = """
 name = "tabled"
 duration_s = 30

@@ -14,6 +14,8 @@ from skyrange.codec.mavlink import dialect as A  # noqa: N812
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Item, Range, jump, land, rtl, start, takeoff, waypoint
 
+pytestmark = pytest.mark.rotating
+
 V = "blue/b1"
 ABOVE_HOME = A.MAV_FRAME_GLOBAL_RELATIVE_ALT
 NO_PLACE = A.MAV_FRAME_MISSION

@@ -14,6 +14,8 @@ from skyrange.vehicle.builtin.mission.command_ids import COMMAND_NAMES, SILENT, 
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Item, Range, jump, rtl, speed, start, takeoff, waypoint
 
+pytestmark = pytest.mark.rotating
+
 V = "blue/b1"
 A = dialect
 ABOVE_HOME = A.MAV_FRAME_GLOBAL_RELATIVE_ALT

@@ -12,6 +12,8 @@ from skyrange.vehicle.builtin.modes import Mode
 from tests.integration.flight_harness import Range, takeoff, waypoint
 from tests.integration.hovering import V, hovering, put
 
+pytestmark = pytest.mark.rotating
+
 A = dialect
 OK, FAILED = 0, 4
 VELOCITY_ONLY = 0b110111000111

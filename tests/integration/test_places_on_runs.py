@@ -16,6 +16,8 @@ from skyrange.record.write.memory_observer import MemoryObserver
 from skyrange.scenario import Scenario, load_toml
 from skyrange.study.runs import fly
 
+pytestmark = pytest.mark.rotating
+
 RADIO = 'place = "air", radio_m = [40, 5, 2], has_key = true'
 PLACES = {"air": RADIO, "network": 'place = "network"', "onboard": 'place = "onboard"'}
 DEAUTHENTICATION = """

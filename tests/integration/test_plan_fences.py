@@ -18,6 +18,8 @@ from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 from tests.ardupilot import needs_arducopter
 
+pytestmark = pytest.mark.rotating
+
 ORIGIN = Origin(47.3977, 8.5456, 408.0)
 RALLY = (20.0, 30.0, 15.0)
 SCENARIO = """

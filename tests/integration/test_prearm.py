@@ -16,6 +16,8 @@ from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range, land, square, takeoff, waypoint
 from tests.integration.hovering import V, believe, put, standing, texts
 
+pytestmark = pytest.mark.rotating
+
 A = dialect
 CRITICAL = 2
 OK, FAILED = 0, 4

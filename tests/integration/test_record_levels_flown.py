@@ -20,6 +20,8 @@ from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.pairing import pair
 from tests.flights import shared_run
 
+pytestmark = pytest.mark.rotating
+
 
 def _scenario(level: str) -> Scenario:
     return load_scenario("rid-spoofing", ["duration_s=25", f"record.level={level}"])

@@ -13,6 +13,8 @@ from skyrange.record import RunRecord
 from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 
+pytestmark = pytest.mark.rotating
+
 SCENARIO = """
 name = "replanned"
 duration_s = {duration}

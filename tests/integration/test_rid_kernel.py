@@ -26,6 +26,8 @@ from skyrange.vehicle.companion.companion import Companion
 from tests.flights import shared_run
 from tests.integration.twin_range import plain
 
+pytestmark = pytest.mark.rotating
+
 OWN = 'avoidance = "geometric"\n  remote_id = { transports = ["bluetooth", "wifi_beacon"] }'
 ATTACKS = """
 [[attacks]]

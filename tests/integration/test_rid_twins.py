@@ -23,7 +23,7 @@ from skyrange.twins.pair_folder import Pair
 from tests.flights import shared_run
 from tests.integration.twin_range import FLEET, RID_SPOOFING, before, onset_ns
 
-pytestmark = pytest.mark.catalogue
+pytestmark = [pytest.mark.catalogue, pytest.mark.rotating]
 
 EARS = FLEET.replace(
     "city_busy = 0.2",

@@ -13,6 +13,8 @@ from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
 from skyrange.scenario.toml_files import load_text
 
+pytestmark = pytest.mark.rotating
+
 CAPTURE = AttackPlugin.find("gnss.capture")
 GNSS_JAM = AttackPlugin.find("gnss.jam")
 BAROMETER = AttackPlugin.find("sensor.barometer")

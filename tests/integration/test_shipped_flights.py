@@ -29,6 +29,8 @@ from skyrange.scenario.shipped import load
 from skyrange.study.runs import fly
 from tests.flights import shared_run
 
+pytestmark = pytest.mark.rotating
+
 STREETS = Path(__file__).parents[3] / "shared/data/cities/manhattan-upper-east-side.geojson"
 
 

@@ -25,6 +25,8 @@ from skyrange.view.server import RecordedStream
 from skyrange.view.stream.messages import Message, decode_file
 from tests.flights import shared_run
 
+pytestmark = pytest.mark.rotating
+
 STUDY = """
 name = "jumps"
 scenario = "gnss.jump"

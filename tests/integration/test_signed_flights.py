@@ -42,6 +42,8 @@ from tests.integration.flight_harness import EPOCH, Range
 from tests.integration.twin_range import RID_SPOOFING
 from tests.tiers import needs_tshark
 
+pytestmark = pytest.mark.rotating
+
 V = "blue/b1"
 LINK = f"gcs:{V}"
 GCS, COMPANION = "blue.gcs", f"{V}.companion"

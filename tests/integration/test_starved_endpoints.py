@@ -11,6 +11,8 @@ from skyrange.record import RunRecord
 from skyrange.scenario.toml_files import load_data
 from skyrange.study.runs import fly
 
+pytestmark = pytest.mark.rotating
+
 LIMIT = {"match": "*.autopilot", "frames_per_s": 400, "queue_frames": 39}
 PLAN = {"square": {"side_m": 30, "alt_m": 15}}
 FLOOD = {"links": ["gcs:blue/b1"], "message": "PING", "rate_hz": 2000}

@@ -19,6 +19,8 @@ from skyrange.study.measurement import TABLES
 from skyrange.study.results import read_results
 from skyrange.study.study_run import create_folder, run_blocks
 
+pytestmark = pytest.mark.rotating
+
 STUDY = Study(
     name="stored",
     scenario="gnss.jump",

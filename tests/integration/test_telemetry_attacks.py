@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import pytest
+
 from skyrange.attack.contract import AttackPlugin
 from skyrange.codec.f3411 import Location, MessagePack, Status, System, decode
 from skyrange.codec.mavlink import decode as decode_mavlink
@@ -14,6 +16,8 @@ from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.scenario.model.plan import Path, Plan
 from skyrange.scenario.model.scenario import Radio, Scenario
 from skyrange.testing.checks.attacks import AttackCase, Flight, two_squares
+
+pytestmark = pytest.mark.rotating
 
 KEEP_ALIVE = AttackPlugin.find("identity.keep_alive")
 SECOND_VEHICLE = AttackPlugin.find("identity.second_vehicle")

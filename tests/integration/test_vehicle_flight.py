@@ -27,6 +27,8 @@ from tests.integration.flight_harness import (
     waypoint,
 )
 
+pytestmark = pytest.mark.rotating
+
 V = "blue/b1"
 A = dialect
 

@@ -22,6 +22,8 @@ from skyrange.view.server import LiveStream
 from skyrange.view.stream.messages import Message, decode_file
 from tests.viewer_streams import require_same_flight
 
+pytestmark = pytest.mark.rotating
+
 FLIGHT = ("rid-spoofing", ("duration_s=15", "attacks.*.start_s=4"))
 
 

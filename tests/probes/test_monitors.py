@@ -22,6 +22,8 @@ from skyrange.record.write.memory_observer import MemoryObserver
 from tests.probes import test_blocks, test_made_of, test_taps
 from tests.probes.toys import MS, ROUGH, Fleet, Log, Station, onboard
 
+pytestmark = pytest.mark.rotating
+
 VEHICLES = ("blue/b1", "blue/b2")
 END = NS_PER_S
 

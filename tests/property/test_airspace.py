@@ -7,6 +7,7 @@ import copy
 from collections.abc import Sequence
 from dataclasses import replace
 
+import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,6 +19,8 @@ from skyrange.utm.airspace.cell_grid import CELL_DEG
 from skyrange.utm.airspace.claimed_airspace import Airspace, Query
 from skyrange.utm.alternatives import Limits, find_alternatives
 from tests.tiers import examples
+
+pytestmark = pytest.mark.rotating
 
 CORNERS = st.builds(lambda a, b: (40.0 + a * CELL_DEG, -74.0 + b * CELL_DEG), st.integers(0, 12), st.integers(0, 12))
 """Corners of cells, and so edges that touch."""

@@ -11,6 +11,8 @@ from collections import defaultdict
 from itertools import pairwise, product
 from typing import NamedTuple
 
+import pytest
+
 from skyrange.codec.drip import Evidence, Link, decode_manifest, decode_sam, session_id
 from skyrange.codec.drip.messages import join_with_parity
 from skyrange.codec.f3411 import (
@@ -31,6 +33,8 @@ from skyrange.remoteid.broadcast_profiles import TRANSPORTS, US_PERIOD_NS, Broad
 from skyrange.remoteid.drip.registry import Registry
 from skyrange.remoteid.drip.sender import PAGE_NS, RECOMMENDED, REQUIRED, Credentials, Rates
 from tests.unit.test_remoteid_broadcaster import UTC_US, Aircraft, beat, position
+
+pytestmark = pytest.mark.rotating
 
 FLOWN_S = 66
 """Longer than any period of the tables but the five minutes of section 6.3."""

@@ -16,6 +16,8 @@ from skyrange.codec.mission import Mission, MissionItem, format_plan, format_way
 from skyrange.core.errors import InputError
 from tests.tiers import examples
 
+pytestmark = pytest.mark.rotating
+
 DATA = Path(__file__).parent.parent / "data" / "missions"
 SURVEY = (DATA / "survey.plan").read_text()
 SQUARE = (DATA / "square.waypoints").read_text()

@@ -17,6 +17,8 @@ from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range
 from tests.tiers import examples
 
+pytestmark = pytest.mark.rotating
+
 NAMES = [field.name for field in fields(Sensors) if field.name != "attitude"]
 WILD = st.sampled_from([np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 1e9, -1e4, 0.0, 3.0, -0.5])
 WHOLE = st.sampled_from([0, 1, 3, 6, -1, 2**63 - 1, -(2**63), 10**9, 255])

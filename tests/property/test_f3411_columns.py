@@ -33,6 +33,8 @@ from skyrange.core.errors import DecodeError
 from tests.property.test_f3411_roundtrip import MESSAGES, SINGLES, locations
 from tests.tiers import examples
 
+pytestmark = pytest.mark.rotating
+
 BODIES = st.one_of(
     MESSAGES.map(encode),
     st.binary(max_size=260),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from implicitdict import ImplicitDict
@@ -33,6 +34,8 @@ from skyrange.utm.federated.dss.service import Dss
 from skyrange.utm.federated.plugin import FEDERATED
 from skyrange.utm.federated.uss.service import Uss
 from tests.approval_stations import LAT, LON, Station, ask, end
+
+pytestmark = pytest.mark.rotating
 
 NAMES = ("blue", "green", "red")
 UNTIL_S = 90

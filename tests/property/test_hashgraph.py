@@ -14,6 +14,8 @@ from skyrange.utm.hashgraph.graph import GraphError, Hashgraph
 from tests.property.hashgraph_oracle import Oracle
 from tests.tiers import examples
 
+pytestmark = pytest.mark.rotating
+
 NAMES = "abcdefg"
 
 

@@ -28,6 +28,8 @@ from skyrange.study.runs import fly
 from tests.catalogue import draw
 from tests.tiers import examples
 
+pytestmark = pytest.mark.rotating
+
 DURATION_S = 4.0
 TEXT = f"""
 name = "hands"

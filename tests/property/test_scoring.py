@@ -8,6 +8,7 @@ from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -21,6 +22,8 @@ from skyrange.scoring.scores import score_detectors
 from skyrange.scoring.tables import StudyTables
 from skyrange.statistics.exact_intervals import proportion_interval, rate_interval
 from tests.unit.score_sample import alert, attack, flight, tables
+
+pytestmark = pytest.mark.rotating
 
 EPISODE_NS = 20 * NS_PER_S
 SETTINGS = ScoreSettings(replicates=100, episode_s=20.0)

@@ -20,6 +20,8 @@ from skyrange.kernel.kernel import Kernel
 from skyrange.scenario.shipped import load
 from skyrange.vehicle.builtin.tick_batch import FleetTickBatch
 
+pytestmark = pytest.mark.rotating
+
 FLIGHTS = {
     "head-on": ["duration_s=60"],  # two collide, fall and hit the ground
     "wind": ["duration_s=40"],  # gusts, in which the air changes every 20 ms

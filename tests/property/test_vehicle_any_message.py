@@ -24,6 +24,8 @@ from tests.cases import each_case
 from tests.integration.flight_harness import Range, square, start
 from tests.tiers import examples
 
+pytestmark = pytest.mark.rotating
+
 V = "blue/b1"
 A = dialect
 IDS = sorted(LAYOUTS)

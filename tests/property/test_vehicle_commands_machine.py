@@ -12,6 +12,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
@@ -21,6 +22,8 @@ from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Item, Range, square, start, takeoff
 from tests.tiers import examples, is_fuzzing
+
+pytestmark = pytest.mark.rotating
 
 A = dialect
 NAMES = ("blue/b1", "blue/b2")

@@ -24,6 +24,8 @@ from tests.unit.live_parts import fly as fly_parts
 from tests.unit.live_parts import header_of
 from tests.unit.record_sample import HEADER
 
+pytestmark = pytest.mark.rotating
+
 END = NS_PER_S
 
 

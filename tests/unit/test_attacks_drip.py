@@ -29,6 +29,8 @@ from skyrange.remoteid.drip.verification.observer import Observer
 from skyrange.remoteid.drip.verification.verdicts import Acceptance, Policy, Refusal, Trust, accepts
 from tests.unit.test_attack_remote_id import ORIGIN, made, place, sent
 
+pytestmark = pytest.mark.rotating
+
 SUPPRESS_PAGES = AttackPlugin.find("remote_id.suppress_pages")
 SIGNED_GHOST = AttackPlugin.find("remote_id.signed_ghost")
 VERIFICATION_FLOOD = AttackPlugin.find("remote_id.verification_flood")

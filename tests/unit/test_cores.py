@@ -44,6 +44,8 @@ from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_files import load_text
 from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS
 
+pytestmark = pytest.mark.rotating
+
 QUANTUM_NS = 2_500_000
 PERIOD_NS = 25 * NS_PER_MS
 

@@ -24,6 +24,8 @@ from skyrange.dataset.audit.comparisons import audit_dataset
 from skyrange.dataset.build import identify_setting
 from skyrange.dataset.columns import VIEWS, view_schema
 
+pytestmark = pytest.mark.rotating
+
 pytest.importorskip("sklearn")
 
 S = 1_000_000_000

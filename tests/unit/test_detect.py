@@ -27,6 +27,8 @@ from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.runs import run
 from skyrange.testing.checks.monitors import collect_frames, serve
 
+pytestmark = pytest.mark.rotating
+
 PORTS = (Port("blue.gcs", "gcs:blue/b1"), Port("blue.gcs", "gcs:blue/b2"))
 GAP = MonitorPlacement("gap", HeartbeatGap, ["gcs:*"], "gcs")
 

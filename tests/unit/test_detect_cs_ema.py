@@ -30,6 +30,8 @@ from tests.unit.telemetry_sample import (
     times,
 )
 
+pytestmark = pytest.mark.rotating
+
 CS_EMA = DetectorPlugin.find("navigation.cs_ema")
 
 PUBLISHED = {

@@ -19,6 +19,8 @@ from skyrange.detect.messages import read_heads
 from skyrange.detect.streams import EventCounts, StreamNumbers
 from skyrange.testing.checks.monitors import collect_frames, serve
 
+pytestmark = pytest.mark.rotating
+
 MAVLINK_COMMANDS = DetectorPlugin.find("mavlink.commands")
 MAVLINK_RATE = DetectorPlugin.find("mavlink.rate")
 MAVLINK_SEQUENCE = DetectorPlugin.find("mavlink.sequence")

@@ -45,6 +45,8 @@ from tests.unit.telemetry_sample import (
     times,
 )
 
+pytestmark = pytest.mark.rotating
+
 if TYPE_CHECKING:
     from skyrange.detect.bases import TelemetryDetector
 

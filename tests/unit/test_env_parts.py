@@ -28,6 +28,8 @@ from skyrange.scenario.model.scenario import Origin as ScenarioOrigin
 from skyrange.testing import check_agent, check_monitor, check_tap
 from tests.unit.test_attack_gnss import off, readings
 
+pytestmark = pytest.mark.rotating
+
 CLOCK = Clock(NS_PER_S)
 BLUE = "blue_blue"
 

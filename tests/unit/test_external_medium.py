@@ -35,6 +35,8 @@ from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.contract import MediumContext
 from skyrange.radio.external.medium import ExternalMedium
 
+pytestmark = pytest.mark.rotating
+
 ENGINE = (
     f"""
 import sys

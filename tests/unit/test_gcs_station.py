@@ -24,6 +24,8 @@ from skyrange.utm.approve_all import ApproveAll
 from skyrange.utm.contract import ApprovalDecision, OperationalIntent
 from tests.unit.fake_autopilot import EPOCH, ORIGIN, Air, FakeAutopilot, Loop
 
+pytestmark = pytest.mark.rotating
+
 HOME = (5.0, 5.0, 0.0)
 ARM, MODE, START, TAKEOFF, INTERVAL = 400, 176, 300, 22, 511
 

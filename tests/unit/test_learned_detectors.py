@@ -31,6 +31,8 @@ from skyrange.study.feature_windows import (
 from skyrange.testing import check_monitor
 from skyrange.testing.checks.monitors import collect_frames
 
+pytestmark = pytest.mark.rotating
+
 LEARNED = DetectorPlugin.find("learned.windows")
 
 PORTS = (Port("blue.gcs", "gcs:blue/b1"), Port("blue.gcs", "gcs:blue/b2"))

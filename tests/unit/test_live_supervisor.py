@@ -19,6 +19,8 @@ from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared
 from tests.live_ranges import VirtualProcess, VirtualSystem
 from tests.live_ranges.messages import MemoryControlServer
 
+pytestmark = pytest.mark.rotating
+
 SCENARIO = """
 name = "supervised"
 seed = 4

@@ -31,6 +31,8 @@ from tests.probes.toys import MS, ROUGH
 from tests.unit.live_parts import Flown, fly, frames_of
 from tests.unit.record_sample import StillWorld, make_frame
 
+pytestmark = pytest.mark.rotating
+
 WIRE = Channel(mode="reliable", latency_ns=20 * MS, loss=0.1)
 TWICE = replace(ROUGH, reorder=0.0)
 SHUFFLED = replace(ROUGH, duplicate=0.0, reorder=0.3)

@@ -31,6 +31,8 @@ from skyrange.record.write.files.part_writer import PENDING, Background
 from skyrange.record.write.files.table_files import TableFiles
 from tests.unit.record_sample import HEADER, MS, StillWorld, tell, traffic
 
+pytestmark = pytest.mark.rotating
+
 
 def _delayed(seed: int) -> Iterator[Frame]:
     """Traffic of which some frames are recorded late, out of their order, and some arrive at one time."""

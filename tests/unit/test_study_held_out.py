@@ -19,6 +19,8 @@ from skyrange.study.folder import StudyFolder
 from skyrange.study.score_tables import make_score_tables, score_study
 from skyrange.study.study_run import create_folder
 
+pytestmark = pytest.mark.rotating
+
 HELD = {"families": ["link_timing"], "cities": ["new"], "aircraft": [3]}
 KINDS = {"gnss.drift": "gnss_false_position", "link.delay": "link_timing"}
 

@@ -22,6 +22,8 @@ from tools.agreement.gnss_reactions import (
     settings,
 )
 
+pytestmark = pytest.mark.rotating
+
 CHOSEN = (
     Setting("gnss.jump", {"offset_m": [6.0, 0.0, 0.0]}),
     Setting("gnss.jump", {"offset_m": [0.0, -30.0, 0.0]}),

@@ -27,6 +27,8 @@ from skyrange.view.stream.recorded import THINNED, RecordedArms
 from skyrange.view.stream.scene import ArmRecord
 from tests.unit.study_sample import SampleRun, fleet_of, fly, small_city, squares
 
+pytestmark = pytest.mark.rotating
+
 VOID = {"meta", "input", "br", "img", "link", "hr"}
 
 

@@ -27,6 +27,8 @@ from skyrange.utm.messages import DecisionBody, Request, encode
 from tests.approval_stations import LAT, LON, fly_requests
 from tests.utm_services import SERVICES, Federation, later, run, running, write, write_one
 
+pytestmark = pytest.mark.rotating
+
 COORDINATION = "utm.strategic_coordination"
 
 

@@ -15,6 +15,8 @@ from skyrange.vehicle.builtin.control import (
 from skyrange.vehicle.builtin.estimation import strapdown
 from skyrange.world import multirotor
 
+pytestmark = pytest.mark.rotating
+
 LANES, NUMBER = numba.float64[::1], numba.float64
 LOOPS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "motion": (multirotor._move_lanes, (NUMBER, LANES)),

@@ -12,6 +12,8 @@ from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import ORIGIN, Range, square
 
+pytestmark = pytest.mark.rotating
+
 V = "blue/b1"
 A = dialect
 OK, BUSY, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4

@@ -17,6 +17,8 @@ from skyrange.world import Body, SensorSpec, World
 from skyrange.world.sensing import sensor_errors as models
 from skyrange.world.sensing.geomagnetism import magnetic_field_at
 
+pytestmark = pytest.mark.rotating
+
 ORIGIN = Origin(-35.363328, 149.1652241, 584.0, 19.0)
 STEP = 2_500_000
 SPEC = SensorSpec(1.0, magnetic_field_at(ORIGIN))

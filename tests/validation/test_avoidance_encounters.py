@@ -26,6 +26,8 @@ from skyrange.vehicle.avoidance.orca import Orca
 from skyrange.vehicle.avoidance.stop import Stop
 from tests.unit.avoidance_harness import Flyer, fly
 
+pytestmark = pytest.mark.rotating
+
 Z = 50.0
 HELD_M = 19.0
 NUMBER = re.compile(r"\d+\.\d")

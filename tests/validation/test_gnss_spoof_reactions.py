@@ -22,6 +22,8 @@ from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import EPOCH, ORIGIN, Range
 from tests.validation.gnss_spoofs import FINE, MOVED, RATIO, RESET, SECONDS, SPOOFS, TIME_S, USUAL, Spoof
 
+pytestmark = pytest.mark.rotating
+
 DRIFT = AttackPlugin.find("gnss.drift")
 JUMP = AttackPlugin.find("gnss.jump")
 
