@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from contextlib import ExitStack
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,7 @@ def watched(monkeypatch: pytest.MonkeyPatch) -> list[RecordedStream]:
     """What the server of `skyrange watch` would have served."""
     served: list[Any] = []
     monkeypatch.setattr("skyrange.view.server.make_application", lambda stream, **_: served.append(stream))
-    monkeypatch.setattr("skyrange.view.server.serve_beside", lambda *_: ExitStack())
+    monkeypatch.setattr("skyrange.view.server.serve_beside", lambda *_: nullcontext("http://viewer/"))
     monkeypatch.setattr(watching, "_wait", lambda: None)
     return served
 
@@ -64,7 +64,7 @@ def watched(monkeypatch: pytest.MonkeyPatch) -> list[RecordedStream]:
 def watch(folder: Path, *options: str) -> str:
     """What `skyrange watch` says."""
     result = CliRunner().invoke(app, ["watch", str(folder), "--no-browser", *options], catch_exceptions=False)
-    return " ".join(result.stderr.split())
+    return " ".join(result.output.split())
 
 
 def scene_of(served: RecordedStream) -> Message:
@@ -79,6 +79,8 @@ def test_runs_of_a_study_are_flown_again_as_they_were(tmp_path: Path, watched: l
     said = watch(tmp_path / "s", "--run", "p0001", "--seed", "1")
     assert said.count("was flown again, with the same fingerprint") == 2
     assert "There are 1 more" in said
+    assert "http://viewer/ " in said
+    assert "http://viewer/#t=6.5 " in watch(tmp_path / "s", "--run", "p0001", "--time", "6.5")
     scene = scene_of(watched[0])
     assert scene.head["name"] == "jumps: p0001, seed 1"
     assert [arm["id"] for arm in scene.head["arms"]] == ["attacked", "nominal"]
@@ -96,7 +98,7 @@ def test_runs_of_a_study_are_flown_again_as_they_were(tmp_path: Path, watched: l
     shutil.rmtree(tmp_path / "s")
     run_study(file, tmp_path / "s", executor=InThisProcess())
     assert "again" not in watch(tmp_path / "s")
-    assert len(watched) == 3
+    assert len(watched) == 4
 
 
 def test_a_variant_is_shown_beside_the_scenario_as_it_is(tmp_path: Path, watched: list[RecordedStream]) -> None:

@@ -12,6 +12,7 @@ from skyrange.metrics.paths import NO_ITEM
 from skyrange.metrics.time_series import belief_tracks, labelled_acts, read_notes, truth_tracks
 from skyrange.record import RunRecord
 from skyrange.view.folders import encode_folder
+from skyrange.view.opening import LEAD_S, find_opening_s
 from skyrange.view.stream.events import EventTables
 from skyrange.view.stream.messages import Message, decode_file
 from skyrange.view.stream.positions import Layer, Samples
@@ -83,12 +84,15 @@ def test_a_run() -> None:
 
 
 def test_a_pair_is_both_arms_on_one_clock_with_a_verdict() -> None:
-    pair = shared_pair("rid-spoofing", *SHORT)
+    pair = shared_pair("rid-spoofing", "duration_s=75")
     scene, messages = read(pair.path)
     assert [arm["id"] for arm in scene.head["arms"]] == ["attacked", pair.twin]
     for arm, name in enumerate(("attacked", pair.twin)):
         require_run(pair.run(name), scene, messages, arm)
     assert "seed 7" in scene.head["verdict"]
+    departed_s = min(row["departed_s"] for row in pair.effects.to_pylist() if row["departed_s"] is not None)
+    assert find_opening_s([pair.run("attacked"), pair.run(pair.twin)]) == pytest.approx(departed_s - LEAD_S)
+    assert find_opening_s([pair.run("attacked")] * 2) is None
     with pytest.raises(InputError, match="one of 7"):
         encode_folder(pair.path, 8)
 

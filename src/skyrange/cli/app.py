@@ -313,6 +313,14 @@ def watch(
         ),
     ] = None,
     seed: Annotated[int | None, typer.Option(metavar="N", help="The runs of this seed. Default: the first.")] = None,
+    time: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            min=0.0,
+            help="Open at this time of the flight. Default: before the first departure from a twin, or the start.",
+        ),
+    ] = None,
     host: Annotated[
         str,
         typer.Option(
@@ -335,7 +343,7 @@ def watch(
     Runs of a study, a comparison or a matrix that were not kept are flown again. A run that flies is followed.
     """
     at = watching.ViewAddress(host, port, certificate, key)
-    watching.watch(watching.WatchOptions(folder, run, seed, at, browser))
+    watching.watch(watching.WatchOptions(folder, run, seed, at, browser, time))
 
 
 class Kind(StrEnum):

@@ -66,10 +66,12 @@ class WatchOptions(NamedTuple):
     seed: int | None
     at: ViewAddress
     in_browser: bool
+    time_s: float | None = None
 
 
 def watch(options: WatchOptions) -> None:
     """`skyrange watch`."""
+    from skyrange.view.opening import find_opening_s
     from skyrange.view.record_queries import RecordQueries
     from skyrange.view.server import LiveStream, RecordedStream, make_application, serve_beside
 
@@ -77,11 +79,13 @@ def watch(options: WatchOptions) -> None:
     with ExitStack() as stack:
         shown = stack.enter_context(_open_folder(options._replace(folder=expand_user(options.folder))))
         if isinstance(shown, LiveStream):
-            application = make_application(shown, access=access)
+            application, time_s = make_application(shown, access=access), options.time_s
         else:
             recorded, queries = RecordedStream(shown.encode()), RecordQueries(shown.records)
             application = make_application(recorded, queries=queries, access=access)
+            time_s = find_opening_s(shown.records) if options.time_s is None else options.time_s
         url = stack.enter_context(serve_beside(application, host, options.at.port))
+        url += "" if time_s is None else f"#t={time_s:g}"
         print_text(url)
         print_notice("The viewer runs until Ctrl-C.")
         if options.in_browser and access is None:

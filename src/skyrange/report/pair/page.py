@@ -35,14 +35,13 @@ from skyrange.twins.causal_path import Step, find_causal_path
 from skyrange.twins.pair_folder import Pair
 from skyrange.twins.verdict import describe_verdict
 from skyrange.view.folders import read_pair_arms
+from skyrange.view.opening import LEAD_S
 
 MAX_DRAWN = 12
 """Aircraft in the charts over time: those that departed farthest."""
 
 SCRIPTS: Final = ("packed.js", "rows.js", "moments.js")
 """Parts of the page's own script in order."""
-LEAD_S: Final = 6.0
-"""The page opens so long before the first act or the first departure, whichever is later."""
 
 _TWINS = {
     "nominal": "Against the nominal twin: every attack and fault is present and muted.",
