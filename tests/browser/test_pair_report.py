@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from skyrange.report.pair.page import LEAD_S, write_comparison
+from skyrange.report.pair.page import write_comparison
 from skyrange.twins.pair_folder import Pair
+from skyrange.view.opening import LEAD_S
 from tests.browser.chromium import Opened, missing, visit
 
 if TYPE_CHECKING:
