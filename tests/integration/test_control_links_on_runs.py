@@ -14,7 +14,7 @@ from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
 from skyrange.record.write.memory_observer import MemoryObserver
 from skyrange.runtime.live.range import prepare_range
-from skyrange.scenario import Link, Radio, Scenario, WifiParams, load_scenario, load_toml
+from skyrange.scenario import Link, Radio, Scenario, WifiParams
 from skyrange.study.runs import fly
 
 pytestmark = pytest.mark.rotating
@@ -38,7 +38,7 @@ def with_links(scenario: Scenario, *rules: Link) -> Scenario:
 
 
 def test_a_deauthentication_ends_the_link_and_802_11w_protects_it(tmp_path: Path) -> None:
-    scenario = load_scenario(DEAUTHENTICATION).model_copy(update={"duration_s": 33.0})
+    scenario = Scenario.from_file(DEAUTHENTICATION).model_copy(update={"duration_s": 33.0})
     attacked = fly(scenario, tmp_path / "attacked", report=False)
     lost, sent = losses(attacked, "fwd", 26.0)
     assert sent > 10
@@ -52,7 +52,7 @@ def test_a_deauthentication_ends_the_link_and_802_11w_protects_it(tmp_path: Path
 
 
 def test_a_fork_continues_as_the_run_does() -> None:
-    scenario = load_scenario(DEAUTHENTICATION).model_copy(update={"duration_s": 30.0})
+    scenario = Scenario.from_file(DEAUTHENTICATION).model_copy(update={"duration_s": 30.0})
     seen = [MemoryObserver(), MemoryObserver(), MemoryObserver()]
     straight = Kernel(build(scenario).wiring, [seen[0]])
     straight.advance(28_000_000_000)
@@ -96,7 +96,7 @@ station = [0, 0]
   params = {{ FS_GCS_ENABLE = 0 }}
   plan = {{ speed_mps = 15, path = {{ alt_m = 30, points = [[1200, 0]] }} }}
 """
-    record = fly(load_toml(text), tmp_path / "run", report=False)
+    record = fly(Scenario.from_toml(text), tmp_path / "run", report=False)
     notes = read_notes(record, "events")
     handovers = [(note.about, note.data["from"], note.data["to"]) for note in notes if note.kind == "event.handover"]
     assert handovers[0] == ("gcs:green/a", "west", "east")
@@ -106,7 +106,7 @@ station = [0, 0]
 
 
 def test_the_air_needs_one_process(tmp_path: Path) -> None:
-    scenario = load_scenario("squares")
+    scenario = Scenario.from_file("squares")
     over_wifi = scenario.model_copy(update={"radio": Radio(), "links": (Link(match="gcs:*", channel="wifi"),)})
     with pytest.raises(InputError, match=r"channel over the air.*--group one"):
         prepare_range(over_wifi, tmp_path / "run", group="component")

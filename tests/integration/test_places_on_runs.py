@@ -13,7 +13,7 @@ from skyrange.kernel import Kernel
 from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
 from skyrange.record.write.memory_observer import MemoryObserver
-from skyrange.scenario import Scenario, load_toml
+from skyrange.scenario import Scenario
 from skyrange.study.runs import fly
 
 pytestmark = pytest.mark.rotating
@@ -31,7 +31,7 @@ params = { transmitter_m = [35.0, 5.0, 2.0] }
 
 def attacked(kind: str, params: str, *, wifi: str = "", more: str = "", duration_s: float = 6.0) -> Scenario:
     """An aircraft near its access point, on the ground, under an attack from 4 s on."""
-    return load_toml(f"""
+    return Scenario.from_toml(f"""
 name = "reach"
 duration_s = {duration_s}
 origin = [40.0, -73.0]

@@ -25,7 +25,7 @@ from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NEVER
 from skyrange.core.volumes import Volume4D
-from skyrange.scenario import AttackTable, load_scenario
+from skyrange.scenario import AttackTable, Scenario
 from skyrange.testing.checks.attacks import two_squares
 from skyrange.utm.contract import OperationalIntent, intent_id
 from skyrange.utm.intent_states import IntentState
@@ -207,7 +207,7 @@ LATE: list[dict[str, Any]] = [{"start_s": 5.0}, {"when": {"vehicle": "blue/b1", 
 
 @pytest.mark.parametrize("late", LATE)
 def test_a_plan_file_is_altered_from_the_start_or_not_at_all(late: dict[str, Any]) -> None:
-    scenario = load_scenario("ground.plan_file")
+    scenario = Scenario.from_file("ground.plan_file")
     attack = AttackTable.model_validate({**scenario.attacks[0].model_dump(exclude_none=True), **late})
     with pytest.raises(InputError, match=r"start_s.*loaded at the start"):
         build(scenario.model_copy(update={"attacks": (attack,)}))
@@ -233,7 +233,7 @@ def test_states_and_ends_of_an_altered_intent_stay_what_they_are() -> None:
 
 
 def test_a_campaign_cannot_alter_a_plan_file() -> None:
-    scenario = load_scenario("campaign")
+    scenario = Scenario.from_file("campaign")
     table = scenario.attacks[0].model_dump(exclude_none=True)
     acts = table["params"]["acts"]
     acts[next(iter(acts))] = {"kind": "ground.plan_file", "params": {"vehicles": ["blue/b1"], "form": "scale"}}

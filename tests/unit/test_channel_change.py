@@ -34,7 +34,7 @@ from skyrange.radio.control_link.params import WifiParams
 from skyrange.radio.control_link.wifi_link import BEACON_NS, Transmitter, WifiLink
 from skyrange.radio.control_link.wifi_rates import MAX_RETRIES, RATES_MBPS
 from skyrange.radio.spectrum import NoiseBurst
-from skyrange.scenario import load_toml
+from skyrange.scenario import Scenario
 
 NOISE_DBM = -94.0
 STEP: Time = 20 * NS_PER_MS
@@ -269,5 +269,5 @@ CELLULAR = (
 def test_what_cannot_be_is_refused_before_the_run(links: str, params: str, message: str) -> None:
     table = f'[[defences]]\nid = "channel"\nkind = "control_link.channel_change"\nparams = {params}\n'
     with pytest.raises(InputError) as caught:
-        build(load_toml(BASE + links + table))
+        build(Scenario.from_toml(BASE + links + table))
     assert re.search(message, str(caught.value), re.DOTALL), caught.value

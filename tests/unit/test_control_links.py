@@ -27,7 +27,7 @@ from skyrange.radio.control_link.params import BaseStation, CellularParams, Wifi
 from skyrange.radio.control_link.wifi_link import Transmitter, WifiLink
 from skyrange.radio.control_link.wifi_rates import MAX_RETRIES, RATES_MBPS, airtime_ns, success_probability
 from skyrange.radio.control_link.wifi_rates import MIN_SNIR_DB as WIFI_SNIR_DB
-from skyrange.scenario import Link, load_toml
+from skyrange.scenario import Link, Scenario
 
 NOISE_DBM = -94.0
 
@@ -301,7 +301,7 @@ FLEET = (
 )
 def test_wrong_channels_are_refused(tables: str, text: str) -> None:
     with pytest.raises(InputError) as error:
-        load_toml(HEAD + tables + FLEET)
+        Scenario.from_toml(HEAD + tables + FLEET)
     assert text in str(error.value)
 
 
@@ -323,12 +323,12 @@ def test_wrong_channels_are_refused(tables: str, text: str) -> None:
 )
 def test_links_that_cannot_be_on_the_air_are_refused(tables: str, text: str) -> None:
     with pytest.raises(InputError) as error:
-        build(load_toml(HEAD + tables + FLEET))
+        build(Scenario.from_toml(HEAD + tables + FLEET))
     assert text in str(error.value)
 
 
 def test_the_last_rule_says_what_a_channel_is() -> None:
-    scenario = load_toml(HEAD + '[radio]\n[[links]]\nmatch = "*"\nlatency_ms = 5\n' + FLEET)
+    scenario = Scenario.from_toml(HEAD + '[radio]\n[[links]]\nmatch = "*"\nlatency_ms = 5\n' + FLEET)
     rules = (*scenario.links, Link(match="gcs:*", channel="wifi"), Link(match="gcs:blue/b1", channel="fixed"))
     assert scenario.model_copy(update={"links": rules}).over_air("gcs:blue/b1") is None
     assert scenario.model_copy(update={"links": rules[:2]}).over_air("gcs:blue/b1") == WifiParams()

@@ -23,7 +23,7 @@ from skyrange.env.acts import BlueChoices, Clock, RedChoice
 from skyrange.env.observations import TelemetryFeatures
 from skyrange.env.outcomes import MissionProgress
 from skyrange.env.parts import AdversaryTap, Announcer, ChosenDrift, CommandConsole, SourceFilter, make_red_team
-from skyrange.scenario import Scenario, load_scenario
+from skyrange.scenario import Scenario
 from skyrange.scenario.model.scenario import Origin as ScenarioOrigin
 from skyrange.testing import check_agent, check_monitor, check_tap
 from tests.unit.test_attack_gnss import off, readings
@@ -63,10 +63,10 @@ def test_a_bad_argument_is_named_with_what_was_expected(arguments: dict[str, Any
 
 
 def test_guided_plans_and_other_autopilots_are_rejected() -> None:
-    scenario = load_scenario("squares", ["operators.0.vehicles.0.plan.mode=guided"])
+    scenario = Scenario.from_file("squares", ["operators.0.vehicles.0.plan.mode=guided"])
     with pytest.raises(InputError, match=r"operators.blue.vehicles.b1.plan.mode: 'guided' — expected 'auto'"):
         HoldTheMission(scenario)
-    scenario = load_scenario("squares", ["operators.1.vehicles.0.autopilot=ardupilot"])
+    scenario = Scenario.from_file("squares", ["operators.1.vehicles.0.autopilot=ardupilot"])
     with pytest.raises(InputError, match=r"operators.green.vehicles.g1.autopilot: 'ardupilot' — expected 'builtin'"):
         HoldTheMission(scenario)
 

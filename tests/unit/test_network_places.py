@@ -20,7 +20,7 @@ from skyrange.contracts.verdicts import Delay, Drop, Inject, Replace, Verdict
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel import Kernel, Wiring
-from skyrange.scenario import Scenario, load_toml
+from skyrange.scenario import Scenario
 from tests.probes.toys import MS, Fleet, Log, Station, onboard
 
 CELLULAR = 'cellular = { base_stations = [{ id = "w", place = [0, 50, 25] }] }'
@@ -32,7 +32,7 @@ def attacked(kind: str, params: dict[str, Any], channel: str = "wifi") -> Scenar
     """An aircraft under one attack."""
     rule = {"fixed": "", "wifi": 'channel = "wifi"', "cellular": f'channel = "cellular"\n{CELLULAR}'}[channel]
     own = ", ".join(f"{name} = {json.dumps(value)}" for name, value in params.items())
-    return load_toml(f"""
+    return Scenario.from_toml(f"""
 name = "places"
 duration_s = 20
 origin = [40.0, -73.0]

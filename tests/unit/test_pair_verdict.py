@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrange.twins.pair_folder import Pair
-from skyrange.twins.verdict import describe_verdict
+from skyrange.twins.verdict import describe_losses, describe_verdict
 
 ROWS = st.fixed_dictionaries(
     {
@@ -20,6 +20,8 @@ ROWS = st.fixed_dictionaries(
         "extra_energy_j": st.none() | st.floats(-9000.0, 9000.0),
         "outcome": st.sampled_from(["complete", "failed"]),
         "outcome_twin": st.just("complete"),
+        "collisions": st.integers(0, 2),
+        "collisions_twin": st.integers(0, 1),
         "attacks": st.sampled_from([[], ["ghost"], ["ghost", "jammer"]]),
         "faults": st.sampled_from([[], ["gust"]]),
         "attribution": st.sampled_from(["both", "none", "unknown", None]),
@@ -41,7 +43,13 @@ def pairs(draw: st.DrawFn) -> Pair:
 
 @given(pairs())
 def test_it_names_the_first_departure_its_authors_and_the_seeds(found: Pair) -> None:
-    sentence = describe_verdict(found, 7)
+    of_seed = [row for row in found.effects.to_pylist() if row["against"] == "nominal" and row["seed"] == 7]
+    losses = describe_losses(of_seed)
+    assert describe_verdict(found, 7).startswith(losses)
+    for row in of_seed:
+        lost = row["outcome"] != "complete" or row["collisions"] > row["collisions_twin"]
+        assert (row["vehicle"] in losses) == lost
+    sentence = describe_verdict(found, 7).removeprefix(losses).strip()
     rows = [row for row in found.effects.to_pylist() if row["against"] == "nominal" and row["departed_s"] is not None]
     first = min((row for row in rows if row["seed"] == 7), key=lambda row: row["departed_s"], default=None)
     count = len(found.seeds)

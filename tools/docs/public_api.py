@@ -23,7 +23,7 @@ FACADE = ("skyrange", "skyrange.scenario", "skyrange.plugin", "skyrange.analysis
 
 TOPICS: dict[str, dict[str, str]] = {
     "skyrange.scenario": {
-        "Scenarios": "Scenario SHIPPED load_scenario load_toml to_toml json_schema",
+        "Scenarios": "Scenario SHIPPED to_toml json_schema",
         "Surroundings": "Origin City Grid Wind Radio Receiver",
         "Operators and aircraft": "Operator Vehicle Fleet Start Sensors RemoteId Verify Avoidance Autopilots",
         "Plans": "Plan Square Path Route Fence FenceCircle FencePolygon square path route mission_file",

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, Verify
     from skyrange.scenario.model.scenario import City, Grid, Live, Origin, Record, Scenario, Sensors, Wind, json_schema
     from skyrange.scenario.shipped import SHIPPED
-    from skyrange.scenario.shipped import load as load_scenario
-    from skyrange.scenario.toml_files import load_text as load_toml
     from skyrange.scenario.toml_files import to_toml
 
 __all__ = [
@@ -77,8 +75,6 @@ __all__ = [
     "WifiParams",
     "Wind",
     "json_schema",
-    "load_scenario",
-    "load_toml",
     "mission_file",
     "path",
     "route",
@@ -102,8 +98,8 @@ if not TYPE_CHECKING:
             ),
             "skyrange.scenario.model.radio": "Avoidance Radio Receiver RemoteId Verify",
             "skyrange.scenario.model.scenario": "City Grid Live Origin Record Scenario Sensors Wind json_schema",
-            "skyrange.scenario.shipped": "SHIPPED load=load_scenario",
-            "skyrange.scenario.toml_files": "load_text=load_toml to_toml",
+            "skyrange.scenario.shipped": "SHIPPED",
+            "skyrange.scenario.toml_files": "to_toml",
         },
     )
 

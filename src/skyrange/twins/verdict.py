@@ -1,8 +1,8 @@
-"""The verdict on a pair in a sentence: what made which aircraft leave its path, when, and at what cost."""
+"""The verdict on a pair: what was lost, and what made which aircraft leave its path, when, and at what cost."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from skyrange.twins.pair_folder import Pair
@@ -17,8 +17,38 @@ _RELATIONS: Final = {
 """Words for how the attacks relate to the effect (`twins.attribution`); others are left out."""
 
 
+_NAMES_SHOWN: Final = 3
+
+
 def describe_verdict(pair: Pair, seed: int) -> str:
-    """The aircraft that first departed from its path in the run of `seed`, by whom, and in how many seeds it did."""
+    """What was lost in the run of `seed`, and the aircraft that first departed from its path, by whom, and in how many
+    seeds it did.
+    """
+    rows = [row for row in pair.effects.to_pylist() if row["against"] == pair.twin and row["seed"] == seed]
+    return " ".join(filter(None, (describe_losses(rows), _describe_departure(pair, seed))))
+
+
+def describe_losses(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The collisions of aircraft and the missions that the twin does not have to lose, from rows of effects of one run;
+    empty where nothing was lost.
+    """
+    collided = [row["vehicle"] for row in rows if row["collisions"] > row["collisions_twin"]]
+    lost = [row["vehicle"] for row in rows if row["outcome"] != "complete" and row["outcome_twin"] == "complete"]
+    parts = [
+        f"{len(collided)} aircraft collided ({_list_some(collided)})" if collided else "",
+        f"{len(lost)} mission{'s were' if len(lost) > 1 else ' was'} lost ({_list_some(lost)})" if lost else "",
+    ]
+    said = "; ".join(filter(None, parts))
+    return f"{said}." if said else ""
+
+
+def _list_some(names: Sequence[str]) -> str:
+    more = len(names) - _NAMES_SHOWN
+    return ", ".join(names[:_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
+
+
+def _describe_departure(pair: Pair, seed: int) -> str:
+    """The aircraft that first departed from its path, by whom, and in how many seeds."""
     rows = [row for row in pair.effects.to_pylist() if row["against"] == pair.twin]
     departed = [row for row in rows if row["departed_s"] is not None]
     of_seed = [row for row in departed if row["seed"] == seed]

@@ -23,6 +23,7 @@ def print_pair(result: Pair) -> None:
     from rich.table import Table
 
     from skyrange.twins.attribution import unknown_subsets
+    from skyrange.twins.verdict import describe_losses
 
     console = terminal()
     print_failed_missions(console, map(str, result.failed_missions))
@@ -45,6 +46,9 @@ def print_pair(result: Pair) -> None:
             f"{row['extra_distance_m']:+.1f} m",
             "–" if row["extra_energy_j"] is None else f"{row['extra_energy_j'] / 1000.0:+.2f} kJ",
         )
+    first_seed = [row for row in rows if row["seed"] == result.seeds[0]]
+    if losses := describe_losses(first_seed):
+        console.print(losses, markup=False)
     if departed:
         console.print(table)
     else:
@@ -53,7 +57,7 @@ def print_pair(result: Pair) -> None:
     for cause, vehicles in _causes(departed).items():
         shown = ", ".join(vehicles[:MAX_AIRCRAFT]) + (" …" if len(vehicles) > MAX_AIRCRAFT else "")
         console.print(f"{cause}: {shown}", markup=False)
-    for row in departed:
+    for row in first_seed:
         if row["outcome"] != row["outcome_twin"]:
             console.print(f"{row['vehicle']}: {row['outcome_twin']} in the twin, {row['outcome']} attacked")
         for mishap in ("near_misses", "collisions"):

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -19,11 +21,18 @@ from skyrange.record.folder import check_folder_name
 from skyrange.record.manifest import RUNNING, origin_of, read_manifest, start_unix_ns_of
 from skyrange.record.notes import CRASH, OUTCOME, outcomes_of_events, vehicle_ids
 from skyrange.record.read.features import count_features, features_period_ns, merge_features
+from skyrange.record.read.notebook import describe_record, render_record
 from skyrange.record.read.observations import derive_observations, observations_table
 from skyrange.record.read.tables import Tables
 from skyrange.record.read.telemetry import FOLDER, count_messages, is_message, message_batches, read_message
 from skyrange.record.schema import FULL, TABLES, arrow_schema, keeps, level_of
 from skyrange.record.spool import SPOOL, table_files
+
+if TYPE_CHECKING:
+    import pandas
+    import polars
+
+    from skyrange.figures import Figure
 
 
 class RecordedFrame(NamedTuple):
@@ -51,13 +60,39 @@ class RecordedFrame(NamedTuple):
 _FRAME_COLUMNS = [name for name in RecordedFrame._fields if name != "payload"]
 
 
-@dataclass(frozen=True)
+def _whole(name: str) -> property:
+    """A property that is a whole table."""
+
+    def read(record: RunRecord) -> pa.Table:
+        return record.table(name)
+
+    read.__doc__ = f"The whole table `{name}`, as a `pyarrow.Table`."
+    return property(read)
+
+
+@dataclass(frozen=True, repr=False)
 class RunRecord:
     """An opened run folder. Tables are read on request."""
 
     path: Path
     manifest: dict[str, Any]
     tables: Tables
+
+    truth = _whole("truth")
+    frames = _whole("frames")
+    events = _whole("events")
+    decisions = _whole("decisions")
+    labels = _whole("labels")
+    alerts = _whole("alerts")
+    observations = _whole("observations")
+    features = _whole("features")
+
+    def __repr__(self) -> str:
+        return describe_record(self)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return render_record(self)
 
     @property
     def status(self) -> str:
@@ -81,6 +116,22 @@ class RunRecord:
             table = self._derive(name)
             return table if columns is None else table.select(list(columns))
         return self.tables.table(name, columns)
+
+    def to_pandas(self, name: str, columns: Sequence[str] | None = None) -> pandas.DataFrame:
+        """A table as a pandas data frame. Raises `InputError` as `table` does, and without pandas."""
+        _require_package("pandas")
+        return cast("pandas.DataFrame", self.table(name, columns).to_pandas())
+
+    def to_polars(self, name: str, columns: Sequence[str] | None = None) -> polars.DataFrame:
+        """A table as a polars data frame. Raises `InputError` as `table` does, and without polars."""
+        frame = _require_package("polars").from_arrow(self.table(name, columns))
+        return cast("polars.DataFrame", frame)
+
+    def plot(self) -> Figure:
+        """The tracks of all aircraft from above, over the city; a notebook displays it, and `save` writes it."""
+        from skyrange.figures import plan_view
+
+        return plan_view(self)
 
     def batches(self, name: str, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
         """The same rows in batches, for tables that are larger than memory."""
@@ -239,6 +290,14 @@ def open_folder(path: Path | str) -> RunRecord:
     if spooled and not (folder / SPOOL).is_dir():
         raise InputError.one(str(folder), SPOOL, "missing", "the streams of a run that did not end", "It was removed.")
     return RunRecord(folder, manifest, Tables(folder, spooled, level=level_of(manifest)))
+
+
+def _require_package(name: str) -> ModuleType:
+    try:
+        return import_module(name)
+    except ImportError:
+        hint = f"pip install {name}"
+        raise InputError.one("record", "package", name, "an installed package", hint) from None
 
 
 def _check(name: str) -> None:

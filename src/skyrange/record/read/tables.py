@@ -140,7 +140,7 @@ class Tables:
 
     def _parquet_schema(self, path: Path) -> pa.Schema:
         with self._name_damaged_file(path):
-            return _plain(pq.read_schema(path))
+            return plain_schema(pq.read_schema(path))
 
     def batches(
         self, name: str, columns: Sequence[str] | None = None, *, encoded: bool = False
@@ -234,7 +234,7 @@ class Tables:
         for path in (path for shard in shards for path in shard):
             with self._name_damaged_file(path), pq.ParquetFile(path) as file:
                 table = file.read()
-                tables.append(table.cast(_plain(table.schema)))
+                tables.append(table.cast(plain_schema(table.schema)))
         joined = pa.concat_tables(tables)
         key = time_key(joined.schema)
         return joined if len(shards) == 1 or key is None else joined.sort_by([(key, "ascending")])
@@ -244,7 +244,7 @@ class Tables:
         for path in table_files((self.folder / name).absolute()):
             with self._name_damaged_file(path), pq.ParquetFile(path) as file:
                 for batch in file.iter_batches(BATCH_ROWS):
-                    yield from pa.Table.from_batches([batch]).cast(_plain(batch.schema)).to_batches()
+                    yield from pa.Table.from_batches([batch]).cast(plain_schema(batch.schema)).to_batches()
 
     def file_rows(self, name: str) -> int:
         """Number of rows of a Parquet file of the folder; 0 if it is not there."""
@@ -353,35 +353,12 @@ def combine_batches(batches: Iterable[pa.RecordBatch], rows: int) -> Iterator[pa
         yield pa.Table.from_batches(pending)
 
 
-def parquet_options(schema: pa.Schema) -> dict[str, object]:
-    """Parquet options for a table: names dictionary-encoded, integers delta-encoded, floats split by byte position.
-
-    Numbers have statistics, by which readers skip groups of rows; those of names would take longer than the names.
-    """
-    names = names_of(schema)
-    layout: dict[str, str] = {}
-    for field in schema:
-        if pa.types.is_integer(field.type):
-            layout[field.name] = "DELTA_BINARY_PACKED"
-        elif pa.types.is_floating(field.type):
-            layout[field.name] = "BYTE_STREAM_SPLIT"
-        elif pa.types.is_binary(field.type):
-            layout[field.name] = "DELTA_LENGTH_BYTE_ARRAY"
-    return {
-        "compression": "zstd",
-        "compression_level": 3,
-        "use_dictionary": names or False,
-        "column_encoding": layout or None,
-        "write_statistics": [name for name, kind in layout.items() if kind != "DELTA_LENGTH_BYTE_ARRAY"] or False,
-    }
-
-
 def names_of(schema: pa.Schema) -> list[str]:
     """The columns of a table that are names."""
     return [field.name for field in schema if _column(schema, field.name).type == NAME]
 
 
-def _plain(schema: pa.Schema) -> pa.Schema:
+def plain_schema(schema: pa.Schema) -> pa.Schema:
     """A schema with plain strings instead of dictionaries."""
     fields = [field.with_type(pa.string()) if pa.types.is_dictionary(field.type) else field for field in schema]
     return pa.schema(fields, metadata=schema.metadata)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
+from os import PathLike, fspath
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict, field_validator, model_validator
@@ -22,7 +23,7 @@ from skyrange.contracts.plugins.registry import (
     MEDIA,
     kinds,
 )
-from skyrange.core.errors import Problem, nearest
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.geodesy import Origin as Datum
 from skyrange.core.time import Epoch
 from skyrange.radio.control_link.params import BaseStation, CellularParams, WifiParams
@@ -358,6 +359,38 @@ class Scenario(Model):
     manual_acts: tuple[ManualActTable, ...] = Field(
         default=(), description="Starts and stops by hand, as in a run in which they were done; default: none."
     )
+
+    @classmethod
+    def from_file(
+        cls,
+        name_or_file: str | PathLike[str],
+        changes: Iterable[str] = (),
+        *,
+        seed: int | None = None,
+        buildings: str | PathLike[str] | None = None,
+    ) -> Scenario:
+        """The shipped scenario of this name, or the scenario in this TOML file.
+
+        `buildings` is a file that replaces its city and moves its origin. `changes` are `path=value`, as for `--set`,
+        and are applied next; `seed` is applied last. Raises `InputError` with all problems.
+        """
+        from skyrange.scenario.shipped import load
+
+        return load(
+            fspath(name_or_file), changes, seed=seed, buildings=None if buildings is None else fspath(buildings)
+        )
+
+    @classmethod
+    def from_toml(cls, text: str, changes: Iterable[str] = (), *, folder: str | PathLike[str] = ".") -> Scenario:
+        """The scenario in a text of TOML; the names of files in it are relative to `folder`.
+
+        Raises `InputError` with all problems, also for a path, which `from_file` takes.
+        """
+        from skyrange.scenario.toml_files import load_text
+
+        if not isinstance(text, str):
+            raise InputError.one("scenario", "text", str(text), "TOML", "Scenario.from_file reads a file.")
+        return load_text(text, folder=fspath(folder), overrides=changes)
 
     @field_validator("approvals")
     @classmethod

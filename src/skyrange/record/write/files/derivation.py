@@ -37,10 +37,11 @@ from skyrange.record.read.station_frames import (
     select_received,
     sort_received,
 )
-from skyrange.record.read.tables import PayloadWindow, Tables, combine_batches, encoded_schema, parquet_options
+from skyrange.record.read.tables import PayloadWindow, Tables, combine_batches
 from skyrange.record.read.telemetry import FOLDER
 from skyrange.record.schema import arrow_schema
 from skyrange.record.spool import OPEN, SPOOL
+from skyrange.record.write.files.parquet import open_parquet
 from skyrange.record.write.files.table_files import WIDE_GROUP_ROWS, TelemetryFiles
 
 BLOCK_ROWS: Final = 65_536
@@ -252,7 +253,7 @@ class _ObservationsFile:
                 self._held, self._held_rows = group.to_batches(), group.num_rows
                 return
             if self._writer is None:
-                self._writer = pq.ParquetWriter(self._path, encoded_schema(schema), **parquet_options(schema))
+                self._writer = open_parquet(self._path, schema)
             self._writer.write_table(group.cast(self._writer.schema), row_group_size=WIDE_GROUP_ROWS)
 
     def close(self) -> None:

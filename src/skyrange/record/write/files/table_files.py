@@ -15,10 +15,11 @@ from skyrange.record.dictionaries import unify_dictionaries
 from skyrange.record.folder import describe_file
 from skyrange.record.read.features import merge_features
 from skyrange.record.read.station_frames import StationFrames
-from skyrange.record.read.tables import Tables, combine_batches, decode_spooled, encoded_schema, parquet_options
-from skyrange.record.read.telemetry import encoded_message_schema, received_messages
+from skyrange.record.read.tables import Tables, combine_batches, decode_spooled, encoded_schema
+from skyrange.record.read.telemetry import message_schema, received_messages
 from skyrange.record.schema import arrow_schema, truth_columns
 from skyrange.record.spool import OPEN, SPOOL, closed_part_path, spool_files
+from skyrange.record.write.files.parquet import open_parquet
 
 GROUP_ROWS: Final = 131_072
 """Rows of a Parquet row group, the smallest unit that a reader must hold in memory."""
@@ -50,7 +51,7 @@ class TableFiles:
 
     def _open_file(self, table: str, schema: pa.Schema) -> pq.ParquetWriter:
         path = self._folder / SPOOL / f"{table}.parquet{OPEN}"
-        return pq.ParquetWriter(path, encoded_schema(schema), **parquet_options(schema))
+        return open_parquet(path, schema)
 
     def close_part(self, table: str, segment: int) -> None:
         """Close the open part of `table`, which is made without rows if there is none, and delete the segments of the
@@ -131,8 +132,8 @@ class TelemetryFiles:
         writer = self._writers.get(message)
         if writer is None:
             self._folder.mkdir(exist_ok=True)
-            schema, path = encoded_message_schema(message), self._folder / f"{message}.parquet"
-            writer = self._open_files.enter_context(pq.ParquetWriter(path, schema, **parquet_options(schema)))
+            path = self._folder / f"{message}.parquet"
+            writer = self._open_files.enter_context(open_parquet(path, message_schema(message)))
             self._writers[message] = writer
         writer.write_table(
             unify_dictionaries(pa.Table.from_batches(self._held.pop(message))), row_group_size=GROUP_ROWS
@@ -176,7 +177,7 @@ def write_features(tables: Tables) -> dict[str, int]:
             if writer is None:
                 path = tables.folder.absolute() / SPOOL / f"features.parquet{OPEN}"
                 path.unlink(missing_ok=True)
-                writer = pq.ParquetWriter(path, encoded_schema(schema), **parquet_options(schema))
+                writer = open_parquet(path, schema)
             rows += group.num_rows
             writer.write_table(group.combine_chunks().cast(writer.schema), row_group_size=GROUP_ROWS)
     finally:

@@ -1,0 +1,50 @@
+"""Parquet writer of the recorded tables: their encodings, and the schema that other programs read."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from skyrange.record.read.tables import encoded_schema, names_of, plain_schema
+
+
+def open_parquet(path: Path, schema: pa.Schema) -> pq.ParquetWriter:
+    """A file for rows in which names are dictionaries, as in `encoded_schema(schema)`. Raises `OSError`.
+
+    The stored schema says that names are strings: Arrow would store that they were dictionaries, and polars would read
+    categories, which cannot be compared between two files.
+    """
+    writer = pq.ParquetWriter(path, encoded_schema(schema), store_schema=False, **_encodings(schema))
+    stored = base64.b64encode(plain_schema(schema).serialize().to_pybytes()).decode()
+    writer.add_key_value_metadata({"ARROW:schema": stored, **_decode(schema.metadata)})
+    return writer
+
+
+def _decode(metadata: dict[bytes, bytes] | None) -> dict[str, str]:
+    return {key.decode(): value.decode() for key, value in (metadata or {}).items()}
+
+
+def _encodings(schema: pa.Schema) -> dict[str, object]:
+    """Parquet options for a table: names dictionary-encoded, integers delta-encoded, floats split by byte position.
+
+    Numbers have statistics, by which readers skip groups of rows; those of names would take longer than the names.
+    """
+    names = names_of(schema)
+    layout: dict[str, str] = {}
+    for field in schema:
+        if pa.types.is_integer(field.type):
+            layout[field.name] = "DELTA_BINARY_PACKED"
+        elif pa.types.is_floating(field.type):
+            layout[field.name] = "BYTE_STREAM_SPLIT"
+        elif pa.types.is_binary(field.type):
+            layout[field.name] = "DELTA_LENGTH_BYTE_ARRAY"
+    return {
+        "compression": "zstd",
+        "compression_level": 3,
+        "use_dictionary": names or False,
+        "column_encoding": layout or None,
+        "write_statistics": [name for name, kind in layout.items() if kind != "DELTA_LENGTH_BYTE_ARRAY"] or False,
+    }
