@@ -42,7 +42,7 @@ DELIBERATE = {
     "frames that a slow peer costs, which a test counts": ("unsent",),
     "the list that engines and their tests are held against": ("AUTOPILOT_EVENTS",),
     "public in skyrange.analysis": ("first_frame", "first_truth"),
-    "public in skyrange, for notebooks and scripts": ("from_toml", "plot"),
+    "public in skyrange, for notebooks and scripts": ("from_toml", "plot", "to_polars"),
     "described in docs/reference/remote-id-bytes.md": ("apply_system_update", "from_mavlink", "missing_elements"),
     "described in docs/reference/drip.md": ("addresses_of",),
     "messages of DRIP that receivers verify and no aircraft sends": ("pack_wrapper", "wrapper"),
