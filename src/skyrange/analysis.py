@@ -26,20 +26,20 @@ if TYPE_CHECKING:
     from skyrange.export.csv_tables import write_tables as export_tables
     from skyrange.export.kml_file import write_kml as export_kml
     from skyrange.export.mcap_file import write_mcap as export_mcap
-    from skyrange.export.packet_captures import Capture, received_broadcasts, receivers_of
+    from skyrange.export.packet_captures import Capture, ReceivedBroadcast, received_broadcasts, receivers_of
     from skyrange.export.packet_captures import mavlink as export_mavlink
     from skyrange.export.packet_captures import remote_id as export_remote_id
-    from skyrange.figures import altitude, plan_view, track_deviation, trajectories_3d
+    from skyrange.figures import Figure, altitude, plan_view, track_deviation, trajectories_3d
     from skyrange.metrics.agreement import Agreement
     from skyrange.metrics.agreement import agreement as compare_outcomes
     from skyrange.metrics.defences import TrustPair, TrustSummary, remote_id_trust
     from skyrange.metrics.exact_difference import Difference
     from skyrange.metrics.exact_difference import diff as compare_runs
-    from skyrange.metrics.links import reception_summaries, summarise_receptions
+    from skyrange.metrics.links import ReceptionSummary, reception_summaries, summarise_receptions
     from skyrange.metrics.summary import summary
     from skyrange.parity.flights import Parity, compare_rates
     from skyrange.parity.flights import compare as compare_autopilots
-    from skyrange.record import RunRecord, load, replay_monitor
+    from skyrange.record import RaisedAlert, RecordedFrame, RunRecord, load, replay_monitor
     from skyrange.report import write_report
     from skyrange.scoring.leaderboard import LeaderboardRow, rank_detectors
     from skyrange.scoring.result_file import ScoreFile, ScoreSettings, read_scores, write_scores
@@ -60,6 +60,7 @@ __all__ = [
     "Difference",
     "Export",
     "Factor",
+    "Figure",
     "HeldOut",
     "Interval",
     "LeaderboardRow",
@@ -67,6 +68,10 @@ __all__ = [
     "LearnedTable",
     "Pair",
     "Parity",
+    "RaisedAlert",
+    "ReceivedBroadcast",
+    "ReceptionSummary",
+    "RecordedFrame",
     "RunRecord",
     "ScoreFile",
     "ScoreSettings",
@@ -142,16 +147,17 @@ if not TYPE_CHECKING:
             "skyrange.export.kml_file": "write_kml=export_kml",
             "skyrange.export.mcap_file": "write_mcap=export_mcap",
             "skyrange.export.packet_captures": (
-                "Capture received_broadcasts receivers_of mavlink=export_mavlink remote_id=export_remote_id"
+                "Capture ReceivedBroadcast received_broadcasts receivers_of mavlink=export_mavlink "
+                "remote_id=export_remote_id"
             ),
-            "skyrange.figures": "altitude plan_view track_deviation trajectories_3d",
+            "skyrange.figures": "Figure altitude plan_view track_deviation trajectories_3d",
             "skyrange.metrics.agreement": "Agreement agreement=compare_outcomes",
             "skyrange.metrics.defences": "TrustPair TrustSummary remote_id_trust",
             "skyrange.metrics.exact_difference": "Difference diff=compare_runs",
-            "skyrange.metrics.links": "reception_summaries summarise_receptions",
+            "skyrange.metrics.links": "ReceptionSummary reception_summaries summarise_receptions",
             "skyrange.metrics.summary": "summary",
             "skyrange.parity.flights": "Parity compare_rates compare=compare_autopilots",
-            "skyrange.record": "RunRecord load replay_monitor",
+            "skyrange.record": "RaisedAlert RecordedFrame RunRecord load replay_monitor",
             "skyrange.report": "write_report",
             "skyrange.scoring.leaderboard": "LeaderboardRow rank_detectors",
             "skyrange.scoring.result_file": "ScoreFile ScoreSettings read_scores write_scores",

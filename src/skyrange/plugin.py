@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from skyrange.attack.bases.mavlink.orders import AUTOPILOT, STATION, Order, geodetic, mode_order
     from skyrange.attack.bases.mavlink.params import CopterMode, copter_mode
     from skyrange.attack.bases.mavlink.telemetry import AlteredTelemetry
-    from skyrange.attack.bases.remote_id import claim_identity
+    from skyrange.attack.bases.remote_id import ClaimedIdentity, claim_identity
     from skyrange.attack.bases.sensors import AddsSignal, OnSensors, Signal, alter_reading, hold_reading
     from skyrange.attack.bases.transmission import Jamming, Noise, Periodic, Reception, Transmission
     from skyrange.attack.bases.wifi_links import InAir
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from skyrange.attack.params import Victims, place_param
     from skyrange.attack.radio import Broadcaster, down_link, transmitter, up_link
     from skyrange.attack.tapped_links import CONTROL_LINKS, EVERY_LINK, Repetition
-    from skyrange.attack.techniques import technique_by
+    from skyrange.attack.techniques import TechniqueBy, technique_by
     from skyrange.city.city import City
     from skyrange.codec.f3411 import BasicId, Location, MessagePack
     from skyrange.codec.f3411 import decode as decode_remote_id
@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from skyrange.codec.f3411.conformance import deviations as find_remote_id_deviations
     from skyrange.codec.mavlink import Message as MavlinkMessage
     from skyrange.codec.mavlink import Packer as MavlinkPacker
+    from skyrange.codec.mavlink import alter as alter_mavlink
     from skyrange.codec.mavlink import decode_anew as decode_mavlink
     from skyrange.codec.mavlink import dialect as mavlink
     from skyrange.codec.mavlink import message_id
@@ -132,8 +133,8 @@ if TYPE_CHECKING:
     from skyrange.defence.path_rules import Compares, ExpectsOrder, Holds, Passes, PathEnd, PathRule, Sends, Signs
     from skyrange.detect.bases import MessageDetector, ReceptionDetector, ScoreDetector, TelemetryDetector
     from skyrange.detect.declaration import Detector, detector
-    from skyrange.detect.messages import read_messages
-    from skyrange.detect.receptions import read_receptions
+    from skyrange.detect.messages import ObservedMessages, read_messages
+    from skyrange.detect.receptions import ObservedReceptions, read_receptions
     from skyrange.detect.series import Series, Steps, series
     from skyrange.detect.streams import table
     from skyrange.fault.bases import OnBodies
@@ -222,6 +223,7 @@ __all__ = [
     "Channel",
     "ChannelDefence",
     "City",
+    "ClaimedIdentity",
     "ClaimedTrack",
     "Clear",
     "Compares",
@@ -297,6 +299,8 @@ __all__ = [
     "Observation",
     "ObservedFrame",
     "ObservedFrames",
+    "ObservedMessages",
+    "ObservedReceptions",
     "Observer",
     "Offset",
     "OnAir",
@@ -362,6 +366,7 @@ __all__ = [
     "Steps",
     "Tap",
     "TapPlacement",
+    "TechniqueBy",
     "TelemetryDetector",
     "ThreatModel",
     "Time",
@@ -383,6 +388,7 @@ __all__ = [
     "Whole",
     "World",
     "alter_field",
+    "alter_mavlink",
     "alter_reading",
     "attack",
     "claim_identity",
@@ -454,7 +460,7 @@ if not TYPE_CHECKING:
             "skyrange.attack.bases.mavlink.orders": "AUTOPILOT STATION Order geodetic mode_order",
             "skyrange.attack.bases.mavlink.params": "CopterMode copter_mode",
             "skyrange.attack.bases.mavlink.telemetry": "AlteredTelemetry",
-            "skyrange.attack.bases.remote_id": "claim_identity",
+            "skyrange.attack.bases.remote_id": "ClaimedIdentity claim_identity",
             "skyrange.attack.bases.sensors": "AddsSignal OnSensors Signal alter_reading hold_reading",
             "skyrange.attack.bases.transmission": "Jamming Noise Periodic Reception Transmission",
             "skyrange.attack.bases.wifi_links": "InAir",
@@ -466,13 +472,13 @@ if not TYPE_CHECKING:
             "skyrange.attack.params": "Victims place_param",
             "skyrange.attack.radio": "Broadcaster down_link transmitter up_link",
             "skyrange.attack.tapped_links": "CONTROL_LINKS EVERY_LINK Repetition",
-            "skyrange.attack.techniques": "technique_by",
+            "skyrange.attack.techniques": "TechniqueBy technique_by",
             "skyrange.city.city": "City",
             "skyrange.codec.f3411": "BasicId Location MessagePack decode=decode_remote_id encode=encode_remote_id",
             "skyrange.codec.f3411.conformance": "deviations=find_remote_id_deviations",
             "skyrange.codec.mavlink": (
-                "Message=MavlinkMessage Packer=MavlinkPacker decode_anew=decode_mavlink dialect=mavlink "
-                "message_id message_name=name_mavlink"
+                "Message=MavlinkMessage Packer=MavlinkPacker alter=alter_mavlink decode_anew=decode_mavlink "
+                "dialect=mavlink message_id message_name=name_mavlink"
             ),
             "skyrange.contracts.alerts": "Alert",
             "skyrange.contracts.claims": "ClaimedTrack",
@@ -509,8 +515,8 @@ if not TYPE_CHECKING:
             "skyrange.defence.path_rules": "Compares ExpectsOrder Holds Passes PathEnd PathRule Sends Signs",
             "skyrange.detect.bases": "MessageDetector ReceptionDetector ScoreDetector TelemetryDetector",
             "skyrange.detect.declaration": "Detector detector",
-            "skyrange.detect.messages": "read_messages",
-            "skyrange.detect.receptions": "read_receptions",
+            "skyrange.detect.messages": "ObservedMessages read_messages",
+            "skyrange.detect.receptions": "ObservedReceptions read_receptions",
             "skyrange.detect.series": "Series Steps series",
             "skyrange.detect.streams": "table",
             "skyrange.fault.bases": "OnBodies",

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from skyrange.codec.mavlink import (
     Deframer,
     Packer,
+    alter,
     decode,
     dialect,
     message_fields,
@@ -42,7 +43,12 @@ def values_of(kind: str) -> st.SearchStrategy[Any]:
 @st.composite
 def messages(draw: st.DrawFn) -> Any:
     """Any message of the dialect with any fields that its definition allows."""
-    cls = dialect.mavlink_map[draw(st.sampled_from(sorted(dialect.mavlink_map)))]
+    return draw(messages_of(dialect.mavlink_map[draw(st.sampled_from(sorted(dialect.mavlink_map)))]))
+
+
+@st.composite
+def messages_of(draw: st.DrawFn, cls: Any) -> Any:
+    """Any message of a class."""
     arguments: list[Any] = []
     for kind, order in zip(cls.fieldtypes, cls.orders, strict=True):
         length = cls.array_lengths[order]
@@ -93,6 +99,33 @@ def test_packing_is_pymavlinks_and_decoding_undoes_it(message: Any, system: int,
     }
     packer.sequence = sequence
     assert packer.pack(back) == frame
+
+
+@given(st.data(), st.integers(0, 255), st.integers(0, 255), st.integers(0, 255))
+@settings(max_examples=examples(100))
+def test_altering_a_field_is_packing_the_message_with_its_other_value(
+    data: st.DataObject, system: int, component: int, sequence: int
+) -> None:
+    message = data.draw(messages())
+    name = data.draw(st.sampled_from(message.fieldnames))
+    packer = Packer(system, component)
+    packer.sequence = sequence
+    frame = packer.pack(message)
+    other = data.draw(messages_of(type(message)))
+    packer.sequence = sequence
+    setattr(message, name, getattr(other, name))
+    assert alter(frame, **{name: getattr(other, name)}) == packer.pack(message)
+
+
+def test_a_field_that_a_message_does_not_have_is_named() -> None:
+    frame = Packer(1, 1).pack(dialect.MAVLink_mission_current_message(3))
+    assert decode(alter(frame, seq=7)).seq == 7
+    with pytest.raises(ValueError, match="MISSION_CURRENT has no field 'sequence', only seq"):
+        alter(frame, sequence=7)
+    with pytest.raises(ValueError, match="seq"):
+        alter(frame, seq=70_000)
+    with pytest.raises(DecodeError):
+        alter(b"no frame", seq=7)
 
 
 def test_every_message_of_the_dialect_packs_as_pymavlink_packs_it() -> None:

@@ -39,9 +39,10 @@ TOPICS: dict[str, dict[str, str]] = {
             Injection InjectionOnLinks Order mode_order CopterMode copter_mode geodetic AUTOPILOT STATION
             Script Step Upload MissionItem Clear AlteredTelemetry MavlinkFields put move_place
             OnSensors alter_reading hold_reading AddsSignal Signal OnFixes OnReceivers FalseFixes Offset offset_fixes
-            OnBodies claim_identity Transmission Periodic Reception Jamming Noise OnApproval Composite""",
+            OnBodies claim_identity ClaimedIdentity Transmission Periodic Reception Jamming Noise
+            OnApproval Composite""",
         "Attacks": """AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
-            AirLink ClaimedTrack SensorHook SensorAct technique_by
+            AirLink ClaimedTrack SensorHook SensorAct technique_by TechniqueBy
             Schedule Act ThreatModel Controls Exclusive
             Victims Place LinkNames CONTROL_LINKS EVERY_LINK Repetition""",
         "Campaigns": "CampaignBase CampaignStage Knowledge Observation Adversary",
@@ -50,7 +51,7 @@ TOPICS: dict[str, dict[str, str]] = {
         "Faults": "FaultContext FaultParts BodyHook BodyAct Disturbances",
         "Detectors": """Detector ScoreDetector MessageDetector TelemetryDetector ReceptionDetector table
             DetectorContext Monitor ObservedFrames ObservedFrame Alert MonitorPlacement
-            read_messages read_receptions Series Steps series""",
+            read_messages ObservedMessages read_receptions ObservedReceptions Series Steps series""",
         "Flight approvals": """ApprovalPlugin ApprovalContext ApprovalService ApprovalPolicy policy_plugin
             FlightApproval OperationalIntent Alternative ApprovalDecision Volume4D intent_id ApprovalRequest
             ApprovalResponse encode_approval decode_approval_request decode_approval_response RequestQueue RequestOrder
@@ -70,19 +71,21 @@ TOPICS: dict[str, dict[str, str]] = {
         "Observers": "Observer FrameBlock Label World",
         "Time, chance, places and names": """Time Epoch NEVER NS_PER_S NS_PER_MS NS_PER_US from_seconds to_seconds
             Chance hash64 Origin City endpoint link_name vehicle_id operator_of owner_of""",
-        "MAVLink and Remote ID": """decode_mavlink name_mavlink message_id MavlinkMessage MavlinkPacker mavlink
+        "MAVLink and Remote ID": """decode_mavlink alter_mavlink name_mavlink message_id MavlinkMessage MavlinkPacker
+            mavlink
             decode_remote_id encode_remote_id
             find_remote_id_deviations BasicId Location MessagePack""",
         "Errors": "SkyrangeError InputError Problem Problems ComponentError DecodeError nearest",
     },
     "skyrange.analysis": {
-        "Runs": "load RunRecord summary write_report",
+        "Runs": "load RunRecord RecordedFrame summary write_report",
         "Comparison": """load_pair Pair Interval compare_runs Difference compare_outcomes Agreement compare_autopilots
             compare_rates Parity""",
-        "Remote ID": """received_broadcasts reception_summaries remote_id_trust TrustSummary TrustPair
+        "Remote ID": """received_broadcasts ReceivedBroadcast reception_summaries ReceptionSummary
+            remote_id_trust TrustSummary TrustPair
             summarise_receptions receivers_of decode_remote_id find_remote_id_deviations""",
         "MAVLink": "decode_mavlink name_mavlink",
-        "Detectors": "replay_monitor",
+        "Detectors": "replay_monitor RaisedAlert",
         "Studies": """Study Factor StudyArm LearnedTable read_study run_study StudyResult read_study_results
             estimate_mean write_study_report""",
         "Scores of detectors": """score_study ScoreSettings ScoreFile read_scores write_scores rank_detectors
@@ -90,7 +93,7 @@ TOPICS: dict[str, dict[str, str]] = {
         "Data sets": """DatasetMember read_dataset_members list_dataset_members
             HeldOut assign_splits check_held_out ViewSettings SensorPlace
             build_dataset audit_dataset LeakFinding require_no_leak""",
-        "Figures": "trajectories_3d plan_view altitude track_deviation",
+        "Figures": "Figure trajectories_3d plan_view altitude track_deviation",
         "Captures": "Capture export_mavlink export_remote_id",
         "Files for other tools": "Export export_mcap export_kml export_tables",
     },

@@ -8,14 +8,24 @@ if TYPE_CHECKING:
     from skyrange.record.digests import Digests
     from skyrange.record.read.run import RecordedFrame, RunRecord, load
     from skyrange.record.replay import replay_monitor
-    from skyrange.record.write.memory_observer import MemoryObserver
+    from skyrange.record.write.memory_observer import MemoryObserver, RaisedAlert
     from skyrange.record.write.recorder import Recorder
 
-__all__ = ["Digests", "MemoryObserver", "RecordedFrame", "Recorder", "RunRecord", "load", "replay_monitor"]
+__all__ = [
+    "Digests",
+    "MemoryObserver",
+    "RaisedAlert",
+    "RecordedFrame",
+    "Recorder",
+    "RunRecord",
+    "load",
+    "replay_monitor",
+]
 
 _MODULES = {
     "Digests": "digests",
     "MemoryObserver": "write.memory_observer",
+    "RaisedAlert": "write.memory_observer",
     "RecordedFrame": "read.run",
     "Recorder": "write.recorder",
     "RunRecord": "read.run",

@@ -21,13 +21,13 @@ from skyrange.core.time import Time, from_seconds
 from skyrange.record.read.run import RunRecord
 from skyrange.record.read.station_frames import payload_column
 from skyrange.record.read.time_order import sort_by_time
-from skyrange.record.write.memory_observer import Raised
+from skyrange.record.write.memory_observer import RaisedAlert
 
 _COLUMNS = ("link", "direction", "sender", "serial", "src", "dst", "sent_ns", "arrived_ns", "fate")
 TIES = ("place", "received", "sender", "serial")
 
 
-def replay_monitor(record: RunRecord, placement: MonitorPlacement) -> Iterator[Raised]:
+def replay_monitor(record: RunRecord, placement: MonitorPlacement) -> Iterator[RaisedAlert]:
     """The alerts that a monitor raises over the run of `record`, in the order in which it raises them.
 
     The monitor, a new one, is served as during a run: at every multiple of its service time from 0 to the end. Memory
@@ -49,7 +49,7 @@ def replay_monitor(record: RunRecord, placement: MonitorPlacement) -> Iterator[R
             end = int(np.searchsorted(at, now, side="right"))
             frames = _frames(ports, [*waiting, table.slice(begin, end - begin)])
             for alert in serve_monitor(placement.id, monitor, now, frames):
-                yield Raised(now, placement.id, alert)
+                yield RaisedAlert(now, placement.id, alert)
             waiting, begin, now = [], end, now + step
         waiting.append(table.slice(begin))
     while now <= until:
@@ -57,7 +57,7 @@ def replay_monitor(record: RunRecord, placement: MonitorPlacement) -> Iterator[R
         count = int(np.searchsorted(rest.column("at_ns").to_numpy(), now, side="right")) if rest is not None else 0
         frames = _frames(ports, [rest.slice(0, count)] if rest is not None else [])
         for alert in serve_monitor(placement.id, monitor, now, frames):
-            yield Raised(now, placement.id, alert)
+            yield RaisedAlert(now, placement.id, alert)
         waiting, now = [rest.slice(count)] if rest is not None else [], now + step
 
 

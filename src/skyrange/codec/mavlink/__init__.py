@@ -4,6 +4,7 @@ from skyrange.codec.mavlink.deframer import Deframer, DeframerCounts, Piece
 from skyrange.codec.mavlink.frames import (
     Message,
     Packer,
+    alter,
     decode,
     decode_anew,
     dialect,
@@ -20,6 +21,7 @@ __all__ = [
     "Message",
     "Packer",
     "Piece",
+    "alter",
     "decode",
     "decode_anew",
     "dialect",

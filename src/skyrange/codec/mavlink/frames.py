@@ -237,6 +237,23 @@ class Packer:
         return covered + checksum(covered[1:], layout.crc_extra).to_bytes(2, "little")
 
 
+def alter(payload: bytes, **fields: object) -> bytes:
+    """The MAVLink 2 frame of a message whose `fields` have other values, with its sender and sequence number.
+
+    The frame is unsigned. Raises `DecodeError` for what is no MAVLink frame, and `ValueError` for a field that the
+    message does not have, and for a value that does not fit.
+    """
+    message = decode_anew(payload)
+    names = message.get_fieldnames()
+    for name, value in fields.items():
+        if name not in names:
+            raise ValueError(f"{message.get_type()} has no field {name!r}, only {', '.join(names)}")
+        setattr(message, name, value)
+    packer = Packer(message.get_srcSystem(), message.get_srcComponent())
+    packer.sequence = message.get_seq()
+    return packer.pack(message)
+
+
 def encode_payload(message: Message) -> bytes:
     """The whole payload of `message`, extensions and trailing zeros included; raises `ValueError` for a value that
     does not fit.

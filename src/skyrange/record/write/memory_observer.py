@@ -28,7 +28,7 @@ class TimedNote(NamedTuple):
     note: Note
 
 
-class Raised(NamedTuple):
+class RaisedAlert(NamedTuple):
     """An alert with the time at which it was raised and the detector that raised it."""
 
     time_ns: Time
@@ -50,7 +50,7 @@ class MemoryObserver:
         self.frames: list[Frame] = []
         self.notes: list[TimedNote] = []
         self.labels: list[Label] = []
-        self.alerts: list[Raised] = []
+        self.alerts: list[RaisedAlert] = []
         self.truth: list[TruthTick] = []
         self._truth_due: Time | None = None
 
@@ -72,7 +72,7 @@ class MemoryObserver:
 
     def on_alert(self, now: Time, detector: str, alert: Alert) -> None:
         """A monitor raised an alert."""
-        self.alerts.append(Raised(now, detector, alert))
+        self.alerts.append(RaisedAlert(now, detector, alert))
 
     def on_truth(self, now: Time, world: World) -> None:
         """A tick ended; truth is kept at the first tick at or after each multiple of the period."""
