@@ -31,15 +31,18 @@ def test_each_shipped_attack_kind_is_in_one_family() -> None:
     assert set(counts) == shipped == set(EXAMPLES)
     assert set(counts.values()) == {1}
     assert set(counts) >= TIMING_KINDS
-    assert {family_of(kind) for kind in ("gnss.drift", "gnss.jump", "gnss.pull_off", "gnss.meacon")} == {
+    assert {family_of({"kind": kind}) for kind in ("gnss.drift", "gnss.jump", "gnss.pull_off", "gnss.meacon")} == {
         "gnss_false_position"
     }
 
 
 def test_a_kind_without_a_family_is_refused() -> None:
     with pytest.raises(InputError, match=r"gnss\.drift"):
-        family_of("gnss.drif")
-    assert family_of("my.kind", {"my.kind": "identity"}) == "identity"
+        family_of({"kind": "gnss.drif"})
+    with pytest.raises(InputError, match="Declare family="):
+        family_of({"kind": "other.thing"})
+    assert family_of({"kind": "my.kind", "family": "identity"}) == "identity"
+    assert family_of({"kind": "gnss.drift", "family": "identity"}) == "gnss_false_position"
 
 
 def test_columns_have_a_role_and_each_name_once() -> None:

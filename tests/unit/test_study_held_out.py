@@ -208,7 +208,7 @@ def test_what_a_shipped_study_holds_out_is_in_it_and_not_all_of_it(name: str) ->
 
     study = read_study(name)
     factors = {one.name: one for one in study.varying}
-    families = {family_of(kind) for kind in factors["condition"].levels}
+    families = {family_of({"kind": kind}) for kind in factors["condition"].levels}
     sizes = {2 * count for count in factors["fleet"].levels}
     for held, known in (
         (study.held_out.families, families),

@@ -251,6 +251,9 @@ class AttackPlugin(Plugin[AttackContext, Attack]):
     """Whether its sham puts frames on a link or in the air that are of somebody unauthorised. The kernel labels those
     acts as harmless intrusions, which are neither attacks nor benign. Not of a sham that only holds frames back or
     replaces them by themselves, nor of one that asks what an operator may ask."""
+    family: str = ""
+    """The mechanism family of a kind that is not shipped (`dataset.families` has the others): kinds of one family are
+    held out of training together."""
     persists: Persistence | None = None
     """What ends its effect, by which alarms about it are scored. A kind that does not say so counts as `acts`."""
     surface: Sequence[str] = ()

@@ -34,6 +34,7 @@ class Facts(TypedDict, total=False):
     honest: bool
     places: Sequence[str]
     from_start: bool
+    family: str
     persists: Persistence
     intrudes: bool
     surface: Sequence[str]

@@ -133,7 +133,7 @@ def build_dataset(
         for table in ("frames", "telemetry"):
             record.tables.require(table)
     require_verified(f"dataset {name}", records)
-    traits = [traits_of(member, settings.families) for member in ordered]
+    traits = [traits_of(member) for member in ordered]
     published = published or str(records[0].manifest["start_utc"])[:10]
     described = (name, description, license_url, creator, url, published)
     rows: dict[str, Mapping[str, int]] = {}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 from skyrange.core.errors import InputError, nearest
 
@@ -61,14 +62,19 @@ TIMING_KINDS: Final = frozenset(
 _FAMILY_OF: Final = {kind: family for family, kinds in FAMILIES.items() for kind in kinds}
 
 
-def family_of(kind: str, more: dict[str, str] | None = None) -> str:
-    """The family of an attack kind; `more` has the families of kinds that are not shipped.
+def find_family(attack: Mapping[str, Any]) -> str | None:
+    """The family of an attack, a row of a run's manifest: that of a shipped kind, or the one that the kind declares."""
+    return _FAMILY_OF.get(str(attack["kind"])) or attack.get("family")
 
-    Raises `InputError` for a kind without a family, because a guess could put one mechanism on both sides of a split.
+
+def family_of(attack: Mapping[str, Any]) -> str:
+    """As `find_family`. Raises `InputError` for a kind without a family: a guess could put one mechanism on both sides
+    of a split.
     """
-    family = (more or {}).get(kind) or _FAMILY_OF.get(kind)
+    family = find_family(attack)
     if family is None:
+        kind = str(attack["kind"])
         expected = "an attack kind with a mechanism family"
-        hint = nearest(kind, _FAMILY_OF) or "Pass the family of a kind of your own as `families`."
+        hint = nearest(kind, _FAMILY_OF) or 'Declare family="…" in the kind\'s decorator, and fly the runs again.'
         raise InputError.one("dataset", "attack kind", kind, expected, hint)
     return family

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -57,10 +57,10 @@ class RunActs:
         return [act for act in self.acts if act.role == role and owner in (None, act.owner or owner)]
 
 
-def read_acts(record: RunRecord, families: Mapping[str, str] | None = None) -> RunActs:
+def read_acts(record: RunRecord, family_of: Callable[[Mapping[str, Any]], str] = family_of) -> RunActs:
     """The acts of a run. An act on a sensor lasts until its attack stops, or to the end of the run.
 
-    `families` has the families of kinds that are not shipped. Raises `InputError` for a kind without a family.
+    `family_of` gives the family of an attack. The default raises `InputError` for a kind without one.
     """
     manifest = record.manifest
     declared = [*(manifest.get("attacks") or ()), *(manifest.get("faults") or ())]
@@ -84,7 +84,7 @@ def read_acts(record: RunRecord, families: Mapping[str, str] | None = None) -> R
                 owner if owner in owners else "")
         )  # fmt: skip
     families_by_id: dict[str, str | None] = {
-        id_: family_of(kind, dict(families or {})) if id_ in attacks else None for id_, kind in kinds.items()
+        row["id"]: family_of(row) if row["id"] in attacks else None for row in declared
     }
     return RunActs(acts, kinds, families_by_id)
 

@@ -156,13 +156,12 @@ class HeldOut:
     fleet_sizes: frozenset[int] = frozenset()
 
 
-def traits_of(member: Member, families: Mapping[str, str] | None = None) -> Traits:
+def traits_of(member: Member) -> Traits:
     """The traits of a run by its manifest and its factors. Raises `InputError` for a kind without a family."""
     manifest = read_manifest(member.record)
-    kinds = [str(row["kind"]) for row in manifest.get("attacks") or ()]
     named = member.factors.get("city", name_city(manifest))
-    kind_families = frozenset(family_of(kind, dict(families or {})) for kind in kinds)
-    return Traits(kind_families, str(named), len(manifest["vehicles"]))
+    families = frozenset(family_of(row) for row in manifest.get("attacks") or ())
+    return Traits(families, str(named), len(manifest["vehicles"]))
 
 
 def name_city(manifest: Mapping[str, Any]) -> str:
@@ -180,7 +179,6 @@ def assign_splits(
     *,
     shares: Mapping[str, float] = SHARES,
     held_out: HeldOut | None = None,
-    families: Mapping[str, str] | None = None,
 ) -> list[Member]:
     """The members with their splits. A cluster's split depends on the name of its first block, `seed` and what is held
     out, on nothing else.
@@ -194,7 +192,7 @@ def assign_splits(
     clusters = cluster_members(members)
     traits: dict[str, list[Traits]] = {}
     for member in members:
-        traits.setdefault(clusters[member.block], []).append(traits_of(member, families))
+        traits.setdefault(clusters[member.block], []).append(traits_of(member))
     splits = {
         cluster: split_of(cluster, cluster_traits, seed, held_out, shares) for cluster, cluster_traits in traits.items()
     }
@@ -298,12 +296,12 @@ def _find_crossings(members: Sequence[Member]) -> Iterator[Problem]:
                 yield Problem(where, member.split, expected, hint)
 
 
-def check_held_out(members: Sequence[Member], families: Mapping[str, str] | None = None) -> None:
+def check_held_out(members: Sequence[Member]) -> None:
     """Raise `InputError` where a family, city or fleet size of a held-out split is in training, validation or test."""
     inside: dict[str, set[str]] = {"family": set(), "city": set(), "fleet": set()}
     outside: dict[str, set[str]] = {"family": set(), "city": set(), "fleet": set()}
     for member in members:
-        traits = traits_of(member, families)
+        traits = traits_of(member)
         values = {"family": set(traits.families), "city": {traits.city}, "fleet": {str(traits.fleet_size)}}
         axis = member.split.removeprefix(f"{HELD_OUT}_")
         if axis == member.split:

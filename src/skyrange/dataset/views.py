@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -280,8 +280,6 @@ class ViewSettings:
     """Where MAVLink frames and flows are seen: by default the ground station's end of the gcs links."""
     rate_hz: float = 2.0
     """Rows of `aircraft` a second, 1 to 4."""
-    families: Mapping[str, str] = field(default_factory=dict)
-    """The mechanism families of attack kinds that are not shipped."""
 
 
 def run_views(
@@ -291,7 +289,7 @@ def run_views(
 
     The tables of a view of frames have whole windows. Raises `InputError` for a record that does not keep frames.
     """
-    labels = trace_frames(record, acts := read_acts(record, settings.families))
+    labels = trace_frames(record, acts := read_acts(record))
     labeller, seen_acts = WindowLabeller(acts, effects_s), SeenActs()
     ports, stations = ports_of(record, settings.places), ports_of(record, (_APPROVAL,))
     both = ports_of(record, (*settings.places, _APPROVAL))

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyrange.core.time import NS_PER_S, to_seconds
-from skyrange.dataset.families import FAMILIES, family_of
+from skyrange.dataset.families import find_family
 from skyrange.dataset.labels import ATTACK, FAULT, INTRUSION, SHAM, read_acts
 from skyrange.dataset.members import name_city
 from skyrange.metrics.aircraft import DEPARTED_M
@@ -126,7 +126,7 @@ def measure_acts(record: RunRecord) -> list[dict[str, Any]]:
     """When each attack, fault and harmless intrusion acted on each aircraft first and last, and when the effect ended
     (with the last act, but for attacks); an empty aircraft stands for none in particular.
     """
-    run_acts = read_acts(record, _own_families(record))
+    run_acts = read_acts(record, _family_or_kind)
     fleet = {str(row["id"]) for row in record.manifest["vehicles"]}
     spans: dict[tuple[str, str, str], list[int]] = {}
     for act in run_acts.acts:
@@ -157,13 +157,9 @@ def measure_acts(record: RunRecord) -> list[dict[str, Any]]:
 
 def _declared_families(record: RunRecord) -> list[str]:
     """The mechanism families of the attacks of a run, whether they acted or not."""
-    families = _own_families(record)
-    return sorted({family_of(str(row["kind"]), families) for row in record.manifest.get("attacks") or ()})
+    return sorted({_family_or_kind(row) for row in record.manifest.get("attacks") or ()})
 
 
-def _own_families(record: RunRecord) -> dict[str, str]:
-    """Families of kinds that are not shipped: each is one by itself."""
-    shipped = {kind for kinds in FAMILIES.values() for kind in kinds}
-    return {
-        str(row["kind"]): str(row["kind"]) for row in record.manifest.get("attacks") or () if row["kind"] not in shipped
-    }
+def _family_or_kind(attack: Mapping[str, Any]) -> str:
+    """The family of an attack; a kind without one is a family by itself."""
+    return find_family(attack) or str(attack["kind"])

@@ -199,6 +199,7 @@ def _adversary(attack: AttackTable, made: Attack) -> dict[str, Any]:
             attack.plugin.technique, vars(attack.plugin.params.model_validate(attack.params))
         ),
         "persists": attack.plugin.persists,
+        **({"family": attack.plugin.family} if attack.plugin.family else {}),
         "threat": asdict(threat) if threat is not None else {},
         "radios": [
             *({"endpoint": radio.endpoint, "at_enu_m": list(radio.at_enu_m or ())} for radio in made.radios),

@@ -8,6 +8,8 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
+from skyrange.attack.contract import AttackPlugin
+from skyrange.contracts.plugins.registry import ATTACKS, kinds
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.files import MAX_TEXT_BYTES, expand_user, read_input
 from skyrange.dataset.families import FAMILIES
@@ -350,15 +352,16 @@ def _check_data(data: dict[str, Any], who: str) -> Study:
         study = Study.model_validate(data)
     except ValidationError as error:
         raise input_error(who, error, Study, data) from None
-    unknown = [
-        family for family in study.held_out.families if family not in FAMILIES and "." not in family
-    ]  # kinds of plugins
-    if unknown:
+    named = [family for family in study.held_out.families if family not in FAMILIES and "." not in family]
+    if named:
+        declared = {AttackPlugin.find(kind).family for kind in kinds(ATTACKS)}  # by plugins
         problems = [
             Problem("held_out.families", family, "a family of attack kinds, or a kind", nearest(family, FAMILIES))
-            for family in unknown
+            for family in named
+            if family not in declared
         ]
-        raise InputError(who, problems)
+        if problems:
+            raise InputError(who, problems)
     for name in scenarios_of(study):
         if not source_of(name).is_file():
             raise InputError.one(who, "scenario", name, "a shipped scenario or a TOML file")
