@@ -371,3 +371,13 @@ def test_decisions_are_whole() -> None:
     for page in sorted((DOCS / "decisions").glob("0*.md")):
         heads = re.findall(r"^## (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
         assert heads == ["Context", "Decision", "Consequences", "How to undo it"], page.name
+
+
+def test_the_conformance_suite_is_run_at_the_commit_of_the_results() -> None:
+    howto, results = (
+        (DOCS / page).read_text(encoding="utf-8")
+        for page in ("how-to/run-the-conformance-suite.md", "reference/utm-conformance.md")
+    )
+    commit = re.search(r"interuss/monitoring at commit (\w+)", results)
+    assert commit is not None
+    assert f"checkout --recurse-submodules {commit[1]}\n" in howto
