@@ -13,8 +13,9 @@ from skyrange.cli.output.viewer_notices import tell_when_up
 from skyrange.contracts.frames import Fate, Frame, end_journey
 from skyrange.core.errors import InputError
 from skyrange.runtime.live.node.viewers import LiveViewers, assign_viewer_ports
-from skyrange.runtime.live.range import prepare_range
-from skyrange.runtime.viewers import Address
+from skyrange.runtime.live.range import OFFSETS, prepare_range
+from skyrange.runtime.live.transport.addresses import KINDS
+from skyrange.runtime.viewers import FIRST_PORT, Address
 from skyrange.scenario.shipped import load
 from tests.ports import OFFSET
 
@@ -56,8 +57,28 @@ def test_a_taken_viewers_port_ends_it_before_anything_is_written(tmp_path: Path)
         holding.listen()
         port = int(holding.getsockname()[1])
         with pytest.raises(InputError, match=f"{port} is taken"):
-            prepare_range(load("squares"), tmp_path / "run", port_offset=OFFSET, viewer_port=port)
+            prepare_range(load("squares"), tmp_path / "run", port_offset=OFFSET, watched=True, viewer_port=port)
     assert not (tmp_path / "run").exists()
+
+
+def test_where_a_usual_port_is_taken_all_are_moved_unless_they_are_given(tmp_path: Path) -> None:
+    with socket.socket() as holding:
+        holding.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            holding.bind(("127.0.0.1", KINDS["autopilot"].port))
+            holding.listen()
+        except OSError:
+            pass  # somebody else has it, which does as well
+        flown = prepare_range(load("squares"), tmp_path / "run", port_offset=None, watched=True)
+        flown.recorder.abandon()
+        assert flown.port_offset in OFFSETS[1:]
+        used = {crossing.address[1] for crossing in flown.crossings if crossing.link.name == "autopilot:blue/b1"}
+        assert used == {KINDS["autopilot"].port + flown.port_offset}
+        assert flown.watched[0].port == FIRST_PORT + flown.port_offset
+        for outside, offset in ((("blue.gcs",), None), ((), 0)):  # a program outside knows the ports
+            with pytest.raises(InputError, match="Move all ports with --port-offset"):
+                prepare_range(load("squares"), tmp_path / "other", port_offset=offset, outside=outside)
+    assert not (tmp_path / "other").exists()
 
 
 def test_addresses_are_printed_when_every_process_is_up(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,7 +18,6 @@ from skyrange.cli.options import (
     Grouping,
     Motion,
     Plugins,
-    PortOffset,
     Qgc,
     RunFolder,
     RunOut,
@@ -38,7 +37,7 @@ from skyrange.cli.options import (
 from skyrange.cli.output.console import print_json, print_notice, print_text
 from skyrange.cli.output.live_table import live_progress
 from skyrange.cli.output.run_summary import print_summary
-from skyrange.cli.output.viewer_notices import find_first_port, print_open_ports, print_viewer_counts, tell_when_up
+from skyrange.cli.output.viewer_notices import print_open_ports, print_viewer_counts, tell_when_up
 from skyrange.cli.output.warnings import print_interlock_notice
 from skyrange.cli.watching import ViewAddress, show_range
 
@@ -77,7 +76,16 @@ def live(
             "repeated.",
         ),
     ] = None,
-    port_offset: PortOffset = 0,
+    port_offset: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=-5000,
+            max=35_000,
+            help="Number added to every port. Default: 0, or the first multiple of 1000 with which all are free, "
+            "if all processes are on this machine.",
+        ),
+    ] = None,
     on_death: Annotated[
         Death | None,
         typer.Option(
@@ -143,10 +151,13 @@ def live(
         on_death=on_death.value if on_death is not None else None,
         netns=netns,
         motion=allow_motion,
-        viewer_port=find_first_port(viewer_port, port_offset, qgc=qgc),
+        watched=qgc or viewer_port is not None,
+        viewer_port=viewer_port,
         viewer_host=host,
         keys=load_range(keys) if keys is not None else None,
     )
+    if port_offset is None and flown.port_offset:
+        print_notice(f"some of the usual ports are taken; all are moved (--port-offset {flown.port_offset})")
     with show_range(flown, at, wanted=view, control=control):
         print_open_ports(flown)
         failure: ShortfallError | ComponentError | None = None

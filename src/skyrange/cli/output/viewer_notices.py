@@ -92,15 +92,6 @@ def viewer_counts_text(counts: ViewerCounts) -> str:
     return text
 
 
-def find_first_port(viewer_port: int | None, port_offset: int, *, qgc: bool) -> int | None:
-    """The first viewer port that was requested; `None` if viewers were not requested."""
-    from skyrange.runtime.viewers import FIRST_PORT
-
-    if viewer_port is not None:
-        return viewer_port
-    return FIRST_PORT + port_offset if qgc else None
-
-
 def tell_when_up(flown: LiveRange, on_update: OnUpdate | None) -> OnUpdate:
     """`on_update` that also prints where aircraft can be watched, as soon as every process is up.
 

@@ -30,6 +30,7 @@ from skyrange.runtime.live.system import Process, RealSystem, System
 from skyrange.runtime.live.transport.addresses import Crossing, crossings
 from skyrange.runtime.live.transport.control import Message
 from skyrange.runtime.run import open_record
+from skyrange.runtime.viewers import FIRST_PORT
 from skyrange.scenario.model.operators import Operator
 from skyrange.scenario.model.scenario import OnDeath, Scenario
 from skyrange.vehicle.builtin.parameters.renames import canonical_name
@@ -115,6 +116,8 @@ class LiveRange:
     """Aircraft that viewers see, and at which port."""
     system: System = field(default_factory=RealSystem)
     """Clock, sockets and processes of this machine."""
+    port_offset: int = 0
+    """What was added to every port."""
     requests: ActRequests = field(default_factory=ActRequests)
     """What is to be started and stopped by hand."""
     members: dict[str, SupervisedNode] = field(default_factory=dict)
@@ -154,6 +157,8 @@ class LiveRange:
 OnUpdate = Callable[[LiveRange], None]
 CONTROL_PORT = 14500
 """Where other machines join, + the port offset."""
+OFFSETS: Final = tuple(range(0, 10_000, 1000))
+"""Port offsets that are tried, where none is asked for: the links of 100 aircraft have their ports within 1,000."""
 
 
 def prepare_range(
@@ -162,19 +167,22 @@ def prepare_range(
     *,
     group: Group | None = None,
     outside: tuple[str, ...] = (),
-    port_offset: int = 0,
+    port_offset: int | None = 0,
     on_death: OnDeath | None = None,
     keys: Keys | None = None,
     netns: bool = False,
     motion: bool = False,
+    watched: bool = False,
     viewer_port: int | None = None,
     viewer_host: str = LOOPBACK,
     system: System | None = None,
 ) -> LiveRange:
     """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
 
-    `on_death` stands over the scenario's. With a `viewer_port` ground stations can watch there, at the address
-    `viewer_host`, as `runtime.viewers` has it; no offset moves that. `system` is this machine unless another is given.
+    `on_death` stands over the scenario's. All ports are moved by `port_offset`; if that is `None`, by the first of
+    `OFFSETS` with which they are free, but by none where others have to know the ports. If it is `watched`, ground
+    stations can watch at the address `viewer_host`, from `viewer_port` on, which no offset moves, or else from the
+    usual port with the offset, as `runtime.viewers` has it. `system` is this machine unless another is given.
     Raises `InputError` with all that is wrong, before anything is written.
     """
     machine = system or RealSystem()
@@ -193,27 +201,41 @@ def prepare_range(
     _check_defended_ends(built, planned)
     _check_links_over_air(built, planned)
     _check_processing(built, planned)
-    places = crossings(links, planned, port_offset)
+    private = not outside and not planned.others and spaces is None
+    offsets = (port_offset,) if port_offset is not None else OFFSETS if private else OFFSETS[:1]
     if planned.others and keys is None and spaces is None:
         hint = "Make some with `skyrange keys FOLDER`, and give FOLDER with --keys."
         raise InputError.one("live", "keys", f"none, and hosts {', '.join(planned.others)}", "keys to join with", hint)
     if spaces is None:
         machine.check_own_addresses(planned.base)
-    here = [
-        crossing
-        for crossing in places
-        if planned.home(crossing.listener) and planned.host(crossing.listener) == planned.base
-    ]
-    machine.check_free(
-        [crossing for crossing in here if spaces is None]
-    )  # in networks that are not there yet nothing is taken
-    control_port = CONTROL_PORT + port_offset if planned.others else 0
     fleet = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in built.scenario.fleet]
-    viewers = assign_viewer_ports(fleet, viewer_port, viewer_host) if viewer_port is not None else ()
+    refused: InputError | None = None
+    for offset in offsets:
+        places = crossings(links, planned, offset)
+        try:
+            if spaces is None:  # in networks that are not there yet nothing is taken
+                machine.check_free([crossing for crossing in places if _is_here(crossing, planned)])
+            first = FIRST_PORT + offset if viewer_port is None else viewer_port
+            viewers = assign_viewer_ports(fleet, first, viewer_host) if watched else ()
+        except InputError as error:
+            refused = refused or error
+        else:
+            break
+    else:
+        assert refused is not None
+        raise refused
+    control_port = CONTROL_PORT + offset if planned.others else 0
     death = on_death or scenario.live.on_death
     record = open_record(built, out)
     record.attach_files(built.files)
-    return LiveRange(built, planned, places, record, death, keys, control_port, spaces, motion, viewers, machine)
+    return LiveRange(
+        built, planned, places, record, death, keys, control_port, spaces, motion, viewers, machine, port_offset=offset
+    )
+
+
+def _is_here(crossing: Crossing, planned: Deployment) -> bool:
+    """Whether a process of the range listens there, on the machine where the range is started."""
+    return bool(planned.home(crossing.listener)) and planned.host(crossing.listener) == planned.base
 
 
 def _check_links_over_air(built: BuiltScenario, planned: Deployment) -> None:
