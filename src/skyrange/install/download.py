@@ -26,7 +26,7 @@ OnProgress = Callable[[int, int | None], None]
 
 
 class NotThereError(ComponentError):
-    """RaisedAlert if the server has no such file."""
+    """Raised if the server has no such file."""
 
 
 class _Redirects(urllib.request.HTTPRedirectHandler):
