@@ -5,7 +5,7 @@ FILE` writes them, with the yardsticks that were measured meanwhile. With `--lim
 takes more than `LIMIT_S` fails, unless it is one of `tests/dear_tests.toml`. The limit holds at the speed of the
 reference machine and is scaled by the yardstick of `skyrange bench`, which each worker measures every minute and after
 a test that is over the limit. Such a test runs once more, because what else the machine does takes processor time too:
-it fails if it is over the limit both times.
+it is named at the end, and fails if it is over the limit by `NOISE` the second time.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ LIMIT_S = 2.0
 """The most that the call of a test may take, without compilation and shared flights, at the reference yardstick."""
 MARK_LIMITS_S = {"catalogue": 10.0, "rotating": 6.0}
 """The same for tests by their mark, of which a tenth and a third run."""
+NOISE = 1.5
+"""How much longer than its limit a test may take that was over it before, because of what else the machine does."""
 REFERENCE_US = 7.5
 """The yardstick of the reference machine, in microseconds."""
 DEAR_TESTS = Path(__file__).with_name("dear_tests.toml")
@@ -234,7 +236,7 @@ class Limit:
     def _excess(self, item: pytest.Item, spent: dict[str, float]) -> str:
         taken_s = spent["total"] - spent["compiled"] - spent["shared"]
         usual_s = max([LIMIT_S] + [limit_s for mark, limit_s in MARK_LIMITS_S.items() if item.get_closest_marker(mark)])
-        limit_s = self._dear.get(item.nodeid.partition("[")[0], usual_s)
+        limit_s = self._dear.get(item.nodeid.partition("[")[0], usual_s) * (NOISE if _OVER in item.stash else 1.0)
         if taken_s <= limit_s * self._scale():
             return ""
         scale = max(self._speed.measure() / REFERENCE_US, self._scale())

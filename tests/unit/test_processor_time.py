@@ -37,6 +37,9 @@ def test_disturbed(tmp_path):
     spin(0.25 if len(often) == 1 else 0.05)
     assert often[-1] == []
 
+def test_near():
+    spin(0.17)
+
 def test_cheap():
     spin(0.05)
 
@@ -89,11 +92,11 @@ def test_tests_over_the_limit_fail_with_their_name_and_all_are_written(tmp_path:
     assert "test_sample.py::test_dear takes 0." in done.stdout
     assert "tests/dear_tests.toml" in done.stdout
     twice = re.findall(r"run twice: \S+::(\w+) 0\.\d s, then 0\.\d s", done.stdout)
-    assert twice == ["test_dear", "test_disturbed", "test_child"]
+    assert twice == ["test_dear", "test_disturbed", "test_near", "test_child"]
     found = json.loads(file.read_text())
     assert found["yardsticks_us"][0] == 7.5
     rows = {name.partition("::")[2]: phases for name, phases in found["tests"].items()}
-    assert set(rows) == {"test_dear", "test_disturbed", "test_cheap", "test_shared", "test_child"}
+    assert set(rows) == {"test_dear", "test_disturbed", "test_near", "test_cheap", "test_shared", "test_child"}
     assert rows["test_disturbed"]["call"]["total"] < 0.15, "it was over the limit once, and not again"
     assert all(set(phases) == {"setup", "call", "teardown"} for phases in rows.values())
     assert all(set(phase) == set(PARTS) for phases in rows.values() for phase in phases.values())
