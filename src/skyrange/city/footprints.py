@@ -24,6 +24,9 @@ WGS84 = "WGS 84 degrees"
 _EPSG = re.compile(r"EPSG(?:/\d+/|:[\d.]*:|:)(\d{4,6})", re.IGNORECASE)
 _DEGREES = re.compile(r"CRS:?84|OGC:1\.3:CRS84|EPSG:{1,2}(?:4326|4979)$|^$", re.IGNORECASE)
 
+_FILES = re.compile(r"PARAMETERFILE|grids\s*=\s*(?!@null\b)|\binit\s*=", re.IGNORECASE)
+"""What names a file or URL in the text (WKT) of a coordinate system; `nadgrids=@null` names none."""
+
 INSTALL_HINT = "Install it with `pip install 'skyrange[city]'`."
 
 
@@ -31,7 +34,7 @@ class Projection:
     """Reprojects coordinates of one system to longitude and latitude in degrees of WGS 84."""
 
     def __init__(self, name: str, crs: str, *, authority_order: bool = False) -> None:
-        """`name` is the file, `crs` anything that pyproj knows: EPSG code, URN, URL or WKT.
+        """`name` is the file, `crs` an EPSG code, URN, URL, name or WKT that pyproj knows, and that names no file.
 
         With `authority_order`, coordinates of a geographic system are latitude, longitude, as CityGML writes them;
         otherwise x is east. Raises `InputError` for an unknown system and without pyproj.
@@ -45,18 +48,25 @@ class Projection:
         try:
             from pyproj import CRS, Transformer
             from pyproj.exceptions import CRSError
+            from pyproj.network import set_network_enabled  # type: ignore[attr-defined]
         except ImportError as error:
             expected = "pyproj, which reprojects it to degrees"
             raise InputError.one(name, "coordinate system", f"{crs:.60}", expected, INSTALL_HINT) from error
         match = _EPSG.search(crs)
+        known = f"EPSG:{match[1]}" if match and "[" not in crs else crs
+        hint = f"Convert it: `ogr2ogr -f GeoJSON -s_srs EPSG:… -t_srs EPSG:4326 city.geojson {name}`."
+        # PROJ opens the grid files that a definition names; its own strings and PROJJSON may name them in many ways
+        if _FILES.search(known) if "[" in known else re.search("[={]", known):
+            expected = "an EPSG code, URN, URL or WKT that names no file"
+            raise InputError.one(name, "coordinate system", f"{crs:.60}", expected, hint)
+        set_network_enabled(active=False)
         try:
-            system = CRS.from_user_input(f"EPSG:{match[1]}" if match and "[" not in crs else crs)
+            system = CRS.from_user_input(known)
             system = next((part for part in system.sub_crs_list if not part.is_vertical), system)
             self._transformer = Transformer.from_crs(system, "EPSG:4326", always_xy=True)
         except CRSError as error:
-            hint = f"ogr2ogr -f GeoJSON -s_srs EPSG:… -t_srs EPSG:4326 city.geojson {name}"
             expected = "a coordinate system that PROJ knows"
-            raise InputError.one(name, "coordinate system", f"{crs:.60}", expected, f"Convert it: `{hint}`.") from error
+            raise InputError.one(name, "coordinate system", f"{crs:.60}", expected, hint) from error
         self._swapped = authority_order and system.is_geographic
         authority = system.to_authority()
         self.label = f"{':'.join(authority)} {system.name}" if authority else system.name
