@@ -130,7 +130,7 @@ def read_citygml(path: Path, origin: Origin | None) -> tuple[City, Origin]:
             local = _local(element)
             if event == "start":
                 if not stack and local != "CityModel":
-                    raise InputError.one(name, "root", local, "a CityGML CityModel", _convert_hint(name))
+                    raise InputError.one(name, "root", "another element", "a CityGML CityModel", _convert_hint(name))
                 stack.append(element)
                 system = system or element.get("srsName", "")
                 depth += local in _KINDS
