@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import importlib
 import tempfile
-import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -82,34 +81,30 @@ def read_gdal(path: Path, origin: Origin | None) -> tuple[City, Origin]:
         raise InputError.one(name, "file", value, expected, hint) from error
 
 
-_DRIVERS_LOCK: Final = threading.Lock()
-
-
 @contextmanager
 def _only_driver(name: str) -> Iterator[None]:
     """Deregister all of GDAL's drivers but one; register them again at the end, in their order.
 
     pyogrio cannot name the drivers that may open a file, so this calls GDAL's C interface, which the extension modules
-    of pyogrio link. Other threads that use GDAL meanwhile have one driver as well.
+    of pyogrio link. The drivers are those of the process: one thread at a time reads such files.
     """
     gdal = ctypes.CDLL(importlib.import_module("pyogrio._ogr").__file__)
     gdal.GDALGetDriver.restype = ctypes.c_void_p
     gdal.GDALGetDescription.restype = ctypes.c_char_p
     for function in (gdal.GDALGetDescription, gdal.GDALRegisterDriver, gdal.GDALDeregisterDriver):
         function.argtypes = [ctypes.c_void_p]
-    with _DRIVERS_LOCK:
-        drivers = [gdal.GDALGetDriver(index) for index in range(gdal.GDALGetDriverCount())]
-        kept = [driver for driver in drivers if gdal.GDALGetDescription(driver) == name.encode()]
-        try:
-            for driver in drivers:
-                if driver not in kept:
-                    gdal.GDALDeregisterDriver(driver)
-            yield
-        finally:
-            for driver in kept:
+    drivers = [gdal.GDALGetDriver(index) for index in range(gdal.GDALGetDriverCount())]
+    kept = [driver for driver in drivers if gdal.GDALGetDescription(driver) == name.encode()]
+    try:
+        for driver in drivers:
+            if driver not in kept:
                 gdal.GDALDeregisterDriver(driver)
-            for driver in drivers:
-                gdal.GDALRegisterDriver(driver)
+        yield
+    finally:
+        for driver in kept:
+            gdal.GDALDeregisterDriver(driver)
+        for driver in drivers:
+            gdal.GDALRegisterDriver(driver)
 
 
 def _read(pyogrio: Any, path: Path, driver: str, folder: Path, origin: Origin | None) -> tuple[City, Origin]:
