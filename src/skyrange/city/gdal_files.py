@@ -76,7 +76,9 @@ def read_gdal(path: Path, origin: Origin | None) -> tuple[City, Origin]:
         DataLayerError, DataSourceError, FeatureError, FieldError, GeometryError, shapely.errors.GEOSException,
     ) as error:  # fmt: skip
         value = str(error).splitlines()[0].partition("; It might help")[0]
-        hint = f"Check it: `ogrinfo -al -so {name}`; repair it: `ogr2ogr -f GeoJSON -makevalid city.geojson {name}`."
+        only = f"-if '{driver}'"  # these programs open what a file names as well
+        repair = f"ogr2ogr {only} -f GeoJSON -makevalid city.geojson {name}"
+        hint = f"Check it: `ogrinfo {only} -al -so {name}`; repair it: `{repair}`."
         expected = f"a {path.suffix} file ({driver})"
         raise InputError.one(name, "file", value, expected, hint) from error
 
