@@ -329,7 +329,7 @@ def test_a_file_of_another_format_is_refused(tmp_path: Path) -> None:
     """GDAL tells formats by their contents: a .shp could otherwise be a virtual file that reads others."""
     path = tmp_path / "c.shp"
     make_file("GeoJSON", tmp_path).rename(path)
-    with pytest.raises(InputError, match="expected ESRI Shapefile"):
+    with pytest.raises(InputError, match=r"not recognized.*expected a \.shp file \(ESRI Shapefile\)"):
         load_buildings(path)
 
 
@@ -343,3 +343,72 @@ def test_without_the_extra_the_error_says_how_to_get_it(tmp_path: Path, monkeypa
     with pytest.raises(InputError, match=r"skyrange\[city\]"):
         load_buildings(old)
     importlib.invalidate_caches()
+
+
+def house(system: str, first: float, second: float) -> dict[str, Any]:
+    """A CityJSON document of one house, with those two numbers in its positions."""
+    corners = [(first + a, second + b) for a, b in ((0, 0), (2e-4, 0), (2e-4, 2e-4), (0, 2e-4))]
+    shape = {"type": "MultiSurface", "lod": "1", "boundaries": [[[0, 1, 2, 3]], [[4, 5, 6, 7]]]}
+    return {
+        "type": "CityJSON", "version": "2.0", "metadata": {"referenceSystem": system},
+        "CityObjects": {"H": {"type": "Building", "geometry": [shape]}},
+        "vertices": [[*corner, height] for height in (0.0, 9.0) for corner in corners],
+    }  # fmt: skip
+
+
+PLACES = {"Lafayette": (40.4, -86.9), "Tokyo": (35.68, 139.76), "Zurich": (47.4, 8.5), "Lima": (-12.0, -77.0)}
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("order", ["latitude", "longitude"])
+@pytest.mark.parametrize("system", ["EPSG:4326", "EPSG:4979", "OGC:CRS84", "EPSG:4269", "EPSG:4258", "EPSG:6697"])
+def test_the_order_of_degrees_is_that_of_their_area_and_told(
+    system: str, order: str, place: str, tmp_path: Path
+) -> None:
+    """A city is where it is in one of the two orders; if both are possible, x is east, and the other can be chosen."""
+    latitude, longitude = PLACES[place]
+    path = tmp_path / "c.city.json"
+    numbers = (latitude, longitude) if order == "latitude" else (longitude, latitude)
+    path.write_text(json.dumps(house(system, *numbers)), encoding="utf-8")
+    city, origin = load_buildings(path)
+    assert city.reading is not None
+    [note] = city.reading.notes
+    right = (origin.lat_deg, origin.lon_deg) == pytest.approx((latitude, longitude), abs=1e-3)
+    assert note.startswith(f"{order if right else 'longitude'} comes first")
+    assert right or ("to choose the other order" in note and order == "latitude")
+    if order == "longitude" or place == "Tokyo":
+        assert right
+
+
+def test_a_building_of_a_template_is_where_its_instance_is(tmp_path: Path) -> None:
+    document = cityjson()
+    faces = [[[8, 9, 10, 11]], [[0, 1, 2, 3]], [[4, 5, 6, 7]]]
+    corners = [[0, 0], [10, 0], [10, 5], [0, 5]]
+    document["geometry-templates"] = {
+        "vertices-templates": [[*corner, height] for height in (0, 7, 14) for corner in corners],
+        "templates": [{"type": "MultiSurface", "lod": "1", "boundaries": faces}],
+    }
+    turned = [0, -2, 0, 100, 2, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]  # by 90 degrees, twice as large, 100 m further east
+    instance = {"type": "GeometryInstance", "template": 0, "boundaries": [0], "transformationMatrix": turned}
+    document["CityObjects"] = {
+        "B1": document["CityObjects"]["B1"], "T1": {"type": "Building", "geometry": [instance]},
+        "E1": {"type": "Building", "geometry": []}, "P1": {"type": "Building", "children": ["B1"]},
+    }  # fmt: skip
+    path = tmp_path / "c.city.json"
+    path.write_text(json.dumps(document), encoding="utf-8")
+    city, _ = load_buildings(path)
+    b1, t1 = sorted(city.buildings, key=lambda building: building.id)
+    assert (t1.id, t1.height_m, round(t1.shape.area)) == ("T1", 14.0, 200)
+    west, south, east, north = (np.array(t1.shape.bounds) - np.array(b1.shape.bounds)[[0, 1, 0, 1]]).tolist()
+    assert (east - west, north - south) == pytest.approx((10, 20), abs=1)  # the grid's north is a little off
+    assert west == pytest.approx(90, abs=1)
+    assert city.reading is not None
+    assert city.reading.dropped == {
+        "without surfaces": 1, "without surfaces of their own (the geometry of their parts counts)": 1,
+    }  # fmt: skip
+    document["metadata"]["referenceSystem"] = "EPSG:4326"
+    document["transform"] = {"scale": [1e-7, 1e-7, 0.01], "translate": [8.5, 47.4, 0]}
+    path.write_text(json.dumps(document), encoding="utf-8")
+    city, _ = load_buildings(path)
+    assert city.reading is not None
+    assert city.reading.dropped["of a template, which is in metres, in a system of degrees"] == 1

@@ -61,9 +61,9 @@ def test_a_file_without_a_name_is_called_after_its_file(tmp_path: Path) -> None:
 
 def test_bad_syntax_names_line_and_column() -> None:
     [fault] = faults('name = "x"\nseed = = 3\n')
-    assert fault.startswith("line 2, column 8: seed = = 3 — expected valid TOML")
+    assert fault.startswith("line 2, column 8: Invalid value — expected valid TOML")
     [fault] = faults('name = "x')
-    assert fault.startswith('line 1, column 10: name = "x — expected valid TOML')
+    assert fault.startswith("line 1, column 10: Unterminated string — expected valid TOML")
 
 
 def test_all_faults_come_at_once() -> None:

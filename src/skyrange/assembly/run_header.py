@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from skyrange.assembly.placement.flight_plans import name_flight_plan
 from skyrange.assembly.radio import uas_id_of
@@ -15,6 +15,7 @@ from skyrange.city.city import City
 from skyrange.city.geojson import MAX_FILE_BYTES as MAX_CITY_BYTES
 from skyrange.codec.f3411 import printable_id
 from skyrange.codec.mission import Mission, format_plan, format_waypoints, read_mission
+from skyrange.codec.mission.differences import LOCATED, MSL_FRAMES
 from skyrange.codec.mission.items import MAX_FILE_BYTES
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.plugins.registry import loaded_sources
@@ -97,8 +98,26 @@ def _describe_mission_files(scenario: Scenario) -> dict[str, Any]:
         with suppress(InputError):
             mission = read_mission(file)
             used = {"items": len(mission.items), "fence": len(mission.fence), "rally": len(mission.rally)}
-            rows.append({"file": mission.source, **used, "ignored": [ignored.to_dict() for ignored in mission.ignored]})
+            rows.append(
+                {
+                    "file": mission.source,
+                    **used,
+                    **_describe_planned_home(mission, scenario.origin.alt_msl_m),
+                    "ignored": [ignored.to_dict() for ignored in mission.ignored],
+                }
+            )
     return {"mission_files": rows} if rows else {}
+
+
+_HOME_TOLERANCE_M: Final = 10.0
+"""Between heights of the ground by two sources, such as a map and a receiver."""
+
+
+def _describe_planned_home(mission: Mission, ground_msl_m: float) -> dict[str, float]:
+    """How far the home for which a mission was planned is above the ground, where its altitudes depend on that."""
+    absolute = any(item.command in LOCATED and item.frame in MSL_FRAMES for item in mission.items)
+    above_m = mission.home[2] - ground_msl_m if mission.home is not None and absolute else 0.0
+    return {"planned_home_above_ground_m": round(above_m, 2)} if abs(above_m) > _HOME_TOLERANCE_M else {}
 
 
 def _describe_expectation(plan: Plan) -> dict[str, str]:

@@ -24,40 +24,51 @@ WGS84 = "WGS 84 degrees"
 _EPSG = re.compile(r"EPSG(?:/\d+/|:[\d.]*:|:)(\d{4,6})", re.IGNORECASE)
 _DEGREES = re.compile(r"CRS:?84|OGC:1\.3:CRS84|EPSG:{1,2}(?:4326|4979)$|^$", re.IGNORECASE)
 
+_FILES = re.compile(r"PARAMETERFILE|grids\s*=\s*(?!@null\b)|\binit\s*=", re.IGNORECASE)
+"""What names a file or URL in the text (WKT) of a coordinate system; `nadgrids=@null` names none."""
+
 INSTALL_HINT = "Install it with `pip install 'skyrange[city]'`."
 
 
 class Projection:
     """Reprojects coordinates of one system to longitude and latitude in degrees of WGS 84."""
 
-    def __init__(self, name: str, crs: str, *, authority_order: bool = False) -> None:
-        """`name` is the file, `crs` anything that pyproj knows: EPSG code, URN, URL or WKT.
+    def __init__(self, name: str, crs: str, *, any_order: bool = False) -> None:
+        """`name` is the file, `crs` an EPSG code, URN, URL, name or WKT that pyproj knows, and that names no file.
 
-        With `authority_order`, coordinates of a geographic system are latitude, longitude, as CityGML writes them;
-        otherwise x is east. Raises `InputError` for an unknown system and without pyproj.
+        x is east. With `any_order`, coordinates of a geographic system may also be latitude, longitude: then
+        `choose_order` is called before `to_degrees`. Raises `InputError` for an unknown system and without pyproj.
         """
         self._name = name
         self.label = WGS84
         self._transformer: Any = None
+        self._system: Any = None
         self._swapped = False
-        if _DEGREES.search(crs) and not authority_order:
+        if _DEGREES.search(crs) and not any_order:
             return
         try:
             from pyproj import CRS, Transformer
             from pyproj.exceptions import CRSError
+            from pyproj.network import set_network_enabled  # type: ignore[attr-defined]
         except ImportError as error:
             expected = "pyproj, which reprojects it to degrees"
             raise InputError.one(name, "coordinate system", f"{crs:.60}", expected, INSTALL_HINT) from error
         match = _EPSG.search(crs)
+        known = f"EPSG:{match[1]}" if match and "[" not in crs else crs
+        hint = f"Convert it: `ogr2ogr -f GeoJSON -s_srs EPSG:… -t_srs EPSG:4326 city.geojson {name}`."
+        # PROJ opens the grid files that a definition names; its own strings and PROJJSON may name them in many ways
+        if _FILES.search(known) if "[" in known else re.search("[={]", known):
+            expected = "an EPSG code, URN, URL or WKT that names no file"
+            raise InputError.one(name, "coordinate system", f"{crs:.60}", expected, hint)
+        set_network_enabled(active=False)
         try:
-            system = CRS.from_user_input(f"EPSG:{match[1]}" if match and "[" not in crs else crs)
+            system = CRS.from_user_input(known)
             system = next((part for part in system.sub_crs_list if not part.is_vertical), system)
             self._transformer = Transformer.from_crs(system, "EPSG:4326", always_xy=True)
         except CRSError as error:
-            hint = f"ogr2ogr -f GeoJSON -s_srs EPSG:… -t_srs EPSG:4326 city.geojson {name}"
             expected = "a coordinate system that PROJ knows"
-            raise InputError.one(name, "coordinate system", f"{crs:.60}", expected, f"Convert it: `{hint}`.") from error
-        self._swapped = authority_order and system.is_geographic
+            raise InputError.one(name, "coordinate system", f"{crs:.60}", expected, hint) from error
+        self._system = system
         authority = system.to_authority()
         self.label = f"{':'.join(authority)} {system.name}" if authority else system.name
 
@@ -66,12 +77,51 @@ class Projection:
         """Whether coordinates are longitude and latitude of WGS 84 already."""
         return self._transformer is None
 
+    @property
+    def is_geographic(self) -> bool:
+        """Whether coordinates are degrees, of whatever system."""
+        return self._system is None or bool(self._system.is_geographic)
+
+    def choose_order(self, xy: NDArray[np.float64], *, x_is_east: bool) -> str:
+        """Choose whether the (n, 2) coordinates of a geographic system have latitude or longitude first, and say why.
+
+        It is the order in which they lie in the area of the system, or else on the earth. If they do in both, it is
+        that of the system itself, or longitude first with `x_is_east`. Empty for other systems.
+        """
+        if self._system is None or not self._system.is_geographic or not len(xy):
+            return ""
+        first, second = np.median(xy, axis=0).tolist()
+        by_system = self._system.axis_info[0].direction == "north"
+        for place, fits in ((f"the area of {self.label}", self._has_place), ("the earth", _is_on_earth)):
+            if fits(first, second) != fits(second, first):
+                self._swapped = fits(first, second)
+                reason = f"because in the other order they are outside {place}"
+                break
+        else:
+            self._swapped = by_system and not x_is_east
+            reason = "as in its coordinate system" if self._swapped == by_system else "as x is east"
+            reason += "; to choose the other order, exchange the first two numbers of each position"
+        return f"{'latitude' if self._swapped else 'longitude'} comes first in the positions of the file, {reason}"
+
+    def _has_place(self, latitude: float, longitude: float) -> bool:
+        """Whether a place is in the area in which the system is used."""
+        area = self._system.area_of_use
+        if area is None:
+            return _is_on_earth(latitude, longitude)
+        west, south, east, north = area.bounds
+        width = (east - west) % 360.0 or 360.0
+        return bool((longitude - west) % 360.0 <= width and south <= latitude <= north)
+
     def to_degrees(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 2) longitude and latitude of (n, 2) coordinates; infinite where there is no such place."""
         if self._transformer is None:
             return xy
         x, y = (xy[:, 1], xy[:, 0]) if self._swapped else (xy[:, 0], xy[:, 1])
         return np.column_stack(self._transformer.transform(x, y))
+
+
+def _is_on_earth(latitude: float, longitude: float) -> bool:
+    return abs(latitude) <= 90.0 and abs(longitude) <= 180.0
 
 
 MAX_EXTENT_DEG = 2.0

@@ -1,10 +1,17 @@
-"""Building files that GDAL reads: OpenStreetMap XML and PBF, Shapefile, GeoPackage and FlatGeobuf, through pyogrio."""
+"""Building files that GDAL reads: OpenStreetMap XML and PBF, Shapefile, GeoPackage and FlatGeobuf, through pyogrio.
+
+GDAL tells formats by their contents, and some formats name other files and URLs, which it opens as well. So only the
+driver of the file's name is registered while a file is open; none of `DRIVERS` opens anything that a file names.
+"""
 
 from __future__ import annotations
 
+import ctypes
+import importlib
 import tempfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,7 +28,7 @@ DRIVERS: Final[Mapping[str, str]] = {
     ".osm": "OSM", ".pbf": "OSM", ".shp": "ESRI Shapefile", ".zip": "ESRI Shapefile", ".gpkg": "GPKG",
     ".fgb": "FlatGeobuf",
 }  # fmt: skip
-"""GDAL's driver by the end of a file's name; a file that GDAL takes for another format is refused."""
+"""GDAL's driver by the end of a file's name; no other driver may open it."""
 
 _IDS: Final = ("osm_id", "osm_way_id", "id", "gml_id", "fid", "identifier")
 _OSM_TAGS: Final = ("building", "building:part", "building:levels", "building:height", "building:min_level", "height")
@@ -56,17 +63,50 @@ def read_gdal(path: Path, origin: Origin | None) -> tuple[City, Origin]:
     name = str(path)
     try:
         import pyogrio
-        from pyogrio.errors import DataSourceError, FieldError, GeometryError
+        from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, FieldError, GeometryError
     except ImportError as error:
         expected = "pyogrio, which reads it"
         hint = f"{INSTALL_HINT} Or convert it: `ogr2ogr -f GeoJSON -t_srs EPSG:4326 city.geojson {name}`."
         raise InputError.one(name, "format", path.suffix, expected, hint) from error
+    driver = DRIVERS[path.suffix.lower()]
     try:
-        with tempfile.TemporaryDirectory(prefix="skyrange-osm-") as folder:
-            return _read(pyogrio, path, DRIVERS[path.suffix.lower()], Path(folder), origin)
-    except (DataSourceError, FieldError, GeometryError, shapely.errors.GEOSException) as error:
-        hint = f"Check it: `ogrinfo -al -so {name}`; repair it: `ogr2ogr -f GeoJSON -makevalid city.geojson {name}`."
-        raise InputError.one(name, "file", str(error).splitlines()[0], f"a {path.suffix} file", hint) from error
+        with tempfile.TemporaryDirectory(prefix="skyrange-osm-") as folder, _only_driver(driver):
+            return _read(pyogrio, path, driver, Path(folder), origin)
+    except (
+        DataLayerError, DataSourceError, FeatureError, FieldError, GeometryError, shapely.errors.GEOSException,
+    ) as error:  # fmt: skip
+        value = str(error).splitlines()[0].partition("; It might help")[0]
+        only = f"-if '{driver}'"  # these programs open what a file names as well
+        repair = f"ogr2ogr {only} -f GeoJSON -makevalid city.geojson {name}"
+        hint = f"Check it: `ogrinfo {only} -al -so {name}`; repair it: `{repair}`."
+        expected = f"a {path.suffix} file ({driver})"
+        raise InputError.one(name, "file", value, expected, hint) from error
+
+
+@contextmanager
+def _only_driver(name: str) -> Iterator[None]:
+    """Deregister all of GDAL's drivers but one; register them again at the end, in their order.
+
+    pyogrio cannot name the drivers that may open a file, so this calls GDAL's C interface, which the extension modules
+    of pyogrio link. The drivers are those of the process: one thread at a time reads such files.
+    """
+    gdal = ctypes.CDLL(importlib.import_module("pyogrio._ogr").__file__)
+    gdal.GDALGetDriver.restype = ctypes.c_void_p
+    gdal.GDALGetDescription.restype = ctypes.c_char_p
+    for function in (gdal.GDALGetDescription, gdal.GDALRegisterDriver, gdal.GDALDeregisterDriver):
+        function.argtypes = [ctypes.c_void_p]
+    drivers = [gdal.GDALGetDriver(index) for index in range(gdal.GDALGetDriverCount())]
+    kept = [driver for driver in drivers if gdal.GDALGetDescription(driver) == name.encode()]
+    try:
+        for driver in drivers:
+            if driver not in kept:
+                gdal.GDALDeregisterDriver(driver)
+        yield
+    finally:
+        for driver in kept:
+            gdal.GDALDeregisterDriver(driver)
+        for driver in drivers:
+            gdal.GDALRegisterDriver(driver)
 
 
 def _read(pyogrio: Any, path: Path, driver: str, folder: Path, origin: Origin | None) -> tuple[City, Origin]:
@@ -79,8 +119,6 @@ def _read(pyogrio: Any, path: Path, driver: str, folder: Path, origin: Origin | 
     layers = [(str(layer), str(kind)) for layer, kind in pyogrio.list_layers(path)]
     layer = _layer(name, layers)
     info = pyogrio.read_info(path, layer=layer)
-    if info["driver"] != driver:
-        raise InputError.one(name, "format", info["driver"], f"{driver}, by the file's name")
     fields = [str(field) for field in info["fields"]]
     if driver != "OSM":
         wanted = {*KEYS, *BUILDING_KEYS, *_IDS, "name"}

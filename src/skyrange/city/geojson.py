@@ -132,6 +132,10 @@ def ring_vertices(ring: Any) -> NDArray[Any] | None:
     return vertices if vertices.dtype.kind in "if" and vertices.ndim == 2 and vertices.shape[1] >= 2 else None
 
 
+_OTHER_TYPES: Final = (
+    "Feature", "GeometryCollection", "Polygon", "MultiPolygon", "Topology", "CityJSON", "CityJSONFeature", "list",
+)  # fmt: skip
+"""What is named in the error for a document of another type; the rest is not quoted, as the file may be any."""
 MAX_PROBLEMS = 20
 """Problems that one error lists; further ones are only counted."""
 MAX_FILE_BYTES = 512 * MIB
@@ -144,8 +148,9 @@ class _ShapeError(Exception):
 def read_collection(name: str, document: Any, origin: Origin | None, kind: str = "GeoJSON") -> tuple[City, Origin]:
     """The city of a FeatureCollection; `kind` is the format's name in the reading."""
     if not isinstance(document, dict) or document.get("type") != "FeatureCollection":
-        document_type = document.get("type") if isinstance(document, dict) else type(document).__name__
-        raise InputError.one(name, "type", repr(document_type), 'a GeoJSON "FeatureCollection"')
+        known = document.get("type") if isinstance(document, dict) else type(document).__name__
+        shown = repr(known) if known in _OTHER_TYPES else "missing" if known is None else "another"
+        raise InputError.one(name, "type", shown, 'a GeoJSON "FeatureCollection"')
     rows = document.get("features")
     if not isinstance(rows, list):
         raise InputError.one(name, "features", type(rows).__name__, "a list of features")

@@ -8,6 +8,7 @@ entities.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -25,7 +26,9 @@ from skyrange.core.geodesy import Origin
 _KINDS: Final = ("Building", "BuildingPart", "BuildingUnit")
 _SURFACE_DEPTH: Final = {"MultiSurface": 1, "CompositeSurface": 1, "Solid": 2, "MultiSolid": 3, "CompositeSolid": 3}
 """Levels of lists above a surface, which is a list of rings."""
-_NO_GEOMETRY: Final = "without surfaces of their own (the geometry of their parts counts)"
+_OF_PARTS: Final = "without surfaces of their own (the geometry of their parts counts)"
+_NO_SURFACES: Final = "without surfaces"
+_OF_DEGREES: Final = "of a template, which is in metres, in a system of degrees"
 
 Surface = list[NDArray[np.float64]]
 """Rings (n, 3), the outer one first."""
@@ -42,18 +45,44 @@ def read_cityjson(name: str, documents: list[Any], origin: Origin | None) -> tup
         expected = "the coordinate system, such as https://www.opengis.net/def/crs/EPSG/0/7415"
         hint = f"Add it: `cjio {name} crs_assign 7415 save city.city.json`."
         raise InputError.one(name, "metadata.referenceSystem", "missing", expected, hint)
-    projection = Projection(name, str(system), authority_order=True)
+    projection = Projection(name, str(system), any_order=True)
     reading = Reading("CityJSON", projection.label)
     features: list[Feature] = []
     for document in documents:
         if not isinstance(document, dict) or not isinstance(document.get("CityObjects"), dict):
             raise InputError.one(name, "CityObjects", type(document).__name__, "an object of city objects by id")
-        features += _objects(name, document, document.get("transform") or head.get("transform") or {}, reading)
+        transform = document.get("transform") or head.get("transform") or {}
+        templates = document.get("geometry-templates") or head.get("geometry-templates") or {}
+        found, dropped = _objects(name, document, transform, templates)
+        if templates and projection.is_geographic:
+            kept = [feature for feature in found if not _is_instance(document["CityObjects"][feature.id])]
+            dropped[_OF_DEGREES] += len(found) - len(kept)
+            found = kept
+        reading.features += len(document["CityObjects"])
+        reading.dropped.update(dropped)
+        features += found
+    _choose_order(projection, features, reading, x_is_east=True)
     return make_city(name, features, reading, projection, origin)
 
 
-def _objects(name: str, document: Mapping[str, Any], transform: Mapping[str, Any], reading: Reading) -> list[Feature]:
+def _is_instance(city_object: Mapping[str, Any]) -> bool:
+    return any(geometry["type"] == "GeometryInstance" for geometry in city_object.get("geometry") or ())
+
+
+def _choose_order(projection: Projection, features: list[Feature], reading: Reading, *, x_is_east: bool) -> None:
+    """Choose whether latitude or longitude comes first, and note why, for systems in degrees."""
+    rings = [ring[:, :2] for feature in features for polygon in feature.polygons for ring in polygon]
+    note = projection.choose_order(np.concatenate(rings), x_is_east=x_is_east) if rings else ""
+    if note:
+        reading.notes.append(note)
+
+
+def _objects(
+    name: str, document: Mapping[str, Any], transform: Mapping[str, Any], templates: Mapping[str, Any]
+) -> tuple[list[Feature], Counter[str]]:
+    """The buildings of a document, and of other objects how many there are, by the reason why they are none."""
     objects = document["CityObjects"]
+    dropped: Counter[str] = Counter()
     try:
         scale, move = (
             np.array(transform.get(key, value), dtype=np.float64).reshape(3)
@@ -64,43 +93,63 @@ def _objects(name: str, document: Mapping[str, Any], transform: Mapping[str, Any
         raise InputError.one(name, "vertices", str(error), "a list of [x, y, z]") from error
     features = []
     for key, city_object in objects.items():
-        reading.features += 1
         kind = str(city_object.get("type"))
         if kind not in _KINDS:
-            reading.dropped[f"of type {kind}"] += 1
+            dropped[f"of type {kind}"] += 1
             continue
         tags = dict(city_object.get("attributes") or {})
         for parent in city_object.get("parents") or ():
             tags = {**(objects.get(parent, {}).get("attributes") or {}), **tags}
         try:
-            surfaces = _lowest(city_object.get("geometry") or [], vertices)
+            surfaces = _lowest(city_object.get("geometry") or [], vertices, templates)
         except (IndexError, TypeError, ValueError, KeyError) as error:
             hint = f"Check it: `cjio {name} validate`."
             raise InputError.one(
                 name, f"CityObjects.{key}", repr(error), "boundaries of vertex indices", hint
             ) from error
         if not surfaces:
-            reading.dropped[_NO_GEOMETRY] += 1
+            dropped[_OF_PARTS if city_object.get("children") else _NO_SURFACES] += 1
             continue
         features.append(Feature(f"CityObjects.{key}", key, tags, surfaces))
-    return features
+    return features, dropped
 
 
-def _lowest(geometries: list[Mapping[str, Any]], vertices: NDArray[np.float64]) -> list[Surface]:
+_Shape = tuple[Mapping[str, Any], NDArray[np.float64]]
+"""A geometry, and the vertices (n, 3) that its boundaries index."""
+
+
+def _lowest(
+    geometries: list[Mapping[str, Any]], vertices: NDArray[np.float64], templates: Mapping[str, Any]
+) -> list[Surface]:
     """The surfaces of the lowest level of detail from 1 on, otherwise of level 0."""
-    known = [geometry for geometry in geometries if geometry["type"] in _SURFACE_DEPTH]
-    ranked = sorted(known, key=lambda geometry: (float(geometry.get("lod", 0)) < 1.0, float(geometry.get("lod", 0))))
+    shapes: list[_Shape] = [
+        _placed(geometry, vertices, templates) if geometry["type"] == "GeometryInstance" else (geometry, vertices)
+        for geometry in geometries
+    ]
+    known = [(geometry, points) for geometry, points in shapes if geometry["type"] in _SURFACE_DEPTH]
+    ranked = sorted(known, key=lambda shape: (float(shape[0].get("lod", 0)) < 1.0, float(shape[0].get("lod", 0))))
     if not ranked:
         return []
-    lod = ranked[0].get("lod")
+    lod = ranked[0][0].get("lod")
     surfaces: list[Surface] = []
-    for geometry in ranked:
+    for geometry, points in ranked:
         if geometry.get("lod") == lod:
             for surface in _surfaces(geometry["boundaries"], _SURFACE_DEPTH[geometry["type"]]):
-                rings = [vertices[np.array(ring, dtype=np.int64)] for ring in surface]
+                rings = [points[np.array(ring, dtype=np.int64)] for ring in surface]
                 if rings and all(len(ring) >= 3 for ring in rings):
                     surfaces.append([np.vstack((ring, ring[:1])) for ring in rings])
     return surfaces
+
+
+def _placed(instance: Mapping[str, Any], vertices: NDArray[np.float64], templates: Mapping[str, Any]) -> _Shape:
+    """The template that an instance names, with its vertices where the instance is.
+
+    The specification (CityJSON 2.0, section 4) has instances of things such as trees; some files have buildings too.
+    """
+    corners = np.array(templates["vertices-templates"], dtype=np.float64).reshape(-1, 3)
+    matrix = np.array(instance["transformationMatrix"], dtype=np.float64).reshape(4, 4)
+    place = vertices[instance["boundaries"][0]]
+    return templates["templates"][instance["template"]], corners @ matrix[:3, :3].T + matrix[:3, 3] + place
 
 
 def _surfaces(boundaries: Any, depth: int) -> Iterator[Any]:
@@ -130,7 +179,7 @@ def read_citygml(path: Path, origin: Origin | None) -> tuple[City, Origin]:
             local = _local(element)
             if event == "start":
                 if not stack and local != "CityModel":
-                    raise InputError.one(name, "root", local, "a CityGML CityModel", _convert_hint(name))
+                    raise InputError.one(name, "root", "another element", "a CityGML CityModel", _convert_hint(name))
                 stack.append(element)
                 system = system or element.get("srsName", "")
                 depth += local in _KINDS
@@ -154,8 +203,9 @@ def read_citygml(path: Path, origin: Origin | None) -> tuple[City, Origin]:
         raise InputError.one(
             name, "srsName", "missing", "the coordinate system, such as EPSG:25832", _convert_hint(name)
         )
-    projection = Projection(name, system, authority_order=True)
+    projection = Projection(name, system, any_order=True)
     reading.crs = projection.label
+    _choose_order(projection, features, reading, x_is_east=False)
     return make_city(name, features, reading, projection, origin)
 
 
@@ -174,7 +224,8 @@ def _add_building(features: list[Feature], element: ElementTree.Element, reading
     levels = sorted(by_lod, key=lambda lod: (lod < "1", lod))
     identity = next((value for key, value in element.attrib.items() if key.endswith("id")), "")
     if not levels:
-        reading.dropped[_NO_GEOMETRY] += 1
+        has_parts = any(_local(part) in _KINDS for part in element.iter() if part is not element)
+        reading.dropped[_OF_PARTS if has_parts else _NO_SURFACES] += 1
         return
     features.append(Feature(f"building {identity or len(features)}", identity, tags, by_lod[levels[0]]))
 

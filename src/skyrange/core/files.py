@@ -3,7 +3,8 @@
 Everything that skyrange reads on behalf of a user passes `read_input`: a pipe, a device or a file without end cannot
 block it or fill the memory.
 
-Readers of a file that is replaced see the old contents or the new, never a part.
+Readers of a file that is replaced see the old contents or the new, never a part. No link is followed for writing: in a
+folder that somebody else made, it could lead to any file of the user.
 """
 
 from __future__ import annotations
@@ -117,11 +118,13 @@ def atomic_write(path: Path) -> Iterator[BinaryIO]:
     """Open a temporary file beside `path` for writing; flush it to the disk and rename it to `path` at the block's end.
 
     If the block raises, also `KeyboardInterrupt`, the temporary file is deleted and `path` stays as it was. Raises
-    `OSError` if the file cannot be written. Two processes must not write the same `path` at once.
+    `OSError` if the file cannot be written. Two processes must not write the same `path` at once. Where `path` or the
+    temporary file is a link, the link is replaced, not what it names.
     """
     draft = path.with_name(path.name + DRAFT)
+    draft.unlink(missing_ok=True)
     try:
-        with draft.open("wb") as file:
+        with draft.open("xb") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
@@ -129,3 +132,39 @@ def atomic_write(path: Path) -> Iterator[BinaryIO]:
     except BaseException:
         draft.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def lock_file(path: Path, refusal: InputError) -> Iterator[None]:
+    """Hold the lock of a file, which is made if there is none; raises `refusal` if another process holds it.
+
+    Forked processes inherit the lock, so that it is held until the last of them has ended. Raises `InputError` if the
+    file cannot be opened, and for a link.
+    """
+    import fcntl
+
+    try:
+        number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+    except OSError as error:
+        value = f"{path}: {(error.strerror or str(error)).lower()}"
+        raise InputError.one(refusal.who, "lock", value, "a file that can be written, and no link") from None
+    with os.fdopen(number, "rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise refusal from error
+        yield
+
+
+def refuse_links(folder: Path, who: str) -> None:
+    """Raise `InputError` if there is a symbolic link in a folder, at any depth; the folder itself may be one."""
+    folders = [os.fspath(folder)]
+    while folders:
+        with os.scandir(folders.pop()) as entries:
+            for entry in entries:
+                if entry.is_symlink():
+                    hint = "Put there what it names, or delete it."
+                    expected = "a folder without links, because files in it are written and deleted"
+                    raise InputError.one(who, "link", f"{entry.path} to {os.readlink(entry.path)}", expected, hint)
+                if entry.is_dir(follow_symlinks=False):
+                    folders.append(entry.path)

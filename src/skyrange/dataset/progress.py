@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from skyrange.core.errors import InputError
-from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, parse_json, read_input
+from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, lock_file, parse_json, read_input, refuse_links
 from skyrange.record.folder import make_new_folder
 
 BUILDING: Final = ".building"
@@ -56,13 +56,12 @@ def begin_build(folder: Path, plan: Mapping[str, Any]) -> Iterator[BuildProgress
     """Begin a build in a new folder, or go on with one of the same plan; at the block's end it is whole.
 
     If the block raises, the blocks that are whole stay for the next time. Raises `InputError` for a folder that holds
-    anything else, a build of another plan, or one that another process is at.
+    anything else, a build of another plan, one that another process is at, or a symbolic link.
     """
-    import fcntl
-
     state = folder / BUILDING
     digest = hashlib.sha256(json.dumps(plan, sort_keys=True, default=str).encode()).hexdigest()
     if state.is_dir():
+        refuse_links(folder, str(folder))
         hint = "Build in another folder, or delete this one."
         if (state / _PLAN).is_file():
             data = read_input(state / _PLAN, str(folder), _PLAN, max_bytes=MAX_RECORD_BYTES)
@@ -72,12 +71,9 @@ def begin_build(folder: Path, plan: Mapping[str, Any]) -> Iterator[BuildProgress
     else:
         make_new_folder(folder)
     (state / _BLOCKS).mkdir(parents=True, exist_ok=True)
-    with (state / _LOCK).open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            expected = "a data set that no other process is building"
-            raise InputError.one(str(folder), "data set", "being built", expected, "Wait for it, or end it.") from error
+    expected = "a data set that no other process is building"
+    refusal = InputError.one(str(folder), "data set", "being built", expected, "Wait for it, or end it.")
+    with lock_file(state / _LOCK, refusal):
         with atomic_write(state / _PLAN) as file:
             file.write(json.dumps({"digest": digest}).encode())
         yield BuildProgress(folder)

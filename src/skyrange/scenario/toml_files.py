@@ -137,8 +137,8 @@ def _syntax_fault(message: str, text: str) -> Problem:
     match = re.match(r"line (\d+), column (\d+)", place)
     lines = text.splitlines() or [""]
     line, column = (int(match[1]), int(match[2])) if match else (len(lines), len(lines[-1]) + 1)
-    shown = lines[line - 1].strip() if 0 < line <= len(lines) else ""
-    return Problem(f"line {line}, column {column}", shown or "(empty)", "valid TOML", f"{problem or message}.")
+    # the line is not quoted: a study may name any file of the user as its scenario
+    return Problem(f"line {line}, column {column}", problem or message, "valid TOML")
 
 
 def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:

@@ -171,10 +171,14 @@ def print_city(console: Console, city: Mapping[str, Any] | None) -> None:
 
 
 def _print_mission_files(console: Console, files: Sequence[Mapping[str, Any]]) -> None:
-    """Print which mission files say something that no flight uses, up to `MAX_FILES`."""
+    """Print which mission files say something that no flight uses, or had another ground, up to `MAX_FILES`."""
     from skyrange.codec.mission.ignored_keys import describe_mission_file
 
-    incomplete = [file for file in files if not all(key["harmless"] for key in file["ignored"])]
+    incomplete = [
+        file
+        for file in files
+        if "planned_home_above_ground_m" in file or not all(key["harmless"] for key in file["ignored"])
+    ]
     for file in incomplete[:MAX_FILES]:
         console.print(f"plan   {describe_mission_file(file)}", soft_wrap=True, markup=False, highlight=False)
     if len(incomplete) > MAX_FILES:

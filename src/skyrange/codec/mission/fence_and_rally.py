@@ -23,6 +23,8 @@ POLYGONS = {
 CIRCLES = {True: int(mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION), False: int(mav.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION)}
 RETURN = int(mav.MAV_CMD_NAV_FENCE_RETURN_POINT)
 RALLY = int(mav.MAV_CMD_NAV_RALLY_POINT)
+ZONE_COMMANDS = frozenset({*POLYGONS.values(), *CIRCLES.values(), RETURN, RALLY})
+"""The commands of fences and rally points, which are uploaded apart from the mission."""
 FENCE_VERSIONS = (1, 2)
 """Of `geoFence`, which QGroundControl reads (GeoFenceController.cc)."""
 RALLY_VERSIONS = (1, 2)

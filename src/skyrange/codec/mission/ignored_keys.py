@@ -117,4 +117,10 @@ def describe_mission_file(row: Mapping[str, Any]) -> str:
     if missed:
         text += f"; not used: {'; '.join(map(str, missed[:_SHOWN]))}"
         text += f"; and {len(missed) - _SHOWN} more" if len(missed) > _SHOWN else ""
+    above_m = row.get("planned_home_above_ground_m")
+    if above_m is not None:
+        text += (
+            f"; planned with home {abs(above_m):g} m {'above' if above_m > 0 else 'below'} the ground of the scenario: "
+            'heights above the sea are flown by datum, with anchor = "start" from home (see origin.alt_msl_m)'
+        )
     return text + (f"; {harmless} keys of its editor" if harmless else "")

@@ -64,7 +64,7 @@ def parse_plan(text: str, name: str) -> Mission:
     plan = _load(text, name)
     problems = ProblemCollector(name)
     if plan.get("fileType") != "Plan":
-        problems.add("fileType", plan.get("fileType", "missing"), "'Plan'")
+        problems.stop("fileType", "another" if "fileType" in plan else "missing", "'Plan'")
     if plan.get("version") != 1:
         problems.add("version", plan.get("version", "missing"), "1")
     fence = _optional_object(plan, "geoFence", problems)
@@ -245,8 +245,8 @@ def _load(text: str, name: str) -> ReadObject:
         document = json.loads(text, parse_constant=_refuse_constant, object_hook=ReadObject)
     except json.JSONDecodeError as error:
         where = f"line {error.lineno} column {error.colno}"
-        near = error.doc[max(error.pos - 10, 0) : error.pos + 10]
-        raise InputError.one(name, where, f"{error.msg} at {near!r}", "JSON") from error
+        # not quoted: the file may be none of this user's, named by a scenario of somebody else
+        raise InputError.one(name, where, error.msg, "JSON") from None
     except RecursionError:
         raise InputError.one(name, "file", "brackets nested too deeply", f"at most {MAX_DEPTH} levels") from None
     except ValueError as error:  # a constant JSON does not know, an integer of thousands of digits

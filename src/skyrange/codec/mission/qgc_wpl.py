@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from skyrange.codec.mission.fence_and_rally import ZONE_COMMANDS
 from skyrange.codec.mission.ignored_keys import Ignored
 from skyrange.codec.mission.items import (
     FRAMES,
@@ -42,6 +43,12 @@ COLUMNS = (
     "z (altitude)",
     "autocontinue",
 )
+FENCE_HINT = (
+    "Put the fence into the plan of the scenario, in metres from the start (`fence.polygons`, `fence.circles`), and "
+    "rally points beside it (`rally`), or all three into a QGroundControl .plan."
+)
+"""What to do with the lists of fences and rally points that Mission Planner and MAVProxy write."""
+_PAIR = re.compile(r"[+-]?[0-9.]{1,40}[\s,]+[+-]?[0-9.]{1,40}", re.ASCII)
 _INTEGER = re.compile(r"[0-9]{1,6}", re.ASCII)
 _NUMBER = re.compile(r"[+-]?([0-9]{1,400}(\.[0-9]{0,400})?|\.[0-9]{1,400})([eE][+-]?[0-9]{1,4})?|nan", re.I | re.ASCII)
 
@@ -59,7 +66,10 @@ def parse_waypoints(text: str, name: str) -> Mission:
     if not lines or lines[0][1].split() != HEADER.split():
         # not quoted: the file may be none of this user's, linked to by a scenario of somebody else
         number, line = lines[0] if lines else (1, "")
-        problems.stop(f"line {number}", line if line.startswith("QGC WPL") else "another text", f"`{HEADER}`")
+        value, hint = (line, "") if line.startswith("QGC WPL") else ("another text", "")
+        if len(lines) > 1 and all(_PAIR.fullmatch(text) for _, text in lines):
+            value, hint = "pairs of numbers, as of a fence list", FENCE_HINT
+        problems.stop(f"line {number}", value, f"`{HEADER}`", hint)
     if len(lines) < 2:
         problems.stop("file", "no items", "the home position as item 0, then the mission's items")
     if len(lines) - 2 > MAX_ITEMS:
@@ -70,6 +80,9 @@ def parse_waypoints(text: str, name: str) -> Mission:
         _check_home(home, lines[1][0], problems)
     problems.raise_if_any()
     whole = [item for item in items if item is not None]
+    zones = sum(item.command in ZONE_COMMANDS for item in whole[1:])
+    if zones:
+        problems.stop("file", f"{zones} items of a fence or of rally points", "a mission alone", FENCE_HINT)
     position = (whole[0].x, whole[0].y, whole[0].z)
     return Mission(
         items=tuple(whole[1:]),

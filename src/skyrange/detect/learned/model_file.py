@@ -182,7 +182,10 @@ def read_model(path: Path) -> ModelFile:
     """The model in a file. Raises `InputError` for one that is missing, damaged or of another format."""
     data = read_input(path, "model", max_bytes=MAX_RECORD_BYTES, expected="a model of skyrange study score")
     try:
-        return ModelFile.model_validate(json.loads(data))
+        content = json.loads(data)
+        if not isinstance(content, dict) or content.get("format") != FORMAT:  # nothing of another file is quoted
+            raise InputError.one(f"model {path}", "format", "another", f"a model of the format {FORMAT}")
+        return ModelFile.model_validate(content)
     except (ValueError, ValidationError, RecursionError) as error:
         first = error.errors()[0] if isinstance(error, ValidationError) else {"loc": (), "msg": str(error)}
         where = ".".join(map(str, first["loc"])) or "file"

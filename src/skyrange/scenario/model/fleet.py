@@ -69,7 +69,23 @@ Placing = Annotated[
         "both keep clear of buildings and of the paths of other aircraft."
     ),
 ]
-Params = dict[Annotated[str, Field(pattern=r"^[A-Z][A-Z0-9_]{0,15}$")], Number]
+
+
+_CONVERT = "awk -F'[,[:space:]]+' '/^[A-Z]/ {print $1, \"=\", $2}' FILE"
+
+
+def _refuse_param_file(value: Any) -> Any:
+    name = value.get("file") if isinstance(value, Mapping) else value
+    if isinstance(name, str):
+        hint = f"Write its lines into the table; `{_CONVERT}` converts a .param file."
+        raise wrong(name, "a table of parameters, such as { FENCE_ENABLE = 1 }", hint)
+    return value
+
+
+Params = Annotated[
+    dict[Annotated[str, Field(pattern=r"^[A-Z][A-Z0-9_]{0,15}$")], Number],
+    BeforeValidator(_refuse_param_file, json_schema_input_type=dict[str, float]),
+]
 Departs = Annotated[Number, Field(ge=0, le=LATEST_S, description="Earliest simulated time of take-off, in seconds.")]
 Charge = Annotated[Number, Field(ge=0, le=1, description="Initial charge of the battery, from 0 (empty) to 1 (full).")]
 Broadcasts = Annotated[

@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 
 from skyrange.contracts.plugins.registry import loaded_paths
 from skyrange.core.errors import InputError
-from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, parse_json, read_input
+from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, lock_file, parse_json, read_input, refuse_links
 from skyrange.record.folder import make_new_folder
 from skyrange.study.execution.plan import RunPlan
 
@@ -129,14 +129,9 @@ class RunStore:
 
         Forked workers inherit the lock, so that it is held until the last of them has ended.
         """
-        import fcntl
-
-        with (self.path / _LOCK).open("w") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                expected = "a folder in which no other process is flying"
-                raise InputError.one("study", "folder", str(self.path), expected, "Wait for it, or end it.") from error
+        expected = "a folder in which no other process is flying"
+        refusal = InputError.one("study", "folder", str(self.path), expected, "Wait for it, or end it.")
+        with lock_file(self.path / _LOCK, refusal):
             yield
 
     def require_version(self) -> None:
@@ -178,7 +173,10 @@ def create_store(plan: RunPlan, path: Path) -> RunStore:
 
 
 def open_store(path: Path, kind: str | None = None) -> RunStore:
-    """The store in a folder; with `kind`, of a plan of that kind. Raises `InputError` if there is none."""
+    """The store in a folder; with `kind`, of a plan of that kind.
+
+    Raises `InputError` if there is none, and if there is a symbolic link in the folder.
+    """
     who = str(path)
     manifest = path / MANIFEST
     if not manifest.is_file():
@@ -195,6 +193,7 @@ def open_store(path: Path, kind: str | None = None) -> RunStore:
     if kind is not None and data.get("kind") != kind:
         hint = "Choose another folder, or go on with what is there: skyrange resume FOLDER."
         raise InputError.one(who, f"{MANIFEST}: kind", repr(data.get("kind")), repr(kind), hint)
+    refuse_links(path, who)
     return RunStore(path, data)
 
 
