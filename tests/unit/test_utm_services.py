@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import random
 import ssl
@@ -25,6 +26,7 @@ from skyrange.utm.federated.plugin import FEDERATED
 from skyrange.utm.intent_states import IntentState
 from skyrange.utm.messages import DecisionBody, Request, encode
 from tests.approval_stations import LAT, LON, fly_requests
+from tests.hostile_json import HOSTILE, in_object
 from tests.utm_services import SERVICES, Federation, later, run, running, write, write_one
 
 pytestmark = pytest.mark.rotating
@@ -260,6 +262,40 @@ def test_no_bytes_stop_a_service(paths: list[Path], data: st.DataObject) -> None
                     assert response.status < 500, await response.text()
             for service in ("north", "dss", "auth"):
                 assert (await federation.call(service, "GET", "/healthy"))[0] == 200
+
+    run(body)
+
+
+BODIES = [
+    ("north", "PUT", f"/v1/operational_intents/{intent_id('x')}"),
+    ("north", "POST", "/uss/v1/operational_intents"),
+    ("north", "PUT", f"/flight_planning/v1/flight_plans/{intent_id('x')}"),
+    ("dss", "PUT", f"/dss/v1/operational_intent_references/{intent_id('x')}"),
+    ("dss", "POST", "/dss/v1/operational_intent_references/query"),
+]
+
+
+def test_a_body_that_no_strict_reader_takes_is_answered_with_400_at_once(paths: list[Path]) -> None:
+    """With a token where one is checked before the body, and without one elsewhere."""
+    longest = b"\xc3\xa9" * 2_000_000  # more than a frame takes once it is ASCII
+
+    async def body() -> None:
+        async with running(paths) as federation:
+            operator = federation.configs["north"].uss.operators["blue"]  # type: ignore[union-attr]
+            tokens = {"/v1": operator, "/flight_planning": await federation.token("uss_qualifier", PLAN)}
+            for service, method, path in BODIES:
+                url = federation.configs[service].base_url + path
+                token = next((token for start, token in tokens.items() if path.startswith(start)), "")
+                headers = {"Authorization": f"Bearer {token}"} if token else {}
+                for name, text in HOSTILE.items():
+                    for data in (text, in_object(text)):
+                        async with asyncio.timeout(2.0):
+                            async with federation.session.request(method, url, data=data, headers=headers) as response:
+                                assert response.status == 400, (path, name, await response.text())
+                async with asyncio.timeout(4.0):
+                    data = in_object(b'"' + longest + b'"')
+                    async with federation.session.request(method, url, data=data, headers=headers) as response:
+                        assert response.status in (400, 413), path
 
     run(body)
 

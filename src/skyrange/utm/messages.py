@@ -22,9 +22,9 @@ from pydantic import (
     field_validator,
     model_validator,
 )
-from pydantic_core import from_json
 
 from skyrange.codec.json_errors import describe
+from skyrange.codec.strict_json import parse_json
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Epoch, Time, parse_rfc3339, to_seconds
 from skyrange.core.volumes import Volume4D
@@ -357,11 +357,9 @@ def decode_request_body(method: str, path: str, content: bytes) -> Request:
     if len(content) > MAX_FRAME_BYTES:
         raise DecodeError(f"{len(content)} bytes, an approval message has at most {MAX_FRAME_BYTES}")
     try:
-        return Request.model_validate({"method": method, "path": path, "body": from_json(content)})
+        return Request.model_validate({"method": method, "path": path, "body": parse_json(content)})
     except ValidationError as error:
         raise describe(error, (_INTENT, _END)) from error
-    except ValueError as error:
-        raise DecodeError(f"no JSON: {error}"[:200]) from error
 
 
 def decode_response(payload: bytes) -> Response:

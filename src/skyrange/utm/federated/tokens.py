@@ -6,7 +6,6 @@ Ed25519 (RFC 8037), and times are those of the scenario. Services on a network a
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final, Protocol
@@ -16,6 +15,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPublicKey
 from cryptography.hazmat.primitives.serialization import load_pem_public_key
 
+from skyrange.codec.strict_json import parse_json
+from skyrange.core.errors import DecodeError
 from skyrange.core.time import NS_PER_S, Epoch, Time
 
 LIFETIME_S: Final = 3_600
@@ -158,8 +159,8 @@ class TokenChecker:
         problem: Exception = ValueError("no key is known")
         for key in self.keys:
             try:
-                return json.loads(_JWS.decode(token, key.load(), [key.algorithm]))
-            except (jwt.PyJWTError, ValueError, RecursionError) as error:
+                return parse_json(_JWS.decode(token, key.load(), [key.algorithm]))
+            except (jwt.PyJWTError, ValueError, DecodeError) as error:
                 problem = error
         raise TokenError(f"the token is not valid: {problem}"[:200]) from problem
 
