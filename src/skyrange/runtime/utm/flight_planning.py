@@ -56,7 +56,7 @@ class FlightPlanning:
         self, method: str, path: str, query: Mapping[str, str], body: dict[str, Any] | None, scopes: frozenset[str]
     ) -> _Answer:
         """Status and body of the response to a request below `PREFIX`. Raises `DecodeError` for a wrong body."""
-        plan = path.removeprefix("/flight_plans/") if path.startswith("/flight_plans/") else None
+        plan = path.removeprefix("/flight_plans/").lower() if path.startswith("/flight_plans/") else None
         needed = Scope.Plan if plan is not None or path == "/user_notifications" else Scope.DirectAutomatedTest
         if needed.value not in scopes:
             return 403, {"message": f"it needs the scope {needed.value}"}
