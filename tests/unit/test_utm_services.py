@@ -20,6 +20,7 @@ from skyrange.core.ids import APPROVAL
 from skyrange.core.time import NS_PER_S
 from skyrange.core.volumes import Volume4D
 from skyrange.runtime.utm.agent_host import UNIX
+from skyrange.runtime.utm.web import WebService
 from skyrange.testing.checks.approval_policies import EPOCH, box
 from skyrange.utm.contract import ApprovalContext, OperationalIntent, intent_id
 from skyrange.utm.federated.plugin import FEDERATED
@@ -298,6 +299,37 @@ def test_a_body_that_no_strict_reader_takes_is_answered_with_400_at_once(paths: 
                         assert response.status in (400, 413), path
 
     run(body)
+
+
+def test_a_clean_end_leaves_nothing_in_the_write_ahead_log(tmp_path: Path, fresh: list[Path]) -> None:
+    async def body(paths: list[Path], vehicle: str) -> None:
+        async with running(paths) as services:
+            assert (await services.want(wanted(vehicle, later(600))))["decision"] == "Accepted"
+
+    for paths in (fresh, write_one(tmp_path)):
+        run(lambda: body(paths, "blue/a"))  # noqa: B023 - it is run at once
+        databases = list(paths[0].parent.glob("*.db"))
+        assert databases
+        assert not list(paths[0].parent.glob("*.db-*"))
+
+
+def test_a_request_at_which_a_service_fails_is_logged_with_its_reason(
+    paths: list[Path], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def fail(*args: Any) -> Any:
+        raise ZeroDivisionError("of the test")
+
+    async def body() -> None:
+        async with running(paths, only=("auth",)) as federation:
+            for _ in range(5):
+                status, answer = await federation.call("auth", "GET", "/healthy")
+                assert (status, list(answer)) == (500, ["message"])
+                assert "of the test" not in answer["message"]
+
+    monkeypatch.setattr(WebService, "_answer", fail)
+    run(body)
+    assert [record.exc_info[0] for record in caplog.records if record.exc_info] == [ZeroDivisionError] * 3
+    assert "/healthy" in caplog.text
 
 
 def test_certificates_pass_the_strict_checks_of_newer_clients(paths: list[Path]) -> None:

@@ -99,8 +99,7 @@ async def run_service(config: ServiceConfig) -> AsyncIterator[tuple[str, AgentHo
             key = read_private_key(config.authorization.key, config.name)
             routes.authorization = Authorization(config.authorization, key)
         elif config.authority is not None:
-            host = _host_authority(config, config.authority, routes, log)
-            close = host.close
+            host, close = _host_authority(config, config.authority, routes, log)
         elif config.tokens is not None:
             host, close = _host_agent(config, config.tokens, session, routes, log)
         web = WebService(routes)
@@ -151,7 +150,7 @@ def _host_agent(
             store = DssStore(journal, journal.entities())
         dss = Dss(config.name, [inbound.port], checker, secret, UNIX, store)
         host = AgentHost(dss, inbound.on_departure, commit=commit, note=_noter(log))
-        return host, host.close
+        return host, _closer(host.close, changes)
     assert config.uss is not None
     assert tokens.url is not None
     client = TokenClient(session, tokens.url, config.name, tokens.secret)
@@ -177,10 +176,23 @@ def _host_agent(
         host.close()
         outbound.close()
 
-    return host, close
+    return host, _closer(close, changes)
 
 
-def _host_authority(config: ServiceConfig, settings: AuthorityConfig, routes: Routes, log: TextIO | None) -> AgentHost:
+def _closer(close: Callable[[], None], changes: Changes | None) -> Callable[[], None]:
+    """What ends an agent, and then its database."""
+
+    def close_all() -> None:
+        close()
+        if changes is not None:
+            changes.close()
+
+    return close_all
+
+
+def _host_authority(
+    config: ServiceConfig, settings: AuthorityConfig, routes: Routes, log: TextIO | None
+) -> tuple[AgentHost, Callable[[], None]]:
     """The agent of an authority with what carries its frames."""
     changes = None if config.database is None else Changes(open_engine(config.database, config.name))
     journal = None if changes is None else AuthorityJournal(changes)
@@ -198,7 +210,7 @@ def _host_authority(config: ServiceConfig, settings: AuthorityConfig, routes: Ro
         agent, operators.on_departure, commit=_nothing if changes is None else changes.commit, note=_noter(log)
     )
     routes.operators, routes.secrets = operators, settings.operators
-    return host
+    return host, _closer(host.close, changes)
 
 
 def _make_uss(
