@@ -18,6 +18,7 @@ from skyrange.core.files import read_input
 from skyrange.core.ids import Port, endpoint
 from skyrange.core.time import Time
 from skyrange.io.addresses import check_guarded, with_address
+from skyrange.io.limited_listener import listen
 from skyrange.runtime.memory import collect_seldom
 from skyrange.runtime.utm.agent_host import UNIX, AgentHost
 from skyrange.runtime.utm.config import (
@@ -104,16 +105,16 @@ async def run_service(config: ServiceConfig) -> AsyncIterator[tuple[str, AgentHo
             host, close = _host_agent(config, config.tokens, session, routes, log)
         web = WebService(routes)
         try:
-            server = await asyncio.get_running_loop().create_server(web.server, *address, ssl=ssl_in)
+            listener = await listen(web.server, *address, context=ssl_in)
         except OSError as error:
             raise with_address(address, error) from error
         try:
             if host is not None:
                 host.start()
-            port = server.sockets[0].getsockname()[1]
+            port = listener.address[1]
             yield f"{'https' if config.tls is not None else 'http'}://{address[0]}:{port}", host
         finally:
-            server.close()
+            listener.close()
             await web.server.shutdown(1.0)
     finally:
         close()
