@@ -253,6 +253,32 @@ def test_a_handshake_that_does_not_begin_ends(paths: list[Path], monkeypatch: py
     asyncio.run(body())
 
 
+def test_a_client_that_does_not_begin_tls_costs_no_buffers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """asyncio has 256 KiB for each connection over TLS."""
+    begun: list[Any] = []
+
+    async def connect(*arguments: Any, **more: Any) -> None:
+        begun.append(arguments)
+        raise ConnectionResetError
+
+    async def body() -> None:
+        monkeypatch.setattr(asyncio.get_running_loop(), "connect_accepted_socket", connect, raising=False)
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        listener = await listen(asyncio.Protocol, "127.0.0.1", 0, context=context)
+        with ExitStack() as stack:
+            clients = [stack.enter_context(socket.create_connection(listener.address)) for _ in range(5)]
+            await asyncio.sleep(0.05)
+            assert (len(begun), listener.connections) == (0, 5)
+            clients[0].sendall(b"\x16")
+            clients[1].close()
+            await asyncio.sleep(0.05)
+            assert (len(begun), listener.connections) == (1, 3)
+        listener.close()
+        await asyncio.sleep(0)
+
+    asyncio.run(body())
+
+
 def test_without_descriptors_a_listener_waits_quietly_and_then_goes_on() -> None:
     """Of each kind that asyncio serves: the exception handler hears nothing, and the idlest makes room."""
 

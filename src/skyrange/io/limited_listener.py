@@ -104,6 +104,8 @@ class LimitedListener:
     async def _connect(self, connection: socket.socket) -> None:
         handshake_s = HANDSHAKE_S if self._context is not None else None
         try:
+            if self._context is not None:
+                await _wait_for_data(connection)
             await self._loop.connect_accepted_socket(
                 self._factory, connection, ssl=self._context, ssl_handshake_timeout=handshake_s
             )
@@ -131,6 +133,23 @@ class LimitedListener:
             del self._open[idlest]
             with contextlib.suppress(OSError):  # it has ended
                 idlest.shutdown(socket.SHUT_RDWR)  # its transport closes it
+
+
+async def _wait_for_data(connection: socket.socket) -> None:
+    """Wait until a client begins its handshake: asyncio has 256 KiB ready for each connection from then on.
+
+    Raises `TimeoutError`, and `ConnectionResetError` if it ends before.
+    """
+    loop = asyncio.get_running_loop()
+    readable = asyncio.Event()
+    loop.add_reader(connection, readable.set)
+    try:
+        async with asyncio.timeout(HANDSHAKE_S):
+            await readable.wait()
+    finally:
+        loop.remove_reader(connection)
+    if not connection.recv(1, socket.MSG_PEEK):
+        raise ConnectionResetError(errno.ECONNRESET, "ended before its handshake")
 
 
 def find_idlest(peers: dict[socket.socket, str]) -> socket.socket | None:
