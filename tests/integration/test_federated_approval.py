@@ -184,15 +184,14 @@ def silence(agent: Any, after_s: float = 0.0) -> None:
     agent.step = quiet
 
 
-def test_without_the_dss_nothing_is_accepted_and_the_operator_may_ask_again() -> None:
+def test_without_the_dss_nothing_is_accepted_and_nothing_is_offered() -> None:
     service = service_of()
     silence(agents(service)[0])
     stations, seen, _ = flown({"blue": [(0.1, ask("blue/a"))]}, 12.0, service)
     assert decisions(stations["blue"]) == ["Rejected"]
     _, body = stations["blue"].answers[0]
     assert body.reason == "dss does not answer queryOperationalIntentReferences"
-    (again,) = body.alternatives
-    assert (again.delay_s, again.climb_m, again.east_m, again.north_m) == (0, 0, 0, 0)
+    assert not body.alternatives
     assert {note.about for note in notes(seen, "decision.uss_failed")} == {"dss", "blue/a"}
 
 

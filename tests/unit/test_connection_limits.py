@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 import zmq
 
-from skyrange.io.http.limited_server import MAX_CONNECTIONS
 from skyrange.io.http.transports import HttpClientTransport, HttpServerTransport
+from skyrange.io.limited_listener import MAX_CONNECTIONS
 from skyrange.io.mavlink.transports import TcpTransport
 from skyrange.io.mavlink.viewer_ports import MAX_MORE_VIEWERS, ViewerPorts
 from skyrange.io.processes.program import SPARE_FILES, Program, reserve_files, spare_files
@@ -172,8 +172,8 @@ def test_viewers_of_all_ports_together_are_limited() -> None:
             ports.serve()
         for _ in range(10):
             ports.serve()
-        assert ports.counts.viewers == 40 + MAX_MORE_VIEWERS
-        assert ports.counts.turned_away == 8 * 40 - 40 - MAX_MORE_VIEWERS
+        assert ports.counts.viewers == 8 * 40
+        assert ports.counts.displaced == 8 * 40 - 40 - MAX_MORE_VIEWERS
         for one in own:
             one.close()
     finally:

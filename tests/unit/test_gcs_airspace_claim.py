@@ -210,6 +210,22 @@ def test_an_aircraft_that_does_not_return_is_contingent() -> None:
     assert approver.states("op0/a")[2:] == [S.NONCONFORMING, S.CONTINGENT]
 
 
+def test_an_aircraft_whose_excursion_the_approval_refuses_flies_home_and_does_not_report_it_again() -> None:
+    class Refuses(Watched):
+        def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
+            if request.state is not S.NONCONFORMING:
+                return super().decide(now, request)
+            self.asked.append((now, request, None))
+            return ApprovalDecision(False, "DSS: status 503")
+
+    approver = Refuses()
+    run = loop(approver, 8.0, plan=square(side_m=100.0)).run(20)
+    drifted(run, 40.0, 40.0)
+    assert approver.states("op0/a")[2:] == [S.NONCONFORMING, S.CONTINGENT]
+    (gave_up,) = (note for _, _, note in run.notes if note.kind == "decision.gave_up")
+    assert gave_up.data["reason"] == "outside its volumes, and approval rejected: DSS: status 503"
+
+
 def test_a_flight_that_is_given_up_in_the_air_claims_its_way_home() -> None:
     class Withdraws(Watched):
         def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:

@@ -22,8 +22,8 @@ from skyrange.core.time import NS_PER_S, Epoch
 from skyrange.core.volumes import Volume4D
 from skyrange.io.http import frames as http_frames
 from skyrange.io.http import transports as http_ends
-from skyrange.io.http.limited_server import MAX_CONNECTIONS
 from skyrange.io.http.transports import HttpClientTransport, HttpServerTransport
+from skyrange.io.limited_listener import MAX_CONNECTIONS
 from skyrange.io.mavlink.transports import LOOPBACK, Address
 from skyrange.utm import messages
 from skyrange.utm.approval_service import FlightApproval

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import random
 import ssl
@@ -19,12 +20,14 @@ from skyrange.core.ids import APPROVAL
 from skyrange.core.time import NS_PER_S
 from skyrange.core.volumes import Volume4D
 from skyrange.runtime.utm.agent_host import UNIX
+from skyrange.runtime.utm.web import WebService
 from skyrange.testing.checks.approval_policies import EPOCH, box
 from skyrange.utm.contract import ApprovalContext, OperationalIntent, intent_id
 from skyrange.utm.federated.plugin import FEDERATED
 from skyrange.utm.intent_states import IntentState
 from skyrange.utm.messages import DecisionBody, Request, encode
 from tests.approval_stations import LAT, LON, fly_requests
+from tests.hostile_json import HOSTILE, in_object
 from tests.utm_services import SERVICES, Federation, later, run, running, write, write_one
 
 pytestmark = pytest.mark.rotating
@@ -107,7 +110,7 @@ def test_a_uss_whose_dss_is_gone_accepts_nothing_and_one_that_is_gone_claims_all
             body = await federation.want(wanted("blue/a", start_ns))
             assert body["decision"] == "Rejected"
             assert body["reason"].startswith("DSS: ")
-            assert body["alternatives"], "it may ask again"
+            assert not body["alternatives"], "a station would ask for the same for ever"
 
     async def first() -> None:
         async with running(fresh) as federation:
@@ -262,6 +265,71 @@ def test_no_bytes_stop_a_service(paths: list[Path], data: st.DataObject) -> None
                 assert (await federation.call(service, "GET", "/healthy"))[0] == 200
 
     run(body)
+
+
+BODIES = [
+    ("north", "PUT", f"/v1/operational_intents/{intent_id('x')}"),
+    ("north", "POST", "/uss/v1/operational_intents"),
+    ("north", "PUT", f"/flight_planning/v1/flight_plans/{intent_id('x')}"),
+    ("dss", "PUT", f"/dss/v1/operational_intent_references/{intent_id('x')}"),
+    ("dss", "POST", "/dss/v1/operational_intent_references/query"),
+]
+
+
+def test_a_body_that_no_strict_reader_takes_is_answered_with_400_at_once(paths: list[Path]) -> None:
+    """With a token where one is checked before the body, and without one elsewhere."""
+    longest = b"\xc3\xa9" * 2_000_000  # more than a frame takes once it is ASCII
+
+    async def body() -> None:
+        async with running(paths) as federation:
+            operator = federation.configs["north"].uss.operators["blue"]  # type: ignore[union-attr]
+            tokens = {"/v1": operator, "/flight_planning": await federation.token("uss_qualifier", PLAN)}
+            for service, method, path in BODIES:
+                url = federation.configs[service].base_url + path
+                token = next((token for start, token in tokens.items() if path.startswith(start)), "")
+                headers = {"Authorization": f"Bearer {token}"} if token else {}
+                for name, text in HOSTILE.items():
+                    for data in (text, in_object(text)):
+                        async with asyncio.timeout(2.0):
+                            async with federation.session.request(method, url, data=data, headers=headers) as response:
+                                assert response.status == 400, (path, name, await response.text())
+                async with asyncio.timeout(4.0):
+                    data = in_object(b'"' + longest + b'"')
+                    async with federation.session.request(method, url, data=data, headers=headers) as response:
+                        assert response.status in (400, 413), path
+
+    run(body)
+
+
+def test_a_clean_end_leaves_nothing_in_the_write_ahead_log(tmp_path: Path, fresh: list[Path]) -> None:
+    async def body(paths: list[Path], vehicle: str) -> None:
+        async with running(paths) as services:
+            assert (await services.want(wanted(vehicle, later(600))))["decision"] == "Accepted"
+
+    for paths in (fresh, write_one(tmp_path)):
+        run(lambda: body(paths, "blue/a"))  # noqa: B023 - it is run at once
+        databases = list(paths[0].parent.glob("*.db"))
+        assert databases
+        assert not list(paths[0].parent.glob("*.db-*"))
+
+
+def test_a_request_at_which_a_service_fails_is_logged_with_its_reason(
+    paths: list[Path], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def fail(*args: Any) -> Any:
+        raise ZeroDivisionError("of the test")
+
+    async def body() -> None:
+        async with running(paths, only=("auth",)) as federation:
+            for _ in range(5):
+                status, answer = await federation.call("auth", "GET", "/healthy")
+                assert (status, list(answer)) == (500, ["message"])
+                assert "of the test" not in answer["message"]
+
+    monkeypatch.setattr(WebService, "_answer", fail)
+    run(body)
+    assert [record.exc_info[0] for record in caplog.records if record.exc_info] == [ZeroDivisionError] * 3
+    assert "/healthy" in caplog.text
 
 
 def test_certificates_pass_the_strict_checks_of_newer_clients(paths: list[Path]) -> None:

@@ -46,7 +46,7 @@ from skyrange.gcs.telemetry import Belief, BeliefTable, TelemetryReceiver
 from skyrange.gcs.telemetry_streams import PROFILES
 from skyrange.gcs.traffic_picture import TrafficPicture
 from skyrange.remoteid.tracks import TrackTable
-from skyrange.utm.messages import DecisionBody, decode_response
+from skyrange.utm.messages import PATH, DecisionBody, decode_response
 
 SERVICE_NS = 20 * NS_PER_MS
 LINK_ID = 0
@@ -226,6 +226,9 @@ class GroundStation:
             body = response.body
             if not isinstance(body, DecisionBody):
                 reason = f"status {response.status}: {body.message}"
+                place = self._by_intent.get(response.path.removeprefix(PATH))
+                if place is not None:
+                    self._sequencers[place].on_approval_error(reason)
             elif body.id not in self._by_intent:
                 reason = f"an answer to {body.id}, which was not requested"
             else:

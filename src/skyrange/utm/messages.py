@@ -17,14 +17,15 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    StringConstraints,
     Tag,
     ValidationError,
     field_validator,
     model_validator,
 )
-from pydantic_core import from_json
 
 from skyrange.codec.json_errors import describe
+from skyrange.codec.strict_json import parse_json
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Epoch, Time, parse_rfc3339, to_seconds
 from skyrange.core.volumes import Volume4D
@@ -39,7 +40,13 @@ MAX_ALTERNATIVES = 16
 PATH = "/v1/operational_intents/"
 """Followed by the intent's id."""
 
-_UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-4[0-9a-f]{3}-[89ab][0-9a-f]{3}-[0-9a-f]{12}$"
+_Id = Annotated[
+    str,
+    StringConstraints(
+        pattern=r"^[0-9a-fA-F]{8}-[0-9a-fA-F]{4}-4[0-9a-fA-F]{3}-[89abAB][0-9a-fA-F]{3}-[0-9a-fA-F]{12}$", to_lower=True
+    ),
+]
+"""A UUID, which is the same in upper case (RFC 9562, 4)."""
 _M = TypeVar("_M", bound=BaseModel)
 _Text = Annotated[str, Field(max_length=256, pattern=r"^[^\x00]*$")]
 _Version = Annotated[int, Field(ge=1, le=1_000_000)] | None
@@ -132,7 +139,7 @@ _Volumes = Annotated[tuple[Volume4DMessage, ...], Field(max_length=MAX_VOLUMES)]
 class IntentBody(_Model):
     """An operational intent that its operator wants accepted."""
 
-    id: Annotated[str, Field(pattern=_UUID)]
+    id: _Id
     operator: _Text
     vehicle: _Text
     state: IntentState = IntentState.ACCEPTED
@@ -145,7 +152,7 @@ class IntentBody(_Model):
 class EndBody(_Model):
     """An operational intent that its operator withdraws, or has flown."""
 
-    id: Annotated[str, Field(pattern=_UUID)]
+    id: _Id
     operator: _Text
     vehicle: _Text
 
@@ -162,7 +169,7 @@ class Request(_Model):
     """Operator → approval."""
 
     method: Literal["PUT", "DELETE"] = "PUT"
-    path: _Text
+    path: Annotated[_Text, StringConstraints(to_lower=True)]
     body: Annotated[Annotated[IntentBody, Tag(_INTENT)] | Annotated[EndBody, Tag(_END)], Discriminator(_kind_of_body)]
 
     @model_validator(mode="after")
@@ -208,7 +215,7 @@ class AlternativeMessage(_Model):
 class DecisionBody(_Model):
     """The approval's answer to one intent."""
 
-    id: Annotated[str, Field(pattern=_UUID)]
+    id: _Id
     decision: Literal["Accepted", "Rejected", "Ended"]
     reason: _Text = ""
     alternatives: Annotated[tuple[AlternativeMessage, ...], Field(max_length=MAX_ALTERNATIVES)] = ()
@@ -357,11 +364,9 @@ def decode_request_body(method: str, path: str, content: bytes) -> Request:
     if len(content) > MAX_FRAME_BYTES:
         raise DecodeError(f"{len(content)} bytes, an approval message has at most {MAX_FRAME_BYTES}")
     try:
-        return Request.model_validate({"method": method, "path": path, "body": from_json(content)})
+        return Request.model_validate({"method": method, "path": path, "body": parse_json(content)})
     except ValidationError as error:
         raise describe(error, (_INTENT, _END)) from error
-    except ValueError as error:
-        raise DecodeError(f"no JSON: {error}"[:200]) from error
 
 
 def decode_response(payload: bytes) -> Response:

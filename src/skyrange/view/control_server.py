@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import hmac
-import json
 import math
 import secrets
 import time
@@ -15,7 +14,8 @@ from typing import Any, Final, Protocol, get_args
 
 from aiohttp import web
 
-from skyrange.core.errors import InputError, SkyrangeError
+from skyrange.codec.strict_json import parse_json_object
+from skyrange.core.errors import DecodeError, InputError, SkyrangeError
 from skyrange.view.control import Command, Do
 
 PATH: Final = "/control"
@@ -159,10 +159,10 @@ class ControlServer:
 def parse_command(body: bytes) -> Command | None:
     """A command from JSON; `None` for anything else."""
     try:
-        data = json.loads(body)
-    except (ValueError, RecursionError):
+        data = parse_json_object(body)
+    except DecodeError:
         return None
-    do = data.get("do") if isinstance(data, dict) else None
+    do = data.get("do")
     if not isinstance(do, str) or do not in get_args(Do):
         return None
     wanted = {"start": "act", "stop": "act", "speed": "speed"}.get(do)

@@ -22,6 +22,7 @@ from typing import Final
 from aiohttp import WSCloseCode, web
 
 from skyrange.core.errors import InputError
+from skyrange.io.limited_listener import listen
 from skyrange.view.access import REFUSAL, Access
 from skyrange.view.control_server import ControlServer
 from skyrange.view.record_queries import RecordQueries
@@ -242,16 +243,19 @@ async def serve(application: web.Application, host: str, port: int) -> AsyncIter
     runner = web.AppRunner(application, access_log=None, shutdown_timeout=1.0)
     await runner.setup()
     try:
-        site = web.TCPSite(runner, host, port, ssl_context=access.context if access is not None else None)
+        assert runner.server is not None
         try:
-            await site.start()
+            listener = await listen(runner.server, host, port, context=access.context if access is not None else None)
         except OSError as error:
             reason = error.strerror or str(error)
             raise InputError.one("viewer", "--host, --port", f"{host}:{port}", f"a free address ({reason})") from None
-        chosen = runner.addresses[0][1]
+        chosen = listener.address[1]
         name = platform.node() if ipaddress.ip_address(host).is_unspecified else host
         place = f"{f'[{name}]' if ':' in name else name}:{chosen}/"
-        yield f"http://{place}" if access is None else f"https://{place}{access.query}"
+        try:
+            yield f"http://{place}" if access is None else f"https://{place}{access.query}"
+        finally:
+            listener.close()
     finally:
         await runner.cleanup()
 

@@ -87,8 +87,8 @@ def viewer_counts_text(counts: ViewerCounts) -> str:
     text = f"viewers: {counts.viewers} connected; {counts.bytes_ignored:,} bytes that they sent were discarded"
     if counts.frames_lost:
         text += f"; {counts.frames_lost:,} frames were dropped because a viewer read too slowly"
-    if counts.turned_away:
-        text += f"; {counts.turned_away} more connections were refused"
+    if counts.displaced:
+        text += f"; {counts.displaced} connections gave way to others"
     return text
 
 

@@ -11,9 +11,9 @@ import json
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from pydantic_core import from_json
 
 from skyrange.codec.json_errors import describe
+from skyrange.codec.strict_json import parse_json
 from skyrange.core.errors import DecodeError
 
 MAX_FRAME_BYTES: Final = 4_194_304
@@ -51,10 +51,7 @@ def decode(payload: bytes) -> UssRequest | UssResponse:
     """The frame in `payload`; any other bytes raise `DecodeError`."""
     if len(payload) > MAX_FRAME_BYTES:
         raise DecodeError(f"{len(payload)} bytes, a message between USSs has at most {MAX_FRAME_BYTES}")
-    try:
-        data = from_json(payload, allow_inf_nan=False)
-    except ValueError as error:
-        raise DecodeError(f"no JSON: {error}"[:200]) from error
+    data = parse_json(payload)
     model = UssRequest if isinstance(data, dict) and "method" in data else UssResponse
     try:
         return model.model_validate(data)

@@ -19,6 +19,7 @@ from typing_extensions import TypedDict
 from uas_standards.astm.f3548.v21.api import OPERATIONS, OperationID
 
 from skyrange.codec.json_errors import describe
+from skyrange.codec.web_urls import is_web_url
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import parse_rfc3339
 
@@ -32,10 +33,26 @@ def _check_time(value: str) -> str:
     return value
 
 
+def _check_base_url(value: str) -> str:
+    if not is_web_url(value):
+        raise ValueError("a URL such as https://uss.example.com is needed, without query, fragment and user")
+    return value
+
+
+def _lower(value: str | None) -> str | None:
+    return value if value is None else value.lower()
+
+
 _Text = Annotated[str, Field(max_length=MAX_TEXT, pattern=r"^[^\x00]*$")]
 _Moment = Annotated[str, Field(max_length=40), AfterValidator(_check_time)]
 _Number = Annotated[float, Field(allow_inf_nan=False)]
 _Whole = Annotated[int, Field(ge=-(2**53), le=2**53)]
+_MARKS: Final = {
+    "uss_base_url": AfterValidator(_check_base_url),
+    # UUIDs are the same in upper case (RFC 9562, 4)
+    **dict.fromkeys(("id", "operational_intent_id", "constraint_id", "subscription_id"), AfterValidator(_lower)),
+}
+"""What holds for fields of a name, beyond the types of the package."""
 _PLAIN: Final = {str: _Text, float: _Number, int: _Whole, bool: bool, StringBasedDateTime: _Moment}
 
 
@@ -61,6 +78,8 @@ def _typed(model: type[Any]) -> Any:
     fields: dict[str, Any] = {}
     for name, hint in get_type_hints(model).items():
         given = _pydantic(hint)
+        if name in _MARKS:
+            given = Annotated[given, _MARKS[name]]
         is_optional = type(None) in get_args(hint) or hasattr(model, name)
         fields[name] = NotRequired[given] if is_optional else given
     return with_config(ConfigDict(extra="ignore"))(TypedDict(model.__name__, fields))  # type: ignore[operator]
@@ -83,7 +102,7 @@ def _pydantic(hint: Any) -> Any:
     raise TypeError(f"no check is known for {hint!r}")
 
 
-_ID = r"[0-9a-f]{8}-[0-9a-f]{4}-4[0-9a-f]{3}-[89ab][0-9a-f]{3}-[0-9a-f]{12}"
+_ID = r"[0-9a-fA-F]{8}-[0-9a-fA-F]{4}-4[0-9a-fA-F]{3}-[89abAB][0-9a-fA-F]{3}-[0-9a-fA-F]{12}"
 """UUIDv4Format."""
 _TEXT = r"[A-Za-z0-9_.=+-]{1,128}"
 _PATTERNS = {"entityid": _ID, "subscriptionid": _ID}
@@ -94,7 +113,7 @@ class Operation(NamedTuple):
 
     id: OperationID
     parameters: dict[str, str]
-    """Those of the path, by the names that the standard gives them."""
+    """Those of the path, by the names that the standard gives them; UUIDs in lower case."""
 
 
 def find_operation(method: str, path: str) -> Operation | None:
@@ -102,7 +121,10 @@ def find_operation(method: str, path: str) -> Operation | None:
     for operation, verb, pattern in _patterns():
         match = pattern.fullmatch(path) if verb == method else None
         if match is not None:
-            return Operation(operation, match.groupdict())
+            found = match.groupdict()
+            return Operation(
+                operation, {name: text.lower() if name in _PATTERNS else text for name, text in found.items()}
+            )
     return None
 
 

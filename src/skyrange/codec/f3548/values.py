@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Self
 
+import shapely
 from uas_standards.astm.f3548.v21.api import OperationalIntentState, UssAvailabilityState
 
 from skyrange.core.errors import DecodeError
-from skyrange.core.geodesy import wrap_longitude
+from skyrange.core.geodesy import unwrap_outline, wrap_longitude
 from skyrange.core.time import Epoch, Time
 from skyrange.core.volumes import Volume4D
 
@@ -176,9 +177,7 @@ def area_of(body: Mapping[str, Any], epoch: Epoch, where: str) -> Area:
     polygon, circle = solid.get("outline_polygon"), solid.get("outline_circle")
     if (polygon is None) == (circle is None):
         raise DecodeError(f"{where}: it needs either outline_polygon or outline_circle")
-    outline = _circle(circle, where) if polygon is None else _ring(polygon["vertices"], where)
-    if len(outline) < 3:
-        raise DecodeError(f"{where}: an outline needs 3 vertices, got {len(outline)}")
+    outline = _circle(circle, where) if polygon is None else _polygon(polygon, where)
     if lower_m is not None and upper_m is not None and lower_m > upper_m:
         raise DecodeError(f"{where}: altitude_lower {lower_m} is above altitude_upper {upper_m}")
     if start_ns is not None and end_ns is not None and start_ns > end_ns:
@@ -186,7 +185,20 @@ def area_of(body: Mapping[str, Any], epoch: Epoch, where: str) -> Area:
     return Area(outline, lower_m, upper_m, start_ns, end_ns)
 
 
-def _ring(vertices: Sequence[Mapping[str, float]], where: str) -> tuple[tuple[float, float], ...]:
+def _polygon(polygon: Mapping[str, Any], where: str) -> tuple[tuple[float, float], ...]:
+    """The corners of a polygon, whose edges may not cross and whose vertices may not be duplicated."""
+    outline = _vertices(polygon["vertices"], where)
+    if len(outline) < 3:
+        raise DecodeError(f"{where}: an outline needs 3 vertices, got {len(outline)}")
+    ring = unwrap_outline(outline)
+    if len(set(ring)) < len(ring):
+        raise DecodeError(f"{where}: an outline may not have a vertex twice, also not the first one at its end")
+    if not shapely.LinearRing(ring).is_simple:
+        raise DecodeError(f"{where}: the edges of an outline may not cross or touch")
+    return outline
+
+
+def _vertices(vertices: Sequence[Mapping[str, float]], where: str) -> tuple[tuple[float, float], ...]:
     for vertex in vertices:
         if not (-90.0 <= vertex["lat"] <= 90.0 and -180.0 <= vertex["lng"] <= 180.0):
             raise DecodeError(f"{where}: {vertex['lat']}, {vertex['lng']} is no place in degrees")
@@ -198,7 +210,7 @@ def _circle(circle: Mapping[str, Any], where: str) -> tuple[tuple[float, float],
     center, radius = circle.get("center"), circle.get("radius")
     if center is None or radius is None or not 0.0 < radius["value"] <= _MAX_RADIUS_M:
         raise DecodeError(f"{where}: a circle needs a center, and a radius of at most {_MAX_RADIUS_M} m")
-    ((lat, lng),) = _ring([center], where)
+    ((lat, lng),) = _vertices([center], where)
     across_deg = math.degrees(radius["value"] / math.cos(math.pi / _CORNERS) / _EARTH_M) * 1.01
     scale = max(math.cos(math.radians(lat)), 1e-6)
     turns = [2.0 * math.pi * corner / _CORNERS for corner in range(_CORNERS)]

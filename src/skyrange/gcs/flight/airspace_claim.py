@@ -45,6 +45,8 @@ class IntentSubmission:
     version: int
     due: Time
     tries: int = 0
+    error: str = ""
+    """The error that the approval has answered last, instead of a decision."""
 
     @classmethod
     def of(cls, intent: OperationalIntent, version: int, due: Time, epoch: Epoch) -> IntentSubmission:
@@ -60,6 +62,12 @@ class IntentSubmission:
         self.tries += 1
         self.due = now + ANSWER_TIMEOUT_NS
         return True
+
+    def describe_failure(self) -> str:
+        """Why there is no decision, once all retries are used up."""
+        if self.error:
+            return f"approval: no decision after {self.tries} requests; it answers {self.error}"
+        return f"approval: no answer after {self.tries} requests"
 
     def is_answered_by(self, decision: DecisionBody) -> bool:
         """Whether a decision is about this request."""

@@ -154,9 +154,11 @@ class FlightSequencer:
         elif self.state is FlightState.REROUTING and self.submission is not None:
             self._on_reroute(turn, self.submission, decision)
         elif self.report is not None and self.report.is_answered_by(decision):
+            report, self.report = self.report, None
             if decision.decision == "Accepted":
-                self.claim.accept(self.report, tracked=True)
-            self.report = None
+                self.claim.accept(report, tracked=True)
+            elif decision.decision == "Rejected":
+                self._on_unreported(turn, report, f"approval rejected: {decision.reason}")
         elif self.submission is not None and self.submission.is_answered_by(decision):
             if decision.decision == "Accepted":
                 self.claim.accept(self.submission, tracked=decision.tracked is True)
@@ -166,6 +168,12 @@ class FlightSequencer:
             else:
                 self._rejected(turn, decision)
         self._reschedule()
+
+    def on_approval_error(self, error: str) -> None:
+        """The approval has answered the open request with an error; the request is repeated like one that is lost."""
+        for submission in (self.submission, self.report):
+            if submission is not None:
+                submission.error = error
 
     def _rejected(self, turn: Turn, decision: DecisionBody) -> None:
         chosen = self.claim.choose(self.flight, decision.alternatives)
@@ -450,7 +458,7 @@ class FlightSequencer:
         if submission.count_attempt(turn.now):
             turn.send(self.approval_port, submission.payload)
         else:
-            self.give_up(turn, f"approval: no answer after {submission.tries} requests")
+            self.give_up(turn, submission.describe_failure())
 
     def _watch_conformance(self, turn: Turn, message: Message) -> None:
         """Report that the aircraft has left its volumes, is back, or will not come back."""
@@ -465,17 +473,21 @@ class FlightSequencer:
         self._send_report(turn, self.report)
 
     def _send_report(self, turn: Turn, report: IntentSubmission) -> None:
-        """Send a report (again). One that is not answered is given up; the flight goes on unless it is outside its
-        volumes, which nobody else knows then: the aircraft flies its contingency.
-        """
+        """Send a report (again); one that is not answered is given up."""
         turn = turn.caused_by()
         if report.count_attempt(turn.now):
             turn.send(self.approval_port, report.payload)
             return
         self.report = None
         turn.note("decision.approval_silent", self.flight.vehicle, {"tries": report.tries})
+        self._on_unreported(turn, report, report.describe_failure())
+
+    def _on_unreported(self, turn: Turn, report: IntentSubmission, reason: str) -> None:
+        """The approval did not take a report. The flight goes on unless it is outside its volumes, which nobody else
+        knows then: the aircraft flies its contingency.
+        """
         if report.intent.state is IntentState.NONCONFORMING and self.state in _FLIGHT:
-            self.give_up(turn, "outside its volumes, and approval: no answer")
+            self.give_up(turn, f"outside its volumes, and {reason}")
 
     def _follow_transfer(self, turn: Turn) -> None:
         """Go on with what has come of a transfer."""

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from yarl import URL
 
+from skyrange.codec.strict_json import MAX_DEPTH, parse_json_object
 from skyrange.core.errors import DecodeError
 
 MAX_BYTES = 1_048_576
@@ -58,12 +59,12 @@ def read_response(payload: bytes, max_bytes: int = MAX_BYTES) -> Response:
 
 def request_frame(method: str, path: str, body: bytes) -> bytes:
     """The frame of a received request; `DecodeError` if its body is not a JSON object."""
-    return _dump({"method": method, "path": path, "body": _object(body)})
+    return _dump({"method": method, "path": path, "body": parse_json_object(body, MAX_DEPTH - 1)})
 
 
 def response_frame(status: int, path: str, body: bytes) -> bytes:
     """The frame of a received response; `DecodeError` if its body is not a JSON object."""
-    return _dump({"status": status, "path": path, "body": _object(body)})
+    return _dump({"status": status, "path": path, "body": parse_json_object(body, MAX_DEPTH - 1)})
 
 
 def error_body(message: str) -> bytes:
@@ -90,17 +91,7 @@ def unquoted(raw: str) -> str:
 def _members(payload: bytes, max_bytes: int) -> dict[str, Any]:
     if len(payload) > max_bytes:
         raise DecodeError(f"{len(payload)} bytes, at most {max_bytes} are carried")
-    return _object(payload)
-
-
-def _object(data: bytes) -> dict[str, Any]:
-    try:
-        value = json.loads(data, parse_constant=_no_constant)
-    except (ValueError, RecursionError) as error:
-        raise DecodeError("not JSON") from error
-    if not isinstance(value, dict):
-        raise DecodeError("JSON, but not an object")
-    return value
+    return parse_json_object(payload)
 
 
 def _path(frame: dict[str, Any]) -> str:
@@ -111,12 +102,5 @@ def _path(frame: dict[str, Any]) -> str:
     return path
 
 
-def _no_constant(name: str) -> float:
-    raise ValueError(f"{name} is not JSON")
-
-
 def _dump(value: object) -> bytes:
-    try:
-        return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
-    except (ValueError, RecursionError) as error:  # numbers such as 1e999; an integer of too many digits
-        raise DecodeError("a number out of range, or nested too deeply") from error
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()

@@ -1,4 +1,5 @@
-"""HTTP server with a limit on the number of connections, the time that a client may take, and the size of bodies.
+"""HTTP server with a limit on the time that a client may take, and on the size of bodies; `io.limited_listener` limits
+the connections.
 
 aiohttp itself answers bytes that are not HTTP with 400, bounds lines, headers and pipelined requests, and closes a
 connection that sends no complete header within `patience_s`.
@@ -27,7 +28,6 @@ async def read_bounded(content: aiohttp.StreamReader, announced: int | None, lim
     return bytes(body)
 
 
-MAX_CONNECTIONS = 128
 LINGER_S = 1.0
 _NOT_HTTP = "UNKNOWN"
 """aiohttp's method of a request that it could not read."""
@@ -37,17 +37,14 @@ _LOG.propagate = False  # a flood of bad requests would fill the standard error
 
 
 class LimitedServer(web.Server):
-    """aiohttp's server with at most `MAX_CONNECTIONS` at a time: above it the oldest silent one is closed,
-    or the new one; all are counted.
-    """
+    """aiohttp's server, which counts connections that say nothing, or nothing that is HTTP."""
 
     def __init__(self, handler: Callable[[web.BaseRequest], Awaitable[web.StreamResponse]], patience_s: float) -> None:
         """`handler` answers each request that is HTTP."""
-        self.refused = 0
         self.not_http = 0
         self.silent = 0
         """Connections that ended without one complete header."""
-        self._without_header: dict[web.RequestHandler, asyncio.Transport] = {}
+        self._without_header: set[web.RequestHandler] = set()
         super().__init__(
             handler,
             request_factory=self._make,
@@ -61,23 +58,16 @@ class LimitedServer(web.Server):
     def connection_made(self, handler: web.RequestHandler, transport: asyncio.Transport) -> None:
         """Called by aiohttp."""
         super().connection_made(handler, transport)
-        if len(self.connections) > MAX_CONNECTIONS:
-            self.refused += 1
-            oldest = next(iter(self._without_header), None)
-            if oldest is None:
-                transport.abort()
-                return
-            self._without_header.pop(oldest).abort()  # a client is silent for a moment only
         transport.set_write_buffer_limits(high=0)  # so that an answer is out, or its writing is not done
-        self._without_header[handler] = transport
+        self._without_header.add(handler)
 
     def connection_lost(self, handler: web.RequestHandler, exc: BaseException | None = None) -> None:
         """Called by aiohttp."""
         super().connection_lost(handler, exc)
-        if self._without_header.pop(handler, None) is not None:
-            self.silent += 1
+        self.silent += handler in self._without_header
+        self._without_header.discard(handler)
 
     def _make(self, message: Any, payload: Any, protocol: Any, writer: Any, task: Any) -> web.BaseRequest:
-        self._without_header.pop(protocol, None)
+        self._without_header.discard(protocol)
         self.not_http += message.method == _NOT_HTTP
         return self._make_request(message, payload, protocol, writer, task)

@@ -23,6 +23,7 @@ from skyrange.io.addresses import OnNote, check_guarded, format_address, ignore_
 from skyrange.io.http import frames as http_frames
 from skyrange.io.http.frames import JSON_TYPE, MAX_BYTES
 from skyrange.io.http.limited_server import LimitedServer, read_bounded
+from skyrange.io.limited_listener import LimitedListener, listen
 from skyrange.io.mavlink.transports import LOOPBACK, Address, OnPiece
 
 ANSWER_S = 10.0
@@ -80,7 +81,7 @@ class HttpServerTransport:
         self._counts = Counts()
         self._open: list[_OpenRequest] = []
         self._limited = LimitedServer(self._serve, patience_s)
-        self._server: asyncio.Server | None = None
+        self._listener: LimitedListener | None = None
         self._ending: asyncio.Task[None] | None = None
         self._address: Address = ("", 0)
 
@@ -102,11 +103,10 @@ class HttpServerTransport:
         check_guarded("HTTP", local, guarded=token is not None, remedy=_REMEDY)
         end = cls(on_piece, token, on_note, answer_s, patience_s)
         try:
-            server = await asyncio.get_running_loop().create_server(end._limited, *local)
+            end._listener = await listen(end._limited, *local)
         except OSError as error:
             raise with_address(local, error) from error
-        end._server = server
-        end._address = server.sockets[0].getsockname()[:2]
+        end._address = end._listener.address[:2]
         return end
 
     @property
@@ -118,7 +118,7 @@ class HttpServerTransport:
             counts.frames,
             counts.garbage + server.not_http + server.silent,
             counts.sent,
-            counts.overflowed + server.refused,
+            counts.overflowed + (0 if self._listener is None else self._listener.displaced),
             counts.unasked,
             counts.unfit,
             counts.refused,
@@ -154,10 +154,9 @@ class HttpServerTransport:
 
     def close(self) -> None:
         """Give the port back, and end the connections after what was sent has gone out; open requests get a 503."""
-        if self._server is None:
+        if self._listener is None or not self._listener.is_open:
             return
-        self._server.close()
-        self._server = None
+        self._listener.close()
         body = http_frames.error_body("the service has ended")
         for request in self._open:
             request.answer.set_result(http_frames.Response(503, request.path, body))
@@ -190,7 +189,7 @@ class HttpServerTransport:
         if refusal is not None:
             self._counts.garbage += 1
             return refusal
-        if len(self._open) >= MAX_OPEN or self._server is None:
+        if len(self._open) >= MAX_OPEN or self._listener is None or not self._listener.is_open:
             self._counts.overflowed += 1
             return _error(503, "too many requests are open", {"Retry-After": "1"})
         loop = asyncio.get_running_loop()

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import cast
 
 from skyrange.codec.mavlink.deframer import Deframer, DeframerCounts, Piece
+from skyrange.io.limited_listener import LimitedListener, listen
 
 LOOPBACK = "127.0.0.1"
 MAX_UNSENT_BYTES = 1 << 18
@@ -155,7 +156,7 @@ class TcpTransport(asyncio.Protocol):
 
 async def listen_tcp(
     accept: Callable[[], asyncio.BaseProtocol], local: Address = (LOOPBACK, 0)
-) -> tuple[asyncio.Server, Address]:
-    """Listen at `local`; `accept` makes a protocol for each connection. Returns the server and its address."""
-    server = await asyncio.get_running_loop().create_server(accept, *local)
-    return server, cast("Address", server.sockets[0].getsockname()[:2])
+) -> tuple[LimitedListener, Address]:
+    """Listen at `local`; `accept` makes a protocol for each connection. Returns the listener and its address."""
+    listener = await listen(accept, *local)
+    return listener, cast("Address", listener.address[:2])

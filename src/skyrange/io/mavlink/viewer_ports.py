@@ -14,11 +14,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from skyrange.core.errors import InputError, Problem
+from skyrange.io.limited_listener import find_idlest
 from skyrange.io.processes.program import raise_file_limit
 
 LOOPBACK = "127.0.0.1"
 MAX_VIEWERS = 8
-"""At one port at a time; more are turned away."""
+"""At one port at a time; for a further one, the one that has been idle the longest gives way."""
 MAX_MORE_VIEWERS = 64
 """At all ports together, beside one for each."""
 WAITING_BYTES = 1 << 16
@@ -33,8 +34,8 @@ class ViewerCounts:
 
     viewers: int = 0
     """Viewers that have connected."""
-    turned_away: int = 0
-    """Viewers that connected while as many were there as there may be."""
+    displaced: int = 0
+    """Viewers that gave way to others, because as many were there as there may be."""
     frames_lost: int = 0
     """Frames not sent to a viewer because it read too slowly, or because a run of garbage was too long."""
     bytes_ignored: int = 0
@@ -45,6 +46,7 @@ class ViewerCounts:
 class _Viewer:
     place: int
     connection: socket.socket
+    peer: str
     waiting: bytearray = field(default_factory=bytearray)
 
 
@@ -111,17 +113,25 @@ class ViewerPorts:
 
     def _accept(self, place: int) -> None:
         with contextlib.suppress(OSError):  # it has gone again, or no more files can be opened
-            connection, _ = self._listeners[place].accept()
-            if len(self._viewers[place]) >= MAX_VIEWERS or sum(map(len, self._viewers)) >= self._most:
-                self.counts.turned_away += 1
-                connection.close()
-                return
+            connection, peer = self._listeners[place].accept()
+            if len(self._viewers[place]) >= MAX_VIEWERS:
+                self._displace(self._viewers[place])
+            elif sum(map(len, self._viewers)) >= self._most:
+                self._displace([viewer for viewers in self._viewers for viewer in viewers])
             connection.settimeout(0.0)
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            viewer = _Viewer(place, connection)
+            viewer = _Viewer(place, connection, str(peer[0]))
             self._viewers[place].append(viewer)
             self._selector.register(connection, selectors.EVENT_READ, viewer)
             self.counts.viewers += 1
+
+    def _displace(self, viewers: Sequence[_Viewer]) -> None:
+        """Disconnect the one of `viewers` that has been idle the longest."""
+        by_connection = {viewer.connection: viewer for viewer in viewers}
+        idlest = find_idlest({connection: viewer.peer for connection, viewer in by_connection.items()})
+        if idlest is not None:
+            self.counts.displaced += 1
+            self._disconnect(by_connection[idlest])
 
     def _discard(self, viewer: _Viewer) -> None:
         """Discard at most one chunk at a time, so that a viewer that sends without end blocks no other."""

@@ -8,6 +8,7 @@ from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from skyrange.codec.web_urls import is_web_url
 from skyrange.contracts.params import refuse
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import ID_PATTERN
@@ -168,15 +169,6 @@ class ServiceConfig(_Table):
 def host_of(url: str) -> str:
     """The host of a URL, which tokens for it name as their receiver."""
     return urlsplit(url).hostname or ""
-
-
-def is_web_url(url: str) -> bool:
-    """Whether text is an HTTP URL to which a path can be appended."""
-    try:
-        parts = urlsplit(url)
-        return parts.scheme in ("http", "https") and bool(parts.hostname) and not parts.query and not parts.fragment
-    except ValueError:
-        return False
 
 
 def load_config(path: Path) -> ServiceConfig:

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from skyrange.codec.f3548.frames import MAX_FRAME_BYTES, UssRequest, UssResponse, decode, encode
 from skyrange.codec.json_errors import describe
+from skyrange.codec.strict_json import MAX_DEPTH, parse_json, parse_json_object
 from skyrange.contracts.mailboxes import Departure
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port, endpoint, link_name
@@ -27,6 +28,8 @@ CALL_S: Final = 6.0
 MAX_OPEN: Final = 1_024
 """Requests of others that wait at a time."""
 UNAVAILABLE: Final = 503
+_BODY_DEPTH: Final = MAX_DEPTH - 1
+"""A frame has the body one level deeper."""
 
 Deliver = Callable[[Port, bytes, str], None]
 """`deliver(port, payload, sender)` gives the agent a frame."""
@@ -79,10 +82,14 @@ class Inbound:
             frame = UssRequest(exchange=self._count, method=method, path=path, token=token, body=body)  # type: ignore[arg-type]
         except ValidationError as error:
             raise describe(error) from error
+        payload = encode(frame)
+        if len(payload) > MAX_FRAME_BYTES:  # ASCII takes more than UTF-8
+            message = f"the request is too long: {len(payload)} bytes, at most {MAX_FRAME_BYTES}"
+            return UssResponse(exchange=frame.exchange, status=413, body={"message": message})
         future: asyncio.Future[UssResponse] = asyncio.get_running_loop().create_future()
         self._open[frame.exchange] = future
         try:
-            self._deliver(self.port, encode(frame), "http")
+            self._deliver(self.port, payload, "http")
             async with asyncio.timeout(ANSWER_S):
                 return await future
         except TimeoutError:
@@ -131,12 +138,16 @@ class Outbound:
         try:
             async with asyncio.timeout(CALL_S):
                 response = await self._call(base, request)
-        except (aiohttp.ClientError, OSError, TimeoutError, ValueError) as error:
+        except (aiohttp.ClientError, OSError, TimeoutError, ValueError, DecodeError) as error:
             response = _unavailable(request.exchange, str(error) or type(error).__name__)
-        self._deliver(port, encode(response), base)
+        payload = encode(response)
+        if len(payload) > MAX_FRAME_BYTES:
+            payload = encode(_unavailable(request.exchange, "the response is too long"))
+        self._deliver(port, payload, base)
 
     async def _call(self, base: str, request: UssRequest) -> UssResponse:
-        token = await self._tokens.get(*parse_request(request.token))
+        wanted = parse_request(request.token)
+        token = await self._tokens.get(*wanted)
         headers = {"Authorization": f"Bearer {token}", "Accept": "application/json"}
         json_body = None if request.body is None else json.dumps(request.body, allow_nan=False).encode()
         if json_body is not None:
@@ -144,6 +155,8 @@ class Outbound:
         async with self._session.request(
             request.method, base + request.path, data=json_body, headers=headers, allow_redirects=False
         ) as response:
+            if response.status == 401:
+                self._tokens.forget(*wanted)
             content = await read_bounded(response.content, response.content_length, MAX_FRAME_BYTES)
             return UssResponse(exchange=request.exchange, status=response.status, body=_body(response.status, content))
 
@@ -153,8 +166,8 @@ def _body(status: int, content: bytes | None) -> dict[str, Any] | None:
     if not content:
         return None if content is not None else {"message": "the response is too long"}
     try:
-        data = json.loads(content)
-    except (ValueError, RecursionError):
+        data = parse_json(content, _BODY_DEPTH)
+    except DecodeError:
         data = None
     if isinstance(data, dict):
         return data
@@ -169,18 +182,12 @@ def parse_body(content: bytes) -> dict[str, Any] | None:
     """The JSON object of a request, `None` for an empty body. Raises `DecodeError`."""
     if not content:
         return None
-    try:
-        data = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise DecodeError(f"the body is no JSON: {error}"[:200]) from error
-    if not isinstance(data, dict):
-        raise DecodeError("the body is no JSON object")
-    return data
+    return parse_json_object(content, _BODY_DEPTH)
 
 
 def parse_path(raw: str) -> str:
     """The path of a request target, without its query. Raises `DecodeError`."""
     path = unquote(raw.partition("?")[0])
-    if not path.startswith("/") or len(path) > 512:
-        raise DecodeError("a path of at most 512 characters is needed")
+    if not path.startswith("/") or len(path) > 512 or not path.isprintable():
+        raise DecodeError("a path of at most 512 printable characters is needed")
     return path

@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
+from pydantic import ValidationError
 from uas_standards.interuss.automated_testing.flight_planning.v1 import api
 from uas_standards.interuss.automated_testing.flight_planning.v1.constants import Scope
 
 from skyrange import __version__
 from skyrange.codec.f3548.operations import check
 from skyrange.codec.f3548.values import volume_of, volumes_of
+from skyrange.codec.json_errors import describe
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import Epoch, parse_rfc3339
 from skyrange.runtime.utm.operators import Notice, Operators
@@ -54,7 +56,7 @@ class FlightPlanning:
         self, method: str, path: str, query: Mapping[str, str], body: dict[str, Any] | None, scopes: frozenset[str]
     ) -> _Answer:
         """Status and body of the response to a request below `PREFIX`. Raises `DecodeError` for a wrong body."""
-        plan = path.removeprefix("/flight_plans/") if path.startswith("/flight_plans/") else None
+        plan = path.removeprefix("/flight_plans/").lower() if path.startswith("/flight_plans/") else None
         needed = Scope.Plan if plan is not None or path == "/user_notifications" else Scope.DirectAutomatedTest
         if needed.value not in scopes:
             return 403, {"message": f"it needs the scope {needed.value}"}
@@ -90,7 +92,11 @@ class FlightPlanning:
             intent = self._intent(id_, plan, body["flight_plan"])
         except NotImplementedError as error:
             return 200, _result(api.PlanningActivityResult.NotSupported, before, str(error))
-        response = await self._operators.ask(self._operator, Request.of(intent, self._epoch))
+        try:
+            request = Request.of(intent, self._epoch)
+        except ValidationError as error:
+            raise describe(error) from error
+        response = await self._operators.ask(self._operator, request)
         decision = response.body
         if not isinstance(decision, DecisionBody):
             return 200, _result(_failure(response), before, decision.message)

@@ -12,7 +12,7 @@ from skyrange.contracts.mailboxes import Departure
 from skyrange.core.ids import APPROVAL, Port, link_name
 from skyrange.core.time import Time
 from skyrange.runtime.utm.federation import ANSWER_S, Deliver
-from skyrange.utm.messages import DecisionBody, Request, Response, decode_response, encode
+from skyrange.utm.messages import MAX_FRAME_BYTES, DecisionBody, Request, Response, decode_response, encode
 
 REMEMBERED: Final = 1_000
 """Notices kept for each operator."""
@@ -48,11 +48,14 @@ class Operators:
         """The answer to a request; 503 where the USS does not answer in time."""
         body = request.body
         version = None if request.method == "DELETE" else getattr(body, "version", None)
+        payload = encode(request)
+        if len(payload) > MAX_FRAME_BYTES:  # ASCII takes more than UTF-8
+            return Response.error(413, request.path, f"{len(payload)} bytes; at most {MAX_FRAME_BYTES} are read")
         waiting = _Waiting(version, asyncio.get_running_loop().create_future())
         key = operator, request.path
         self._open.setdefault(key, deque()).append(waiting)
         try:
-            self._deliver(self.ports[operator], encode(request), operator)
+            self._deliver(self.ports[operator], payload, operator)
             async with asyncio.timeout(ANSWER_S):
                 return await waiting.future
         except TimeoutError:

@@ -18,6 +18,7 @@ from skyrange.core.files import read_input
 from skyrange.core.ids import Port, endpoint
 from skyrange.core.time import Time
 from skyrange.io.addresses import check_guarded, with_address
+from skyrange.io.limited_listener import listen
 from skyrange.runtime.memory import collect_seldom
 from skyrange.runtime.utm.agent_host import UNIX, AgentHost
 from skyrange.runtime.utm.config import (
@@ -99,22 +100,21 @@ async def run_service(config: ServiceConfig) -> AsyncIterator[tuple[str, AgentHo
             key = read_private_key(config.authorization.key, config.name)
             routes.authorization = Authorization(config.authorization, key)
         elif config.authority is not None:
-            host = _host_authority(config, config.authority, routes, log)
-            close = host.close
+            host, close = _host_authority(config, config.authority, routes, log)
         elif config.tokens is not None:
             host, close = _host_agent(config, config.tokens, session, routes, log)
         web = WebService(routes)
         try:
-            server = await asyncio.get_running_loop().create_server(web.server, *address, ssl=ssl_in)
+            listener = await listen(web.server, *address, context=ssl_in)
         except OSError as error:
             raise with_address(address, error) from error
         try:
             if host is not None:
                 host.start()
-            port = server.sockets[0].getsockname()[1]
+            port = listener.address[1]
             yield f"{'https' if config.tls is not None else 'http'}://{address[0]}:{port}", host
         finally:
-            server.close()
+            listener.close()
             await web.server.shutdown(1.0)
     finally:
         close()
@@ -151,7 +151,7 @@ def _host_agent(
             store = DssStore(journal, journal.entities())
         dss = Dss(config.name, [inbound.port], checker, secret, UNIX, store)
         host = AgentHost(dss, inbound.on_departure, commit=commit, note=_noter(log))
-        return host, host.close
+        return host, _closer(host.close, changes)
     assert config.uss is not None
     assert tokens.url is not None
     client = TokenClient(session, tokens.url, config.name, tokens.secret)
@@ -177,10 +177,23 @@ def _host_agent(
         host.close()
         outbound.close()
 
-    return host, close
+    return host, _closer(close, changes)
 
 
-def _host_authority(config: ServiceConfig, settings: AuthorityConfig, routes: Routes, log: TextIO | None) -> AgentHost:
+def _closer(close: Callable[[], None], changes: Changes | None) -> Callable[[], None]:
+    """What ends an agent, and then its database."""
+
+    def close_all() -> None:
+        close()
+        if changes is not None:
+            changes.close()
+
+    return close_all
+
+
+def _host_authority(
+    config: ServiceConfig, settings: AuthorityConfig, routes: Routes, log: TextIO | None
+) -> tuple[AgentHost, Callable[[], None]]:
     """The agent of an authority with what carries its frames."""
     changes = None if config.database is None else Changes(open_engine(config.database, config.name))
     journal = None if changes is None else AuthorityJournal(changes)
@@ -198,7 +211,7 @@ def _host_authority(config: ServiceConfig, settings: AuthorityConfig, routes: Ro
         agent, operators.on_departure, commit=_nothing if changes is None else changes.commit, note=_noter(log)
     )
     routes.operators, routes.secrets = operators, settings.operators
-    return host
+    return host, _closer(host.close, changes)
 
 
 def _make_uss(

@@ -6,7 +6,6 @@ import asyncio
 import base64
 import binascii
 import hmac
-import json
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,7 +22,8 @@ from cryptography.hazmat.primitives.serialization import (
     load_pem_public_key,
 )
 
-from skyrange.core.errors import InputError
+from skyrange.codec.strict_json import parse_json_object
+from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.files import read_input
 from skyrange.core.ids import ID_PATTERN
 from skyrange.core.time import Time
@@ -62,13 +62,17 @@ class TokenClient:
         self._lock = asyncio.Lock()
 
     async def get(self, receiver: str, scopes: tuple[str, ...]) -> str:
-        """A token for `receiver`. Raises `aiohttp.ClientError`, `OSError`, `TimeoutError` and `ValueError`."""
+        """A token for `receiver`. Raises `aiohttp.ClientError`, `OSError`, `TimeoutError` and `DecodeError`."""
         async with self._lock:
             token, expires_s = self._tokens.get((receiver, scopes), ("", 0.0))
             if expires_s - time.time() <= RENEWED_S:
                 token, expires_s = await self._fetch(receiver, scopes)
                 self._tokens[receiver, scopes] = token, expires_s
             return token
+
+    def forget(self, receiver: str, scopes: tuple[str, ...]) -> None:
+        """Get a new token the next time, because the receiver does not take the present one."""
+        self._tokens.pop((receiver, scopes), None)
 
     async def _fetch(self, receiver: str, scopes: tuple[str, ...]) -> tuple[str, float]:
         """A new token; the query is the one of InterUSS's authorization servers, which name the receiver so."""
@@ -82,18 +86,20 @@ class TokenClient:
         async with self._session.get(self._url, params=query, headers=headers, allow_redirects=False) as response:
             text = await response.content.read(_MAX_BYTES)
             if response.status != 200:
-                raise ValueError(f"{self._url} answers {response.status}: {text[:200].decode(errors='replace')}")
+                raise DecodeError(f"{self._url} answers {response.status}: {text[:200].decode(errors='replace')}")
         token = _token_in(text)
-        claims = jwt.decode(token, options={"verify_signature": False})
+        try:
+            claims = jwt.decode(token, options={"verify_signature": False})
+        except (jwt.PyJWTError, ValueError, RecursionError) as error:
+            raise DecodeError(f"{self._url} answers no token: {error}"[:200]) from error
         expires_s = claims.get("exp")
-        return token, float(expires_s) if isinstance(expires_s, (int, float)) else time.time() + LIFETIME_S
+        return token, expires_s if type(expires_s) is int else time.time() + LIFETIME_S
 
 
 def _token_in(text: bytes) -> str:
-    data: Any = json.loads(text)
-    token = data.get("access_token") if isinstance(data, dict) else None
+    token = parse_json_object(text).get("access_token")
     if not isinstance(token, str):
-        raise ValueError("the answer of the token endpoint has no access_token")
+        raise DecodeError("the answer of the token endpoint has no access_token")
     return token
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import json
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -16,6 +17,7 @@ from aiohttp import web
 from skyrange.codec.f3548.frames import MAX_FRAME_BYTES
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Time
+from skyrange.core.whole_numbers import worth_noting
 from skyrange.io.http.limited_server import LimitedServer, read_bounded
 from skyrange.runtime.utm import flight_planning
 from skyrange.runtime.utm.federation import Inbound, parse_body, parse_path
@@ -31,6 +33,7 @@ METHODS: Final = ("GET", "POST", "PUT", "DELETE")
 HEALTH: Final = "/healthy"
 TOKEN: Final = "/token"  # noqa: S105 - a path
 _Answer = tuple[int, dict[str, Any] | None]
+_LOG: Final = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
@@ -55,6 +58,7 @@ class WebService:
     def __init__(self, routes: Routes) -> None:
         """Requests for other paths than those of `routes` get 404."""
         self._routes = routes
+        self._failed = 0
         self.server = LimitedServer(self._handle, PATIENCE_S)
 
     async def _handle(self, request: web.BaseRequest) -> web.StreamResponse:
@@ -71,6 +75,12 @@ class WebService:
             return _response(408, {"message": "the body did not come in time"})
         except (OSError, aiohttp.ClientError, web.RequestPayloadError) as error:
             return _response(400, {"message": str(error)[:256]})
+        except Exception as error:
+            self._failed += 1
+            if worth_noting(self._failed):
+                words = f"{request.method[:16]} {request.path[:128]!a}: 500, {self._failed} so far"
+                _LOG.error("%s", words, exc_info=error)
+            return _response(500, {"message": "the service failed at this request; its log says why"})
         return _response(status, body)
 
     async def _answer(self, request: web.BaseRequest, path: str, content: bytes) -> _Answer:

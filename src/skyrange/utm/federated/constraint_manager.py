@@ -74,6 +74,8 @@ class ConstraintManager:
         self._publication = Publication(constraints)
         self._waiting: dict[str, tuple[Constraint, Time]] = {}
         """Constraints that the DSS has not accepted, and when they are tried again."""
+        self._asked: dict[int, str] = {}
+        """Ids of constraints by the exchange in which the DSS is asked to accept them."""
         self._published: dict[str, tuple[Constraint, ConstraintReference]] = {}
 
     @property
@@ -96,11 +98,14 @@ class ConstraintManager:
         for arrival in inbox:
             self._on_frame(turn.caused_by(arrival.ref), arrival)
         for call in self._caller.repeat_overdue(turn):
+            self._asked.pop(call.exchange, None)
             self._note_failure(turn, f"{call.receiver} does not answer {call.operation.value}")
         for constraint in self._publication.take(now):
             self._waiting[constraint.id] = constraint, now
         for id_, (constraint, due) in list(self._waiting.items()):
-            if due <= now:
+            if constraint.volume.end_ns <= now:
+                del self._waiting[id_]
+            elif due <= now:
                 self._waiting[id_] = constraint, now + RETRY_NS
                 self._publish(turn, constraint)
         return out
@@ -110,7 +115,8 @@ class ConstraintManager:
         body = {"extents": [volume_body(constraint.volume, self._epoch)], "uss_base_url": self._base_url}
         parameters = {"entityid": constraint.id}
         operation = Op.CreateConstraintReference
-        self._caller.call(turn, self._dss, operation, token=token, parameters=parameters, body=body)
+        exchange = self._caller.call(turn, self._dss, operation, token=token, parameters=parameters, body=body)
+        self._asked[exchange] = constraint.id
 
     def _on_frame(self, turn: Turn, arrival: Arrival) -> None:
         try:
@@ -124,6 +130,7 @@ class ConstraintManager:
             if reply is not None and reply.call.operation is Op.CreateConstraintReference:
                 self._on_published(turn, reply)
         except WrongReplyError as error:
+            self._asked.pop(error.call.exchange, None)
             self._server.count_bad(str(error), arrival.ref, turn.out)
             self._note_failure(turn, f"{error.call.receiver} answers {error.call.operation.value} wrongly")
         except DecodeError as error:
@@ -142,12 +149,17 @@ class ConstraintManager:
             self._server.answer(request, 200, {"constraint": self._shown(*published)}, turn.out)
 
     def _on_published(self, turn: Turn, reply: Reply) -> None:
-        """The DSS has accepted a constraint, or not."""
+        """The DSS has accepted a constraint, or not: one that it refuses is given up, not one that it cannot decide."""
+        asked = self._asked.pop(reply.call.exchange, "")
         if reply.status != 201:
+            if 400 <= reply.status < 500:
+                self._waiting.pop(asked, None)
             self._note_failure(turn, f"DSS: {reply.body.get('message') or f'status {reply.status}'}")
             return
         reference = ConstraintReference.of(reply.body["constraint_reference"], self._epoch)
-        waiting = self._waiting.pop(reference.id, None)
+        if reference.id != asked:
+            raise DecodeError("the reference is that of another constraint")
+        waiting = self._waiting.pop(asked, None)
         if waiting is None:
             return
         constraint, _ = waiting

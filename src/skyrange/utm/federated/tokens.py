@@ -6,7 +6,6 @@ Ed25519 (RFC 8037), and times are those of the scenario. Services on a network a
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final, Protocol
@@ -16,6 +15,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPublicKey
 from cryptography.hazmat.primitives.serialization import load_pem_public_key
 
+from skyrange.codec.strict_json import parse_json
+from skyrange.core.errors import DecodeError
 from skyrange.core.time import NS_PER_S, Epoch, Time
 
 LIFETIME_S: Final = 3_600
@@ -40,6 +41,8 @@ class Claims:
     uss: str
     scopes: frozenset[str]
     expires_s: int
+    valid_from_s: float = 0.0
+    """The time before which the token is not to be taken (`nbf`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +132,8 @@ class TokenChecker:
             self._known[token] = claims
         if claims.expires_s <= _seconds(now, self.epoch):
             raise TokenError("the token has expired")
+        if claims.valid_from_s > _seconds(now, self.epoch):
+            raise TokenError("the token is not valid yet")
         return claims
 
     def _verify(self, token: str) -> Claims:
@@ -141,6 +146,9 @@ class TokenChecker:
         uss, scope, expires_s = read.get("sub"), read.get("scope", ""), read.get("exp")
         if not isinstance(uss, str) or not isinstance(scope, str) or type(expires_s) is not int:
             raise TokenError("the token is not valid: sub, scope or exp is missing, or of a wrong type")
+        valid_from_s = read.get("nbf", 0.0)
+        if isinstance(valid_from_s, bool) or not isinstance(valid_from_s, (int, float)):
+            raise TokenError("the token is not valid: nbf is no number")
         if self.issuers and read.get("iss") not in self.issuers:
             raise TokenError("the token is of another issuer")
         audiences = read.get("aud")
@@ -151,15 +159,15 @@ class TokenChecker:
         }
         if self.receivers.isdisjoint(named):
             raise TokenError(f"the token is for another receiver than {' or '.join(sorted(self.receivers))}")
-        return Claims(uss, frozenset(scope.split()), expires_s)
+        return Claims(uss, frozenset(scope.split()), expires_s, valid_from_s)
 
     def _decode(self, token: str) -> object:
         """The claims of a token that one of the keys has signed."""
         problem: Exception = ValueError("no key is known")
         for key in self.keys:
             try:
-                return json.loads(_JWS.decode(token, key.load(), [key.algorithm]))
-            except (jwt.PyJWTError, ValueError, RecursionError) as error:
+                return parse_json(_JWS.decode(token, key.load(), [key.algorithm]))
+            except (jwt.PyJWTError, ValueError, DecodeError) as error:
                 problem = error
         raise TokenError(f"the token is not valid: {problem}"[:200]) from problem
 

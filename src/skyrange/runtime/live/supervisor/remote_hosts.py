@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from skyrange import __version__
+from skyrange.codec.strict_json import parse_json
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_S
 from skyrange.record.folder import PARTS
@@ -132,7 +132,7 @@ class RemoteHosts:
         while not host.answers.empty():
             host.answers.get_nowait()
         _, blob = await self._answer(host, self.control.send(who, "parts"))
-        for name, size in json.loads(blob):
+        for name, size in parse_json(blob):
             at = 0
             if not size:
                 write_chunk(into / PARTS, name, 0, b"")

@@ -16,6 +16,7 @@ from typing import Any, Final
 from skyrange.core.errors import ComponentError, InputError, Problem, nearest
 from skyrange.core.time import NS_PER_S
 from skyrange.core.whole_numbers import parse_whole
+from skyrange.io.limited_listener import listen, stream_factory
 from skyrange.record.folder import PARTS
 from skyrange.record.manifest import MANIFEST
 from skyrange.runtime.live.clock import Clock, MonotonicClock
@@ -57,14 +58,14 @@ class TapProcess:
         """`serve`, in a running event loop."""
         reader, node = await self._attach()
         try:
-            server = await asyncio.start_server(
-                lambda r, w: self._serve_program(r, w, node), *self.listen, limit=MAX_LINE_BYTES
+            listener = await listen(
+                stream_factory(lambda r, w: self._serve_program(r, w, node), MAX_LINE_BYTES), *self.listen
             )
         except OSError as error:
             node.close()
             where = f"{self.listen[0]}:{self.listen[1]}"
             raise InputError.one("tap", "--listen", where, f"an address that is free ({error.strerror})") from error
-        host, port = server.sockets[0].getsockname()[:2]
+        host, port = listener.address[:2]
         on_word(f"{self.terms.link} is tapped; a program may call {host}:{port}")
         try:
             while line := await reader.readline():
@@ -72,7 +73,7 @@ class TapProcess:
         except (OSError, ValueError) as error:
             raise ComponentError("tap", f"the range broke off: {error}") from error
         finally:
-            server.close()
+            listener.close()
             if self._program is not None:
                 self._program.close()
             await self._end_serving()

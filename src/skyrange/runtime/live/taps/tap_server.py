@@ -20,6 +20,7 @@ from pydantic import ValidationError
 from skyrange.contracts.frames import Frame
 from skyrange.core.errors import nearest
 from skyrange.core.time import NEVER, Time
+from skyrange.io.limited_listener import LimitedListener, listen_unix, stream_factory
 from skyrange.runtime.live.taps.external_tap import ExternalTap, Record, TapTerms
 from skyrange.runtime.live.transport.addresses import Crossing
 
@@ -64,7 +65,8 @@ class TapServer:
         self._taps: dict[str, ExternalTap] = {}
         self._writers: dict[str, asyncio.StreamWriter] = {}
         self._serials: dict[str, dict[str, int]] = {}
-        self._server: asyncio.Server | None = None
+        self._listener: LimitedListener | None = None
+        self._closed = False
         self._connections: set[asyncio.Task[None]] = set()
         self._now: Callable[[], Time | None] = _no_time
         self._wake = _do_nothing
@@ -73,11 +75,7 @@ class TapServer:
         """Let tap processes in. `now` is the range's time, None before it is known; `wake` is called for `turn`."""
         self._now, self._wake = now, wake
         with socket_path(folder) as path:
-            before = os.umask(0o177)
-            try:
-                self._server = await asyncio.start_unix_server(self._accept, path, limit=MAX_LINE_BYTES)
-            finally:
-                os.umask(before)
+            self._listener = listen_unix(stream_factory(self._accept, MAX_LINE_BYTES), path, most=MAX_CONNECTIONS)
 
     @property
     def due(self) -> Time:
@@ -109,8 +107,9 @@ class TapServer:
 
     def close(self, now: Time) -> None:
         """End all taps: the run is over here."""
-        if self._server is not None:
-            self._server.close()
+        self._closed = True
+        if self._listener is not None:
+            self._listener.close()
         for connection in self._connections:
             connection.cancel()
         for name, writer in self._writers.items():
@@ -122,9 +121,6 @@ class TapServer:
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         connection = asyncio.current_task()
         assert connection is not None
-        if len(self._connections) >= MAX_CONNECTIONS:
-            writer.close()
-            return
         self._connections.add(connection)
         try:
             await self._serve(reader, writer)
@@ -163,10 +159,6 @@ class TapServer:
                 tap.set_present(self._at(), there=False)
                 tap.note(self._at(), "detached")
                 self._wake()
-
-    @property
-    def _closed(self) -> bool:
-        return self._server is not None and not self._server.is_serving()
 
     def _handle_line(self, tap: ExternalTap, line: bytes) -> str:
         """Act on a line of a tap process; what is wrong with it, "" for nothing."""

@@ -23,7 +23,8 @@ import zmq
 import zmq.asyncio
 from zmq.utils.monitor import recv_monitor_message
 
-from skyrange.core.errors import ComponentError
+from skyrange.codec.strict_json import parse_json_object
+from skyrange.core.errors import ComponentError, DecodeError
 from skyrange.io.addresses import format_address, with_address
 from skyrange.io.mavlink.transports import LOOPBACK, Address
 from skyrange.io.zeromq.context import AllowedKeys, ConnectionLimit, authenticator_of
@@ -54,10 +55,10 @@ def unpack_message(data: bytes) -> Message | None:
     if len(data) > MAX_MESSAGE_BYTES:
         return None
     try:
-        message = json.loads(data)
-    except (ValueError, RecursionError):
+        message = parse_json_object(data)
+    except DecodeError:
         return None
-    return message if isinstance(message, dict) and isinstance(message.get("kind"), str) else None
+    return message if isinstance(message.get("kind"), str) else None
 
 
 class ControlServer(Protocol):

@@ -10,6 +10,7 @@ from typing import Final, Protocol
 
 from skyrange.io.addresses import is_loopback
 from skyrange.io.http.transports import HttpClientTransport, HttpServerTransport
+from skyrange.io.limited_listener import LimitedListener
 from skyrange.io.mavlink.transports import OnPiece, TcpTransport, UdpTransport, listen_tcp
 from skyrange.io.zeromq.transport import Counts as ZmqCounts
 from skyrange.io.zeromq.transport import ZmqTransport
@@ -122,7 +123,7 @@ class TcpListener:
         """Called by `open`."""
         self.refused = 0
         self._on_piece = on_piece
-        self._server: asyncio.Server | None = None
+        self._server: LimitedListener | None = None
         self._peer: TcpTransport | None = None
 
     @classmethod

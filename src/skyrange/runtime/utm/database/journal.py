@@ -56,6 +56,10 @@ class Changes:
                 if added:
                     connection.execute(table.insert(), added)
 
+    def close(self) -> None:
+        """Close the database; SQLite then moves what its write-ahead log has into the file."""
+        self._engine.dispose()
+
     def read(self, table: Table) -> Iterator[Mapping[str, Any]]:
         """All rows of a table."""
         with self._engine.connect() as connection:

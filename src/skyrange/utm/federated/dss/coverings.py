@@ -103,7 +103,7 @@ def _cover(box: tuple[int, int, int, int]) -> frozenset[int]:
     height_km = (north - south) * _KM_PER_DEG
     width_km = (east - west) * _KM_PER_DEG * math.cos(math.radians((south + north) / 2.0))
     if height_km * width_km > MAX_AREA_KM2:
-        raise AreaError(f"an area of {height_km * width_km:.0f} km²; at most {MAX_AREA_KM2:.0f} km² are searched")
+        raise AreaError(f"area too large: {height_km * width_km:.0f} km², at most {MAX_AREA_KM2:.0f} km² are searched")
     rect = LatLngRect(LatLng.from_degrees(south, west), LatLng.from_degrees(north, wrap_longitude(east)))
     coverer = RegionCoverer()
     coverer.min_level = coverer.max_level = LEVEL

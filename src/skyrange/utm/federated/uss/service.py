@@ -243,13 +243,21 @@ class Uss:
         if task is None or not task.takes(call.exchange):
             return  # its task was given up
         task.causes = (*task.causes[:1], reply.ref)
+        try:
+            self._continue_task(turn, task, reply)
+        except DecodeError as error:
+            self._fail_task(turn, task, f"{call.receiver} answers {call.operation.value} wrongly: {error}")
+
+    def _continue_task(self, turn: Turn, task: Task, reply: Reply) -> None:
+        """Go on with a task after a reply that belongs to it. Raises `DecodeError` for one that makes no sense."""
+        call = reply.call
         if call.operation is Op.CreateOperationalIntentReference and 400 <= reply.status < 500 and call.tries == 1:
             self._intents.remove_own(task.intent.id)
         if call.operation in _DETAILS:
             self._on_details(turn, task, reply)
         elif reply.status in (200, 201):
             _ACCEPTED[call.operation](self, turn, task, reply)
-        elif reply.status == 409:
+        elif reply.status == 409 and call.operation in _CHANGES:
             self._on_conflict(turn, task, reply)
         elif reply.status == 404 and call.operation is Op.DeleteOperationalIntentReference:
             self._finish_end(turn, task)
@@ -385,7 +393,14 @@ class Uss:
         self._call_dss(turn, task, operation, parameters=parameters, body=body)
 
     def _on_accepted(self, turn: Turn, task: Task, reply: Reply) -> None:
+        """The DSS has accepted a version of the intent. Raises `DecodeError` if it is another than was sent."""
         reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
+        created = reply.call.operation is Op.CreateOperationalIntentReference
+        sent = State.Accepted.value if created else task.intent.state.value
+        if (reference.id, reference.manager, reference.state.value) != (task.intent.id, self.uss, sent):
+            raise DecodeError("the reference is that of another intent, USS or state")
+        if not reference.ovn:
+            raise DecodeError("the reference has no OVN")
         task.is_new = reference.version == 1
         intent = replace(task.intent, state=IntentState(reference.state.value))
         self._intents.accept(intent, reference)
@@ -408,6 +423,8 @@ class Uss:
             self._fail_task(turn, task, task.refusal)
             return
         reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
+        if reference.id != task.intent.id or not reference.ovn:
+            raise DecodeError("the reference is that of another intent, or has no OVN")
         if reference.manager == self.uss:
             self._intents.own[task.intent.id] = reference
             self._begin_task(turn, task)
@@ -419,15 +436,19 @@ class Uss:
 
     def _on_conflict(self, turn: Turn, task: Task, reply: Reply) -> None:
         """The DSS knows intents that this USS does not, or another version of this one."""
-        task.conflicts += 1
-        if task.conflicts > MAX_CONFLICTS:
-            self._fail_task(turn, task, "others claim airspace there all the time")
-            return
         intents, constraints = (
             reply.body.get(name) or () for name in ("missing_operational_intents", "missing_constraints")
         )
         missing: list[ConstraintReference] = [IntentReference.of(reference, self._epoch) for reference in intents]
         missing += [ConstraintReference.of(reference, self._epoch) for reference in constraints]
+        task.conflicts += 1
+        if task.conflicts > MAX_CONFLICTS:
+            again = (Alternative(task.intent.volumes),) if missing else ()
+            reason = (
+                "others claim airspace there all the time" if missing else "DSS: status 409, without what is missing"
+            )
+            self._fail_task(turn, task, reason, again)
+            return
         data: dict[str, Scalar] = {"intent": task.intent.id, "missing": len(missing)}
         turn.note("decision.uss_conflict", task.intent.vehicle, data)
         if not missing:
@@ -455,16 +476,21 @@ class Uss:
         else:
             self._fail_task(turn, task, f"{name} {problem}")
 
-    def _fail_task(self, turn: Turn, task: Task, reason: str) -> None:
-        """Nothing can be decided now: an end is tried again later; an operator may ask again for the same."""
+    def _fail_task(self, turn: Turn, task: Task, reason: str, again: tuple[Alternative, ...] = ()) -> None:
+        """Nothing can be decided. The operator is told why, with the same flight as the alternative (`again`) only
+        where others were quicker. An end is tried again later, until the time of the intent is over.
+        """
         self._note_failure(turn.caused_by(*task.causes), task.intent.vehicle, reason)
-        if task.ends:
+        managed = self._intents.own.get(task.intent.id)
+        if not task.ends:
+            rejection = ApprovalDecision(accepted=False, reason=reason[:256], alternatives=again)
+            self._answer_operator(turn, task, rejection)
+        elif managed is None or managed.end_ns <= turn.now:
+            self._finish_end(turn, task)
+        else:
             task.due = turn.now + RETRY_NS
             self._task = None
             self._queue.add(task)
-            return
-        again = (Alternative(task.intent.volumes),) if task.intent.volumes else ()
-        self._answer_operator(turn, task, ApprovalDecision(accepted=False, reason=reason[:256], alternatives=again))
 
     def _answer_operator(self, turn: Turn, task: Task, decision: ApprovalDecision) -> None:
         self._task = None
@@ -518,6 +544,13 @@ class Uss:
         turn.note("decision.uss_failed", about, {"reason": reason[:256]})
 
 
+_CHANGES: Final = frozenset(
+    {
+        Op.CreateOperationalIntentReference,
+        Op.UpdateOperationalIntentReference,
+        Op.DeleteOperationalIntentReference,
+    }
+)
 _DETAILS: Final = frozenset({Op.GetOperationalIntentDetails, Op.GetConstraintDetails})
 _Accepted = Callable[[Uss, Turn, Task, Reply], None]
 _ACCEPTED: Final[Mapping[Op, _Accepted]] = {
