@@ -30,13 +30,16 @@ OPENERS = {
     "xml.etree": "city/solids.py figures/svg.py vehicle/gazebo/sdf_elements.py vehicle/gazebo/world_file.py",
     "fsspec": "study/execution/storage.py",
     "urllib.request": "install/download.py",
+    "pandas": "record/read/run.py",
+    "polars": "record/read/run.py",
 }
 """Libraries that open what a file may name, and the modules that call them: one that reads needs inputs in `HOSTILE`.
 
-Figures and worlds of Gazebo are written; the other two get URLs from the command line and from the package.
+Figures and worlds of Gazebo are written; fsspec and urllib get URLs from the command line and from the package; pandas
+and polars are given tables.
 """
 UNUSED = (
-    "pyarrow.dataset", "pyarrow.fs", "lxml", "duckdb", "polars", "pandas", "pickle", "requests", "sqlite3", "fiona",
+    "pyarrow.dataset", "pyarrow.fs", "lxml", "duckdb", "pickle", "requests", "sqlite3", "fiona",
     "osgeo", "rasterio", "xml.dom", "xml.sax.expatreader",
 )  # fmt: skip
 IMPORT = re.compile(r"^[ \t]*(?:from|import) ([\w.]+)(?: import (?!Element$)(.*))?$", re.MULTILINE)
