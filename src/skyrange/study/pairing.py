@@ -14,14 +14,17 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic import Field
+from typing_extensions import TypedDict
 
 from skyrange.assembly.build import build
 from skyrange.core.errors import InputError, ShortfallError
 from skyrange.core.files import atomic_write, expand_user
+from skyrange.core.typed_json import Finite, check_type
 from skyrange.metrics.aircraft import DEPARTED_M
 from skyrange.metrics.safety import NEAR_M
 from skyrange.record import RunRecord
@@ -31,7 +34,7 @@ from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.scenario.toml_files import load_text, to_toml
 from skyrange.study.execution.executors import Executor
-from skyrange.study.execution.plan import PlannedBlock, PlannedRun, RunPlan, digest_plan
+from skyrange.study.execution.plan import MAX_SEEDS, PlannedBlock, PlannedRun, RunPlan, digest_plan
 from skyrange.study.execution.plan_run import (
     OnPlanProgress,
     choose_executor,
@@ -39,6 +42,7 @@ from skyrange.study.execution.plan_run import (
     require_success,
     run_plan,
 )
+from skyrange.study.execution.store import MANIFEST as PLAN
 from skyrange.study.execution.store import RunStore, claim_store
 from skyrange.twins.arms import (
     ATTACKED,
@@ -241,10 +245,31 @@ def pair(
 
 def resume_pair(store: RunStore, executor: Executor, on_progress: OnPlanProgress | None = None) -> Pair:
     """Go on with the pair in a folder: `skyrange resume`. Raises the errors of `pair`."""
-    arguments = store.told
+    told: _Told = check_type(store.told, _Told, str(store.path), f"{PLAN}: told")
     return pair(
-        load_text(arguments.pop("scenario")), store.path, **arguments, executor=executor, on_progress=on_progress
+        load_text(told["scenario"]),
+        store.path,
+        arms=told["arms"],
+        seeds=told["seeds"],
+        near_m=told["near_m"],
+        threshold_m=told["threshold_m"],
+        honest=told["honest"],
+        run_reports=told["run_reports"],
+        executor=executor,
+        on_progress=on_progress,
     )
+
+
+class _Told(TypedDict):
+    """What `PairPlan.tell` says."""
+
+    scenario: str
+    arms: Selection | None
+    seeds: Annotated[int, Field(ge=1, le=MAX_SEEDS)]
+    near_m: Finite
+    threshold_m: Finite
+    honest: bool
+    run_reports: bool
 
 
 def _write_manifest(plan: PairPlan, store: RunStore, status: str) -> dict[str, Any]:

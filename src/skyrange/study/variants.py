@@ -8,12 +8,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple
+
+from pydantic import Field
+from typing_extensions import TypedDict
 
 from skyrange.assembly.build import build
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write, expand_user
 from skyrange.core.ids import ID_PATTERN
+from skyrange.core.typed_json import Finite, check_type
 from skyrange.figures import svg
 from skyrange.figures.palette import OKABE_ITO
 from skyrange.figures.svg import Figure
@@ -25,7 +29,7 @@ from skyrange.scenario.shipped import load as load_scenario
 from skyrange.scenario.toml_files import load_text, to_toml
 from skyrange.statistics.means import Interval, estimate_mean
 from skyrange.study.execution.executors import Executor
-from skyrange.study.execution.plan import PlannedBlock, PlannedRun, RunPlan, digest_plan
+from skyrange.study.execution.plan import MAX_SEEDS, PlannedBlock, PlannedRun, RunPlan, digest_plan
 from skyrange.study.execution.plan_run import (
     OnPlanProgress,
     choose_executor,
@@ -33,7 +37,8 @@ from skyrange.study.execution.plan_run import (
     require_success,
     run_plan,
 )
-from skyrange.study.execution.store import RunStore, claim_store
+from skyrange.study.execution.store import BLOCKS, RunStore, claim_store
+from skyrange.study.execution.store import MANIFEST as PLAN
 from skyrange.study.pairing import require_level, work_of
 from skyrange.study.run_measures import QUANTITIES, RunMeasures, measure_run
 from skyrange.twins.arms import acting_attacks
@@ -235,9 +240,46 @@ def resume_comparison(store: RunStore, executor: Executor, on_progress: OnPlanPr
 
 def open_plan(store: RunStore) -> VariantPlan:
     """The plan of the comparison in a folder."""
-    arguments = store.told
-    scenarios = {variant: load_text(text) for variant, text in arguments["scenarios"].items()}
-    return _plan_variants(scenarios, arguments["changes"], arguments["seeds"])
+    who = str(store.path)
+    told: _Told = check_type(store.told, _Told, who, f"{PLAN}: told")
+    if UNCHANGED not in told["scenarios"] or told["scenarios"].keys() != told["changes"].keys():
+        value = ", ".join(told["scenarios"]) or "none"
+        expected = f"{UNCHANGED} and variants, with the changes of each"
+        raise InputError.one(who, f"{PLAN}: told.scenarios", value, expected, "The file is damaged.")
+    scenarios = {variant: load_text(text) for variant, text in told["scenarios"].items()}
+    return _plan_variants(scenarios, told["changes"], told["seeds"])
+
+
+class _Told(TypedDict):
+    """What `VariantPlan.tell` says."""
+
+    scenarios: dict[str, str]
+    changes: dict[str, list[str]]
+    seeds: Annotated[int, Field(ge=1, le=MAX_SEEDS)]
+
+
+class _StoredMeasures(TypedDict):
+    """The measures in `_StoredBlock`."""
+
+    values: dict[str, Finite]
+    delays_s: dict[str, Finite]
+
+
+class _StoredBlock(TypedDict):
+    """What `VariantPlan.measure` makes of a block."""
+
+    measures: _StoredMeasures
+    failed_missions: str | None
+
+
+def _read_block(store: RunStore, name: str) -> _StoredBlock:
+    """What a block measured. Raises `InputError` for a damaged file."""
+    _, data = store.read(name, _StoredBlock)
+    if data is None:
+        where = f"{BLOCKS}/{name}.json: data"
+        raise InputError.one(str(store.path), where, "nothing", "the measures of a run", "Delete it and resume.")
+    stored: _StoredBlock = data
+    return stored
 
 
 def _plan_variants(scenarios: Mapping[str, Scenario], changes: Mapping[str, Sequence[str]], seeds: int) -> VariantPlan:
@@ -251,7 +293,7 @@ def _fly(plan: VariantPlan, store: RunStore, executor: Executor, on_progress: On
     measured: dict[tuple[str, int], RunMeasures] = {}
     failed: list[str] = []
     for block, flight in plan.flights.items():
-        _, data = store.read(block.name)
+        data = _read_block(store, block.name)
         measured[flight] = RunMeasures(**data["measures"])
         failed += [data["failed_missions"]] if data["failed_missions"] else []
     result = Comparison(store.path, plan.name, plan.seeds, plan.changes, measured, failed)

@@ -8,7 +8,6 @@ The same recovers the record of a range whose supervisor was killed, from the pa
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -29,6 +28,7 @@ from skyrange.record.live_merge.crossing_frames import ROWS, CrossingMatcher, Re
 from skyrange.record.live_merge.frame_matching import FrameIdMap
 from skyrange.record.live_merge.node_record import INCOMING, NodeRecord, attached_files
 from skyrange.record.manifest import MANIFEST, RUNNING, read_manifest
+from skyrange.record.notes import parse_details
 from skyrange.record.read.time_order import merge_sorted, sort_by_time
 from skyrange.record.spool import SPOOL, Spool, read_spool
 from skyrange.record.write.recorder import Recorder
@@ -179,7 +179,7 @@ def _notes(parts: Sequence[NodeRecord], table: str, id_maps: Sequence[FrameIdMap
     for rows in _interleaved(parts, table):
         for row in rows.to_pylist():
             causes = tuple(map(id_maps[row["part"]].resolve_text, row["causes"] or ()))
-            yield row["time_ns"], row["source"], Note(row["kind"], row["about"], json.loads(row["data"]), causes)
+            yield row["time_ns"], row["source"], Note(row["kind"], row["about"], parse_details(row["data"]), causes)
 
 
 def _labels(parts: Sequence[NodeRecord], id_maps: Sequence[FrameIdMap]) -> Iterator[Label]:
@@ -197,7 +197,7 @@ def _labels(parts: Sequence[NodeRecord], id_maps: Sequence[FrameIdMap]) -> Itera
 def _alerts(parts: Sequence[NodeRecord]) -> Iterator[tuple[int, str, Alert]]:
     for rows in _interleaved(parts, "alerts"):
         for row in rows.to_pylist():
-            alert = Alert(row["at_ns"], row["subject"], row["kind"], row["score"], json.loads(row["data"]))
+            alert = Alert(row["at_ns"], row["subject"], row["kind"], row["score"], parse_details(row["data"]))
             yield row["time_ns"], row["detector"], alert
 
 
