@@ -34,7 +34,7 @@ from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.scenario.toml_files import load_text, to_toml
 from skyrange.study.execution.executors import Executor
-from skyrange.study.execution.plan import MAX_SEEDS, PlannedBlock, PlannedRun, RunPlan, digest_plan
+from skyrange.study.execution.plan import PlannedBlock, PlannedRun, RunPlan, digest_plan
 from skyrange.study.execution.plan_run import (
     OnPlanProgress,
     choose_executor,
@@ -44,6 +44,7 @@ from skyrange.study.execution.plan_run import (
 )
 from skyrange.study.execution.store import MANIFEST as PLAN
 from skyrange.study.execution.store import RunStore, claim_store
+from skyrange.study.plan_size import MAX_RUNS, check_size
 from skyrange.twins.arms import (
     ATTACKED,
     HONEST,
@@ -53,6 +54,7 @@ from skyrange.twins.arms import (
     acting_faults,
     baseline_of,
     claiming_attacks,
+    count_arms,
     plan_arms,
     scenario_of,
 )
@@ -180,6 +182,7 @@ def pair(
     honest: bool = False,
     run_reports: bool = True,
     known: Mapping[tuple[str, int], Path] = MappingProxyType({}),
+    max_runs: int = MAX_RUNS,
     executor: Executor | None = None,
     on_progress: OnPlanProgress | None = None,
 ) -> Pair:
@@ -197,7 +200,8 @@ def pair(
     same: they are taken over instead of flown. `jobs` is the number of parallel runs, by default one per core; one run
     at a time is flown in this process. `executor` flies them elsewhere. Raises `InputError`, before anything is
     written, for a scenario without attacks or faults that act, and for a folder of something else; `ComponentError` if
-    a run failed; `ShortfallError` after Ctrl-C. The folder then holds the runs that ended.
+    a run failed; `ShortfallError` after Ctrl-C. The folder then holds the runs that ended. More runs than
+    `max_runs` raise `InputError`.
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, changes, seed=seed, buildings=buildings)
@@ -216,6 +220,8 @@ def pair(
     if honest and not claiming_attacks(scenario):
         kinds = ", ".join(attack.kind for attack in scenario.attacks) or "none"
         raise InputError.one("pair", "honest", kinds, "an attack that claims an aircraft, such as remote_id.spoof")
+    sizes = {"arms": count_arms(attacks, arms, honest=honest), "seeds": seeds}
+    check_size("pair", sizes, max_runs, "Say --max-runs N, or --arms for fewer arms.")
     plan = PairPlan(
         scenario,
         arms,
@@ -255,6 +261,7 @@ def resume_pair(store: RunStore, executor: Executor, on_progress: OnPlanProgress
         threshold_m=told["threshold_m"],
         honest=told["honest"],
         run_reports=told["run_reports"],
+        max_runs=max(MAX_RUNS, int(store.manifest["blocks"])),
         executor=executor,
         on_progress=on_progress,
     )
@@ -265,7 +272,7 @@ class _Told(TypedDict):
 
     scenario: str
     arms: Selection | None
-    seeds: Annotated[int, Field(ge=1, le=MAX_SEEDS)]
+    seeds: Annotated[int, Field(ge=1)]
     near_m: Finite
     threshold_m: Finite
     honest: bool

@@ -29,7 +29,7 @@ from skyrange.scenario.shipped import load as load_scenario
 from skyrange.scenario.toml_files import load_text, to_toml
 from skyrange.statistics.means import Interval, estimate_mean
 from skyrange.study.execution.executors import Executor
-from skyrange.study.execution.plan import MAX_SEEDS, PlannedBlock, PlannedRun, RunPlan, digest_plan
+from skyrange.study.execution.plan import PlannedBlock, PlannedRun, RunPlan, digest_plan
 from skyrange.study.execution.plan_run import (
     OnPlanProgress,
     choose_executor,
@@ -40,6 +40,7 @@ from skyrange.study.execution.plan_run import (
 from skyrange.study.execution.store import BLOCKS, RunStore, claim_store
 from skyrange.study.execution.store import MANIFEST as PLAN
 from skyrange.study.pairing import require_level, work_of
+from skyrange.study.plan_size import MAX_RUNS, check_size
 from skyrange.study.run_measures import QUANTITIES, RunMeasures, measure_run
 from skyrange.twins.arms import acting_attacks
 from skyrange.twins.failed_missions import find_failed_missions
@@ -205,6 +206,7 @@ def compare_variants(
     seed: int | None = None,
     buildings: str | Path | None = None,
     changes: Sequence[str] = (),
+    max_runs: int = MAX_RUNS,
     executor: Executor | None = None,
     on_progress: OnPlanProgress | None = None,
 ) -> Comparison:
@@ -214,12 +216,13 @@ def compare_variants(
     `changes` of all. `out` defaults to the first free folder of `runs/NAME-comparison`, `runs/NAME-comparison-2` …; a
     folder in which the same was begun is gone on with. One of `jobs` is flown in this process; `executor` flies them
     elsewhere. Raises `InputError` before anything is written, `ComponentError` if a run failed, `ShortfallError` after
-    Ctrl-C.
+    Ctrl-C. More runs than `max_runs` raise `InputError`.
     """
     jobs = jobs if jobs is not None else os.cpu_count() or 1
     for option, value in (("seeds", seeds), ("jobs", jobs)):
         if value < 1:
             raise InputError.one("compare", option, value, "1 or more")
+    check_size("compare", {"variants": len(variants) + 1, "seeds": seeds}, max_runs, "Say --max-runs N.")
     all_changes = {UNCHANGED: list(changes), **{variant: [*changes, *more] for variant, more in variants.items()}}
     scenarios: dict[str, Scenario] = {}
     for variant, given in all_changes.items():
@@ -246,6 +249,8 @@ def open_plan(store: RunStore) -> VariantPlan:
         value = ", ".join(told["scenarios"]) or "none"
         expected = f"{UNCHANGED} and variants, with the changes of each"
         raise InputError.one(who, f"{PLAN}: told.scenarios", value, expected, "The file is damaged.")
+    sizes = {"variants": len(told["scenarios"]), "seeds": told["seeds"]}
+    check_size(who, sizes, max(MAX_RUNS, int(store.manifest["blocks"])), "The file was changed by hand or is damaged.")
     scenarios = {variant: load_text(text) for variant, text in told["scenarios"].items()}
     return _plan_variants(scenarios, told["changes"], told["seeds"])
 
@@ -255,7 +260,7 @@ class _Told(TypedDict):
 
     scenarios: dict[str, str]
     changes: dict[str, list[str]]
-    seeds: Annotated[int, Field(ge=1, le=MAX_SEEDS)]
+    seeds: Annotated[int, Field(ge=1)]
 
 
 class _StoredMeasures(TypedDict):

@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from skyrange.city.building_files import files_of
 from skyrange.contracts.plugins.registry import loaded_sources
@@ -22,9 +22,6 @@ from skyrange.study.feature_windows import CollectedWindows
 
 if TYPE_CHECKING:
     from skyrange.study.execution.store import RunStore
-
-MAX_SEEDS: Final = 100_000
-"""Most seeds with which a scenario is repeated."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,6 +38,7 @@ from skyrange.study.matrix.cells import BY_SEED, Cell, join_seeds, measure_cell
 from skyrange.study.matrix.model import UNDEFENDED, Column, Matrix, Row, locate_scenarios
 from skyrange.study.matrix.verdicts import Verdicts, judge_cells
 from skyrange.study.pairing import compare_arms, work_of
+from skyrange.study.plan_size import MAX_RUNS, check_size
 from skyrange.twins.arms import NOMINAL, Arm, acting_attacks, claiming_attacks, plan_arms, scenario_of
 
 FORMAT: Final = "skyrange.matrix/3"
@@ -329,6 +330,7 @@ def fly_matrix(
     executor: Executor | None = None,
     on_progress: OnPlanProgress | None = None,
     other_rows: Sequence[Row] = (),
+    max_runs: int = MAX_RUNS,
 ) -> MatrixResult:
     """Fly every cell of a matrix into `out`, by default the first free folder `runs/NAME`, `runs/NAME-2` …
 
@@ -337,11 +339,15 @@ def fly_matrix(
     reason. `other_rows` of the same file are not flown: a column that can be declared in one of them is not wrong.
     Raises `InputError` before anything is written for a scenario that is wrong without defences, for a column that can
     be declared in no row, for a folder of something else, and without SciPy; `ShortfallError` after Ctrl-C, with the
-    blocks flown so far in the folder; `ComponentError` if a run failed, when all else has been flown.
+    blocks flown so far in the folder; `ComponentError` if a run failed, when all else has been flown. More runs than
+    `max_runs` raise `InputError`.
     """
     jobs = jobs if jobs is not None else os.cpu_count() or 1
     if jobs < 1:
         raise InputError.one("matrix", "jobs", jobs, "1 or more")
+    variants = sum(len(variant.candidates) for row in matrix.rows for variant in row.adaptive)
+    cells = len(matrix.rows) * (len(matrix.columns) + 1) + variants * len(matrix.columns)
+    check_size("matrix", {"cells": cells, "seeds": matrix.seeds, "arms": 2}, max_runs, "Say --max-runs N.")
     load_special()  # the limits of rates need it, when all has been flown
     refusals: dict[tuple[str, str], Sequence[Problem]] = {}
     plan = MatrixPlan(matrix, list(_plan(matrix, refusals)), keep)
