@@ -223,6 +223,37 @@ _OF_THE_WHOLE: Final = {"format", "status", "skyrange", "versions", "platform", 
 """Entries that the new record's manifest sets itself."""
 
 
+def describe_parts(run: Path, status: str) -> str:
+    """What a reader of a live run's folder should know of parts that are not merged; "" where there are none.
+
+    `status` is that of its manifest.
+    """
+    parts = _find_parts(run)
+    if not parts:
+        return ""
+    if status == RUNNING and _is_written_to(run, parts):
+        return "the range is flying, or its records are being merged: what there is of them is not whole yet"
+    return f"the records of the range's processes are not merged: `skyrange merge {run}` merges them"
+
+
+def _find_parts(run: Path) -> list[Path]:
+    return sorted(path.parent for path in (run / PARTS).glob(f"*/{MANIFEST}"))
+
+
+def _is_written_to(run: Path, parts: Sequence[Path]) -> bool:
+    """Whether parts are recorded, or merged into the spool of the run."""
+    times_s = [_changed_s(path) for folder in (*parts, run / SPOOL) for path in (folder, *folder.rglob("*"))]
+    return time.time() - max(times_s, default=0.0) < ACTIVE_S
+
+
+def _changed_s(path: Path) -> float:
+    """When a file was changed; long ago if it has been removed meanwhile."""
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
+
+
 def recover_run(run: Path, out: Path) -> None:
     """Merge the parts in a live run's folder `run` into one record in `out`, a folder that does not exist or is empty.
 
@@ -230,12 +261,11 @@ def recover_run(run: Path, out: Path) -> None:
     `InputError` if `run` has no parts or if they are still being written.
     """
     manifest = read_manifest(run)
-    parts = sorted(path.parent for path in (run / PARTS).glob(f"*/{MANIFEST}"))
+    parts = _find_parts(run)
     if not parts:
         hint = "A live range leaves parts behind if it was killed, or if the disk was too full to merge them."
         raise InputError.one("merge", str(run), f"no parts in {PARTS}", "the folder of a live range with parts", hint)
-    newest = max(path.stat().st_mtime for part in parts for path in part.rglob("*"))
-    if manifest["status"] == RUNNING and time.time() - newest < ACTIVE_S:
+    if manifest["status"] == RUNNING and _is_written_to(run, parts):
         raise InputError.one("merge", str(run), "still written to", "a range that has ended", "Stop it with Ctrl-C.")
     header: dict[str, Any] = {key: value for key, value in manifest.items() if key not in _OF_THE_WHOLE}
     why = {"error": manifest.get("error", "the supervisor was killed")}
