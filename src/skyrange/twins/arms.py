@@ -101,7 +101,7 @@ def count_arms(
 ) -> int:
     """At least how many arms `plan_arms` makes; subsets are counted without making them."""
     if selection == "subsets":
-        return 2 ** len(attacks)
+        return 1 << len(attacks)
     return len(plan_arms(attacks, selection, honest=honest))
 
 
