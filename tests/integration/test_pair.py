@@ -266,7 +266,8 @@ def test_show_and_report_take_the_folder_of_a_pair(
 
 
 def test_a_pair_that_did_not_end_says_where_its_runs_are(tmp_path: Path) -> None:
-    told = {"format": FORMAT, "seeds": [1], "arms": ["nominal", "attacked"]}
+    told: dict[str, Any] = {"format": FORMAT, "name": "x", "seeds": [1], "arms": ["nominal", "attacked"]}
+    told |= {"active": {}, "attacks": {}, "faults": [], "baseline": None, "near_m": 5.0, "threshold_m": 1.0}
     (tmp_path / "pair.json").write_text(json.dumps(told))
     for command in ("show", "report"):
         with pytest.raises(InputError, match=r"effects\.parquet: missing.*skyrange show .*attacked"):

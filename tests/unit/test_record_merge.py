@@ -25,7 +25,7 @@ from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.record import Recorder, RunRecord, load
 from skyrange.record.folder import PARTS
 from skyrange.record.live_merge.frame_matching import DATAGRAM_WINDOW_NS, TOLERANCE_NS, FrameMatcher, SentFrame
-from skyrange.record.live_merge.merge import merge, recover_run
+from skyrange.record.live_merge.merge import describe_parts, merge, recover_run
 from tests.probes.test_taps import Meddler
 from tests.probes.toys import MS, ROUGH
 from tests.unit.live_parts import Flown, fly, frames_of
@@ -475,9 +475,17 @@ def test_a_killed_range_is_recovered_with_the_settings_of_its_record(tmp_path: P
         shutil.copytree(part, run / PARTS / part.name)
     with pytest.raises(InputError, match="still written to"):
         recover_run(run, tmp_path / "early")
+    assert "flying, or its records are being merged" in describe_parts(run, "running")
     for path in (run / PARTS).rglob("*"):
         os.utime(path, (0, 0))
+    with pytest.raises(InputError, match="still written to"):  # the supervisor merges what the parts have
+        recover_run(run, tmp_path / "early")
+    assert "being merged" in describe_parts(run, "running")
+    for path in run.rglob("*"):
+        os.utime(path, (0, 0))
+    assert f"`skyrange merge {run}`" in describe_parts(run, "running")
     recover_run(run, tmp_path / "out")
+    assert describe_parts(tmp_path / "out", "failed") == ""
     found = load(tmp_path / "out")
     assert found.manifest["status"] == "failed"
     assert found.manifest["record"] == {

@@ -94,7 +94,7 @@ def test_files_of_another_format_are_not_read(file: Path, tmp_path: Path) -> Non
             block,
             "skyrange.block/3",
             lambda: folder.store.read(block.stem),
-            r"the format 'skyrange\.block/9'.*Delete it and resume",
+            r"format: 'skyrange\.block/9'.*delete it and resume",
         ),
         (folder.path / FILE, "skyrange.registration/1", lambda: read_registration(folder), "register the study again"),
         (folder.path / MANIFEST, "skyrange.plan/1", lambda: open_folder(folder.path), "fly it again"),

@@ -8,12 +8,31 @@ import sys
 TRACEBACK_VARIABLE = "SKYRANGE_TRACEBACK"
 """If this environment variable is set, an error that skyrange did not foresee is printed with its traceback."""
 
+_OF_TYPER = (1, 4, 130)
+"""Exit codes of typer for a command that `KeyboardInterrupt` ends, and of this one."""
+
 
 def main() -> None:
     """Entry point of the `skyrange` command.
 
-    Exit codes: 0 success, 2 bad input, 3 a component failed, 4 the run fell short of what was requested.
+    Exit codes: 0 success, 2 bad input, 3 a component failed, 4 the command fell short of what was requested, also
+    because SIGINT, SIGTERM or SIGHUP ended it.
     """
+    from skyrange.cli.signals import INTERRUPTED, EndingSignals
+
+    signals = EndingSignals()
+    with signals:
+        try:
+            code = _run()
+        except KeyboardInterrupt:
+            code = INTERRUPTED
+        if signals.received is not None and code in _OF_TYPER:
+            code = _report_signal(signals.received.name)
+    sys.exit(code)
+
+
+def _run() -> int:
+    """Run the command with standard streams that survive their readers; returns the exit code."""
     from skyrange.cli.output.standard_streams import open_standard_streams
     from skyrange.runtime.memory import collect_less
 
@@ -27,7 +46,16 @@ def main() -> None:
 
         discard_output(1)  # because Python would try to write it on exit and report the error a second time
         code = code or _report(error)
-    sys.exit(code)
+    return code
+
+
+def _report_signal(name: str) -> int:
+    """Say that a signal ended the command; returns the exit code."""
+    from skyrange.cli.output.console import print_notice
+    from skyrange.cli.signals import INTERRUPTED
+
+    print_notice(f"skyrange: interrupted by {name}")
+    return INTERRUPTED
 
 
 def _run_command() -> int:

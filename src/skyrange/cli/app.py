@@ -31,6 +31,7 @@ from skyrange.cli.options import (
     Changes,
     Control,
     Jobs,
+    MaxRuns,
     Motion,
     On,
     OtherVersion,
@@ -185,6 +186,7 @@ def pair(
             "bytes at the same times; compare what the others do about the lie and about the truth.",
         ),
     ] = False,
+    max_runs: MaxRuns = 1_000_000,
     jobs: Jobs = None,
     on: On = None,
     seed: Annotated[int | None, typer.Option(metavar="N", help="The first seed; overrides the scenario's.")] = None,
@@ -202,6 +204,7 @@ def pair(
         honest=honest,
         seeds=seeds,
         workers=Workers(jobs, on),
+        max_runs=max_runs,
     )
     comparisons.pair(options, as_json=as_json)
 
@@ -239,6 +242,7 @@ def compare(
         int,
         typer.Option(metavar="K", min=1, help="Repeat with K seeds, and compute means and 95 % confidence intervals."),
     ] = 1,
+    max_runs: MaxRuns = 1_000_000,
     jobs: Jobs = None,
     on: On = None,
     seed: Annotated[int | None, typer.Option(metavar="N", help="The first seed; overrides the scenario's.")] = None,
@@ -255,6 +259,7 @@ def compare(
         out=out,
         seeds=seeds,
         workers=Workers(jobs, on),
+        max_runs=max_runs,
     )
     comparisons.compare(options, as_json=as_json)
 
@@ -455,6 +460,7 @@ def matrix(
     seeds: Annotated[
         int | None, typer.Option(metavar="K", min=1, help="Number of seeds of each cell; overrides the file's.")
     ] = None,
+    max_runs: MaxRuns = 1_000_000,
     jobs: Jobs = None,
     on: On = None,
     keep: Annotated[
@@ -483,6 +489,7 @@ def matrix(
         keep=keep.value,
         workers=Workers(jobs, on),
         page=page,
+        max_runs=max_runs,
     )
     comparisons.matrix(options, as_json=as_json)
 

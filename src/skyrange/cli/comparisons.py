@@ -31,6 +31,7 @@ class PairOptions(NamedTuple):
     honest: bool
     seeds: int
     workers: Workers
+    max_runs: int
 
 
 class VariantOptions(NamedTuple):
@@ -41,6 +42,7 @@ class VariantOptions(NamedTuple):
     out: Path | None
     seeds: int
     workers: Workers
+    max_runs: int
 
 
 class MatrixOptions(NamedTuple):
@@ -54,6 +56,7 @@ class MatrixOptions(NamedTuple):
     keep: Keep
     workers: Workers
     page: Path | None
+    max_runs: int
 
 
 def pair(options: PairOptions, *, as_json: bool) -> None:
@@ -72,6 +75,7 @@ def pair(options: PairOptions, *, as_json: bool) -> None:
             arms=options.arms,
             honest=options.honest,
             seeds=options.seeds,
+            max_runs=options.max_runs,
             executor=options.workers.executor(in_process=True),
             on_progress=on_progress,
         )
@@ -122,6 +126,7 @@ def compare(options: VariantOptions, *, as_json: bool) -> None:
             seed=scenario.seed,
             buildings=scenario.buildings,
             changes=scenario.changes,
+            max_runs=options.max_runs,
             executor=options.workers.executor(in_process=True),
             on_progress=on_progress,
         )
@@ -178,7 +183,13 @@ def matrix(options: MatrixOptions, *, as_json: bool) -> None:
     executor = options.workers.executor(in_process=True)
     with run_progress(chosen.name, quiet=as_json) as on_progress:
         result = fly_matrix(
-            chosen, options.out, keep=options.keep, executor=executor, on_progress=on_progress, other_rows=other_rows
+            chosen,
+            options.out,
+            keep=options.keep,
+            executor=executor,
+            on_progress=on_progress,
+            other_rows=other_rows,
+            max_runs=options.max_runs,
         )
     _print_matrix(result, page, as_json=as_json)
 

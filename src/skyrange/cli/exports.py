@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from skyrange.cli.output.console import print_json, print_notice, print_text, print_unverified
 from skyrange.core.errors import InputError
-from skyrange.core.files import expand_user
+from skyrange.core.files import DRAFT, expand_user
 
 if TYPE_CHECKING:
     from skyrange.record import RunRecord
@@ -71,9 +72,13 @@ def _write(record: RunRecord, kinds: Sequence[str], target: Path) -> dict[str, P
     written: dict[str, Path] = {}
     if "csv" in kinds or "tlog" in kinds:
         folder = target / OPERATORS
-        folder.mkdir(exist_ok=True)
         with_csv, with_tlogs = "csv" in kinds, "tlog" in kinds
-        write_operator_files(folder, record.tables, record.manifest, with_csv=with_csv, with_tlogs=with_tlogs)
+        with tempfile.TemporaryDirectory(prefix=f".{OPERATORS}-", suffix=DRAFT, dir=target) as name:
+            draft = Path(name)  # a file has its name when it is whole
+            write_operator_files(draft, record.tables, record.manifest, with_csv=with_csv, with_tlogs=with_tlogs)
+            folder.mkdir(exist_ok=True)
+            for path in sorted(draft.iterdir()):
+                path.replace(folder / path.name)
         endings = [f".{kind}" for kind in ("csv", "tlog") if kind in kinds]
         written |= {path.name: path for path in sorted(folder.iterdir()) if path.suffix in endings}
     if "mcap" in kinds:

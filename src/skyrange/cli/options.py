@@ -57,6 +57,15 @@ Buildings = Annotated[
 Jobs = Annotated[
     int | None, typer.Option(metavar="N", min=1, help="Runs at a time. Default: one for each CPU.", show_default=False)
 ]
+MaxRuns = Annotated[
+    int,
+    typer.Option(
+        "--max-runs",
+        metavar="N",
+        min=1,
+        help="Most runs; a command of more is refused before it makes any.",
+    ),
+]
 On = Annotated[
     str | None,
     typer.Option(

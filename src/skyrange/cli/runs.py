@@ -16,6 +16,7 @@ from skyrange.core.files import expand_user
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from skyrange.record import RunRecord
     from skyrange.runtime.run import Run
     from skyrange.twins.pair_folder import Pair
     from skyrange.view.control import RunControl
@@ -131,8 +132,10 @@ def show(folder: Path, *, as_json: bool) -> None:
     from skyrange.record import load
 
     result = _open_pair(folder)
-    facts = summary(load(folder)) if result is None else {}
+    record = load(folder) if result is None else None
+    facts = summary(record) if record is not None else {}
     print_unverified(expand_user(folder), is_pair=result is not None)
+    _print_unmerged(record)
     if result is not None:
         if as_json:
             print_json(describe_pair(result))
@@ -146,6 +149,14 @@ def show(folder: Path, *, as_json: bool) -> None:
         print_disk(facts)
 
 
+def _print_unmerged(record: RunRecord | None) -> None:
+    """Say what is not in the record of a live range yet, and what to do."""
+    from skyrange.record.live_merge.merge import describe_parts
+
+    if record is not None and (notice := describe_parts(record.path, str(record.manifest["status"]))):
+        print_notice(notice)
+
+
 def report(folder: Path, out: Path | None, *, as_json: bool) -> None:
     """`skyrange report`."""
     from skyrange.record import load
@@ -155,6 +166,7 @@ def report(folder: Path, out: Path | None, *, as_json: bool) -> None:
     result = _open_pair(folder)
     record = load(folder) if result is None else None
     print_unverified(expand_user(folder), is_pair=result is not None)
+    _print_unmerged(record)
     path = expand_user(out) if out is not None else expand_user(folder) / "report.html"
     try:
         if result is not None:

@@ -92,17 +92,37 @@ def read_package_table(module: str, name: str) -> list[dict[str, str]]:
 
 
 def parse_json(data: bytes | str, who: str, where: str) -> Any:
-    """The value in JSON text; `InputError` that names `where` and the line if there is none, or one nested too deep."""
+    """The value in JSON text.
+
+    Raises `InputError` that names `where` and the line if there is none, or one nested too deep, for a whole number
+    beyond 64 bits, and for a text that is not Unicode: half of a surrogate pair.
+    """
     try:
-        return json.loads(data)
+        value = json.loads(data, parse_int=_parse_int64)
+        if _may_have_surrogates(data):
+            json.dumps(value, ensure_ascii=False).encode()
+        return value
     except json.JSONDecodeError as error:
         raise InputError.one(who, f"{where}:{error.lineno}", error.msg, "JSON", "The file is damaged.") from None
     except UnicodeDecodeError as error:
         raise InputError.one(who, where, f"byte {error.start}", "JSON in UTF-8", "The file is damaged.") from None
+    except UnicodeEncodeError as error:
+        value = ascii(error.object[error.start : error.end])[:20]
+        raise InputError.one(who, where, value, "text in Unicode", "The file is damaged.") from None
     except RecursionError:
         raise InputError.one(who, where, "nested too deep", "JSON", "The file is damaged.") from None
-    except ValueError as error:  # a number of thousands of digits
+    except ValueError as error:  # a number of too many digits
         raise InputError.one(who, where, str(error), "JSON", "The file is damaged.") from None
+
+
+def _may_have_surrogates(data: bytes | str) -> bool:
+    return any(mark in data for mark in (b"\\ud", b"\\uD")) if isinstance(data, bytes) else "\\u" in data
+
+
+def _parse_int64(digits: str) -> int:
+    if len(digits) > 20 or not -(2**63) <= (value := int(digits)) < 2**64:
+        raise ValueError(f"the whole number {digits[:24]}… of more than 64 bits")
+    return value
 
 
 def _size(size: int) -> str:

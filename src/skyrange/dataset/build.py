@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from hashlib import blake2b
 from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from skyrange.core.errors import InputError
-from skyrange.core.files import DRAFT
+from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.files import DRAFT, atomic_write
 from skyrange.dataset.columns import VIEWS, WINDOW_KEYS, check_table, view_schema
 from skyrange.dataset.contents import RUNS, Contents, write_checksums, write_regenerate
 from skyrange.dataset.croissant import write_croissant
@@ -58,26 +59,33 @@ class BlockWriter:
 
     def __init__(self, folder: Path, block: str, split: str, elsewhere: SplitHashes) -> None:
         self._folder, self._block, self._split = folder, block, split
-        self._files: dict[Path, pq.ParquetWriter] = {}
+        self._files: dict[Path, tuple[BinaryIO, pq.ParquetWriter]] = {}
         self._hashes = WindowHashes(split, elsewhere)
 
     def __enter__(self) -> BlockWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        for file in self._files.values():
-            file.close()
-        for path in self._files:
+        try:
             if error is None:
-                _draft(path).replace(path)
-            else:
+                for path, (file, writer) in self._files.items():
+                    with name_full_disk(path):
+                        writer.close()
+                        file.close()
+                for path in self._files:
+                    _draft(path).replace(path)
+        finally:
+            for path, (file, writer) in self._files.items():
+                writer.is_open = False  # or its end would write to a disk that is full, and print a traceback
+                with suppress(OSError):
+                    file.close()
                 _draft(path).unlink(missing_ok=True)
 
     def write(self, view: str, member: Member, table: pa.Table) -> int:
         """Append rows of a run, which are whole windows; returns how many. Without rows there is no file: Hugging Face
         `datasets` reads no split that is empty.
 
-        Raises `ComponentError` where they differ from the declared columns, `OSError` where the disk is full.
+        Raises `ComponentError` where they differ from the declared columns, or cannot be written.
         """
         if not table.num_rows:
             return 0
@@ -88,11 +96,29 @@ class BlockWriter:
         if path not in self._files:
             path.parent.mkdir(parents=True, exist_ok=True)
             names = [column.name for column in VIEWS[view] if column.type == pa.string()]
-            self._files[path] = pq.ParquetWriter(
-                _draft(path), view_schema(view), compression="zstd", use_dictionary=names
-            )
-        self._files[path].write_table(table, row_group_size=131_072)
+            with name_full_disk(path):
+                file = _draft(path).open("wb")
+                try:
+                    writer = pq.ParquetWriter(file, view_schema(view), compression="zstd", use_dictionary=names)
+                except OSError:
+                    file.close()
+                    _draft(path).unlink()
+                    raise
+            self._files[path] = file, writer
+        with name_full_disk(path):
+            self._files[path][1].write_table(table, row_group_size=131_072)
         return int(table.num_rows)
+
+
+@contextmanager
+def name_full_disk(path: Path) -> Iterator[None]:
+    """Turn an error in writing into a `ComponentError` that names the file."""
+    try:
+        yield
+    except OSError as error:
+        reason = (error.strerror or str(error)).splitlines()[0].lower()
+        hint = "Free some space and say the same command again: it goes on with the blocks that are whole"
+        raise ComponentError("dataset", f"cannot write {path}: {reason}", hint) from error
 
 
 def _draft(path: Path) -> Path:
@@ -148,12 +174,14 @@ def build_dataset(
             else:
                 _add_written(out, block, runs[0][0].split, windows)
             rows |= block_rows
-        pq.write_table(_runs_table(ordered, records, traits, rows), out / RUNS)
         contents = Contents(*described, ordered, records, rows, settings)
-        write_regenerate(out, contents)
-        write_datasheet(out, contents)
-        write_croissant(out, contents)
-        write_checksums(out)
+        with name_full_disk(out):
+            with atomic_write(out / RUNS) as file:
+                pq.write_table(_runs_table(ordered, records, traits, rows), file)
+            write_regenerate(out, contents)
+            write_datasheet(out, contents)
+            write_croissant(out, contents)
+            write_checksums(out)
     return out
 
 

@@ -5,18 +5,21 @@ Blocks that share a seed or a flight are one cluster: in two splits, a detector 
 
 from __future__ import annotations
 
-import json
 import re
 import tomllib
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
-from typing import Any, Final
+from typing import Any, Final, Literal
+
+from pydantic import ConfigDict, with_config
+from typing_extensions import TypedDict
 
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem
-from skyrange.core.files import expand_user, read_input
+from skyrange.core.files import expand_user, parse_json, read_input
 from skyrange.core.ids import ID_PATTERN, hash64
+from skyrange.core.typed_json import Finite, Int64, require_type
 from skyrange.dataset.families import family_of
 from skyrange.metrics.exact_difference import identify_flight
 from skyrange.record.manifest import read_manifest
@@ -64,10 +67,7 @@ def read_members(file: Path | str) -> list[Member]:
     path = expand_user(file)
     who = str(path)
     data = read_input(path, who, max_bytes=_MAX_BYTES, expected="a TOML or JSON file of runs")
-    try:
-        value = tomllib.loads(data.decode()) if path.suffix == ".toml" else json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise InputError.one(who, "file", str(error)[:200], "TOML or JSON") from error
+    value = _parse_file_toml(data, who) if path.suffix == ".toml" else parse_json(data, who, path.name)
     rows = value.get("runs") if isinstance(value, dict) else value
     if not isinstance(rows, list) or not rows:
         raise InputError.one(who, "runs", type(rows).__name__, "a list of runs, at least one")
@@ -95,13 +95,33 @@ def _member(base: Path, where: str, row: Any, problems: list[Problem]) -> Member
     if not scenario.is_file():
         problems.append(Problem(f"{where}.folder", str(folder), "the folder of a run with its scenario.toml"))
         return None
-    text = read_input(scenario, str(folder), max_bytes=_MAX_BYTES).decode()
-    seed = row.get("seed", tomllib.loads(text).get("seed", 0))
+    data = read_input(scenario, str(folder), max_bytes=_MAX_BYTES)
+    seed = row.get("seed", _parse_file_toml(data, str(scenario)).get("seed", 0))
     effects = row.get("effects_s")
+    given = {"factors": row.get("factors", {}), "seed": seed, "effects_s": effects}
+    require_type(given, _Given, str(folder), where)
+    text = data.decode()
     return Member(
         folder, row["block"], row["arm"], row.get("split", ""), dict(row.get("factors", {})), int(seed), text,
         None if effects is None else {name: _effect_s(at) for name, at in effects.items()},
     )  # fmt: skip
+
+
+@with_config(ConfigDict(extra="forbid"))
+class _Given(TypedDict):
+    """What a member says, but for its folder and names."""
+
+    factors: dict[str, Scalar]
+    seed: Int64
+    effects_s: dict[str, Finite | Literal["never"] | None] | None
+
+
+def _parse_file_toml(data: bytes, who: str) -> dict[str, Any]:
+    """The tables in the bytes of a TOML file. Raises `InputError`."""
+    try:
+        return tomllib.loads(data.decode())
+    except (ValueError, RecursionError) as error:
+        raise InputError.one(who, "file", str(error)[:200], "TOML") from None
 
 
 def _effect_s(value: Any) -> float | None:

@@ -16,6 +16,7 @@ from typing import Any, Final
 
 from skyrange.core.errors import InputError
 from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, lock_file, parse_json, read_input, refuse_links
+from skyrange.core.typed_json import Count, check_type, read_object
 from skyrange.record.folder import make_new_folder
 
 BUILDING: Final = ".building"
@@ -38,8 +39,8 @@ class BuildProgress:
         path = self._path(block)
         if not path.is_file():
             return None
-        data = read_input(path, str(self.folder), path.name, max_bytes=MAX_RECORD_BYTES)
-        rows: RowCounts = parse_json(data, str(self.folder), path.name)
+        who, where = str(self.folder), f"{BUILDING}/{_BLOCKS}/{path.name}"
+        rows: RowCounts = check_type(read_object(path, who, where), dict[str, dict[str, Count]], who, where)
         return rows
 
     def finish_block(self, block: str, rows: RowCounts) -> None:

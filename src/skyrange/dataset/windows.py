@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from skyrange.contracts.frames import Ints
+from skyrange.core.parquet_files import read_table
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.dataset.columns import RUN_COLUMNS, WINDOW_KEYS, observable_columns
+from skyrange.dataset.columns import RUN_COLUMNS, WINDOW_KEYS, observable_columns, view_schema
 
 WINDOW_NS: Final[Time] = NS_PER_S
 """The length of a window."""
@@ -43,7 +43,8 @@ class SplitHashes:
 
     def add_file(self, view: str, split: str, path: Path) -> None:
         """Take the windows of a file that was written before."""
-        table = pq.ParquetFile(path).read(columns=["run", "content_hash", "duplicate_of"])
+        columns = ["run", "content_hash", "duplicate_of"]
+        table = read_table(path, "dataset", str(path), view_schema(view), columns=columns)
         originals = (
             table.filter(pc.is_null(table.column("duplicate_of"))).group_by(["content_hash", "run"]).aggregate([])
         )

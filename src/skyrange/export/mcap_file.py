@@ -59,6 +59,9 @@ def write_mcap(record: RunRecord, path: Path | None = None) -> Export:
         channels = _Channels(writer)
         for message in messages:
             at_ns = start_ns + message.time_ns
+            if not 0 <= at_ns < 2**64:
+                value = f"{message.time_ns} ns"
+                raise InputError.one(str(record.path), message.topic, value, "a time that MCAP can hold, from 1970 on")
             channel = channels.number(message)
             writer.add_message(channel, at_ns, message.json.encode(), at_ns, counts[message.topic] & 0xFFFF_FFFF)
             counts[message.topic] += 1

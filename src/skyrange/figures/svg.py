@@ -57,7 +57,8 @@ class Figure:
     def save(self, path: str | Path) -> Path:
         """Write it as an `.svg` file and return its path."""
         target = Path(path)
-        target.write_text('<?xml version="1.0" encoding="UTF-8"?>\n' + self.svg, encoding="utf-8")
+        with atomic_write(target) as file:
+            file.write(f'<?xml version="1.0" encoding="UTF-8"?>\n{self.svg}'.encode())
         return target
 
 

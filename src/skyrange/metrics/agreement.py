@@ -19,6 +19,7 @@ from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.metrics.aircraft import Ticks, departures, read_ticks
 from skyrange.metrics.time_series import vehicles
+from skyrange.record.notes import parse_details
 from skyrange.record.read.run import RunRecord, load
 
 Key = tuple[str, str, str, str, str]
@@ -166,7 +167,7 @@ def _noted(run: RunRecord, until_ns: int) -> dict[Key, list[int]]:
     for table in ("events", "decisions"):
         for row in run.table(table, ["time_ns", "kind", "about", "source", "data"]).to_pylist():
             if row["time_ns"] <= until_ns:
-                data = json.loads(row["data"]).items()
+                data = parse_details(row["data"]).items()
                 whole = {name: value for name, value in data if not isinstance(value, float) and name != _COUNTER}
                 details = json.dumps(whole, sort_keys=True, ensure_ascii=False)
                 times_by_key.setdefault((table, row["kind"], row["about"], row["source"], details), []).append(

@@ -22,6 +22,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.record.manifest import origin_of, start_unix_ns_of
+from skyrange.record.notes import parse_details
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -224,7 +225,7 @@ def read_note_rows(rows: Iterable[Mapping[str, Any]]) -> list[RecordedNote]:
             _text(row.get("kind")),
             _text(row.get("about")),
             _text(row.get("source")),
-            _details(row.get("data")),
+            parse_details(row.get("data")),
             tuple(row.get("causes") or ()),
         )
         for row in rows
@@ -291,14 +292,6 @@ def _text(value: object) -> str:
     if value is None:
         return ""
     return value if isinstance(value, str) else json.dumps(value, default=str)
-
-
-def _details(text: object) -> Mapping[str, Any]:
-    try:
-        value = json.loads(text) if isinstance(text, str) and text else {}
-    except ValueError:
-        return {"text": text}
-    return value if isinstance(value, dict) else {"text": value}
 
 
 def append_rows(parts: dict[str, list[tuple[Ints, Floats]]], batch: Any, keys: Any, names: Sequence[str]) -> None:

@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from skyrange.core.errors import InputError, Problem
-from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, parse_json, read_input
+from skyrange.core.files import atomic_write
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import Epoch
+from skyrange.core.typed_json import read_formatted, require_type
+from skyrange.record.manifest_types import RunManifest
 from skyrange.record.schema import FORMAT, LEVELS
 
 MANIFEST = "manifest.json"
@@ -22,26 +24,6 @@ MANIFEST = "manifest.json"
 RUNNING = "running"
 ENDINGS = ("complete", "interrupted", "failed")
 """How a run may end. A run whose manifest still says `running` was killed or is running."""
-
-_SHAPE: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
-    ("name", str, "the scenario's name"),
-    ("seed", int, "a whole number"),
-    ("vehicles", list, "a list of tables"),
-    ("operators", list, "a list of tables"),
-    ("links", list, "a list of tables"),
-    ("receivers", list, "a list of tables"),
-    ("constraints", list, "a list of tables"),
-    ("origin", dict, "a table"),
-    ("simulated_s", (int, float), "a number of seconds"),
-    ("timings", dict, "a table"),
-    ("digests", dict, "a table"),
-    ("outcomes", dict, "a table by vehicle"),
-    ("counts", dict, "a table by table"),
-    ("messages", dict, "a table by MAVLink message"),
-    ("files", dict, "a table by file"),
-    ("cores", dict, "a table"),
-)
-"""Key, type and description of the entries that readers rely on; each may be absent."""
 
 _PACKAGES = ("skyrange", "numpy", "numba", "pyarrow", "pymavlink")
 
@@ -104,44 +86,20 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     if not os.path.lexists(path):
         hint = "`skyrange run SCENARIO --out DIR` creates one."
         raise InputError.one(who, MANIFEST, "missing", "a run's folder, which contains it", hint)
-    manifest = parse_json(read_input(path, who, MANIFEST, max_bytes=MAX_RECORD_BYTES), who, MANIFEST)
-    if not isinstance(manifest, dict):
-        raise InputError.one(who, MANIFEST, type(manifest).__name__, "a JSON object", "The file is damaged.")
-    file_format = manifest.get("format")
-    if file_format != FORMAT:
-        other = str(file_format).startswith("skyrange.run/")
-        hint = "It was written by another version of skyrange: fly it again." if other else ""
-        raise InputError.one(who, f"{MANIFEST}: format", repr(file_format), repr(FORMAT), hint)
+    manifest = read_formatted(path, FORMAT, who, MANIFEST, remedy="fly it again.")
     status = manifest.get("status")
     if status != RUNNING and status not in ENDINGS:
         raise InputError.one(who, f"{MANIFEST}: status", repr(status), f"one of {', '.join((RUNNING, *ENDINGS))}")
-    problems = list(_check_shape(manifest))
+    problems = list(_check_record(manifest.get("record")))
     if problems:
         raise InputError(who, problems)
+    require_type(manifest, RunManifest, who, MANIFEST)
+    try:
+        epoch_of(manifest)
+    except (ValueError, OverflowError) as error:
+        value = repr(manifest.get("start_utc"))[:80]
+        raise InputError.one(who, f"{MANIFEST}: start_utc", value, f"a time as of ISO 8601 ({error})") from None
     return manifest
-
-
-def _check_shape(manifest: Mapping[str, Any]) -> Iterator[Problem]:
-    """The problems of entries that do not have the expected shape, as in a file edited by hand."""
-    for key, kind, expected in _SHAPE:
-        value = manifest.get(key)
-        if value is not None and (not isinstance(value, kind) or isinstance(value, bool)):
-            yield Problem(
-                f"{MANIFEST}: {key}", repr(value)[:80], expected, "The file was changed by hand or is damaged."
-            )
-    yield from _check_record(manifest.get("record"))
-    for key, parts in (
-        ("operators", ("id",)),
-        ("vehicles", ("id", "operator")),
-        ("links", ("name",)),
-        ("receivers", ("id",)),
-        ("constraints", ("id",)),
-    ):
-        rows = manifest.get(key)
-        for index, row in enumerate(rows if isinstance(rows, list) else ()):
-            for part in parts:
-                if not isinstance(row, dict) or not isinstance(row.get(part), str):
-                    yield Problem(f"{MANIFEST}: {key}.{index}", repr(row)[:80], f"a table with {part!r} as text")
 
 
 def _check_record(record: Any) -> Iterator[Problem]:

@@ -51,6 +51,15 @@ def alert_row(now: Time, detector: str, alert: Alert) -> AlertRow:
     return now, detector, alert.kind, alert.subject, alert.score, alert.at, text
 
 
+def parse_details(text: str | None) -> dict[str, Any]:
+    """The details of a recorded note or alert; what is not a JSON object is under `text`, as in a damaged record."""
+    try:
+        value = json.loads(text) if text else {}
+    except (ValueError, RecursionError):
+        return {"text": text}
+    return value if isinstance(value, dict) else {"text": value}
+
+
 def _json_text(source: str, action: str, data: Mapping[str, Scalar]) -> str:
     try:
         return json.dumps(

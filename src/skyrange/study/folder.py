@@ -22,6 +22,7 @@ from skyrange.study.design.model import Study, scenarios_of
 from skyrange.study.execution.plan import digest_files
 from skyrange.study.execution.store import RunStore, open_store
 from skyrange.study.measurement import Rows
+from skyrange.study.stored_rows import check_rows
 
 KIND: Final = "study"
 RUNS: Final = "runs"
@@ -51,8 +52,7 @@ class StudyFolder:
 
     def read_rows(self, block: Block) -> Rows:
         """What a finished block measured. Raises `InputError` for a damaged file."""
-        rows: Rows = self.store.read(block.name)[1]
-        return rows
+        return check_rows(self.store.read(block.name, Rows)[1], block, self.study, str(self.path))
 
 
 def open_folder(path: Path) -> StudyFolder:

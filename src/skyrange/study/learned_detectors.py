@@ -11,10 +11,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
+from skyrange.core.parquet_files import read_table
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.detect.learned.model_file import ISOLATION_FOREST, Model, ModelFile, write_model
 from skyrange.detect.learned.windows import LearnedWindows
@@ -23,7 +22,7 @@ from skyrange.detect.window_features import FEATURES, NAMES
 from skyrange.scoring.result_file import DetectorScore, Estimate, ScoreFile, SetScore
 from skyrange.scoring.tables import ALERTS, NOMINAL, StudyTables
 from skyrange.study.detector_training import train
-from skyrange.study.feature_windows import WINDOWS, find_distinct, label_windows
+from skyrange.study.feature_windows import SCHEMA, WINDOWS, find_distinct, label_windows
 from skyrange.study.folder import KEPT, StudyFolder
 
 _TITLES: Final = {
@@ -291,11 +290,7 @@ def _read_windows(folder: StudyFolder, runs: dict[str, dict[str, Any]]) -> pa.Ta
     tables = []
     for run in sorted(runs):
         path = folder.path / KEPT / WINDOWS / runs[run]["block"] / f"{runs[run]['arm']}.parquet"
-        try:
-            table = pq.read_table(path)
-        except (OSError, pa.ArrowInvalid) as error:
-            hint = "Delete the block's file in the folder blocks, and resume the study."
-            raise InputError.one("study", "windows", str(path), f"the windows of run {run}: {error}", hint) from error
+        table = read_table(path, str(folder.path), str(path.relative_to(folder.path)), SCHEMA)
         tables.append(table.append_column("run", pa.repeat(pa.scalar(run), table.num_rows)))
     return pa.concat_tables(tables)
 

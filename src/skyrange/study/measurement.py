@@ -37,7 +37,7 @@ TABLES: Final = (RUNS, AIRCRAFT, EFFECTS, ALERTS, ACTS)
 the baseline, for each alert, and for each attack, fault or harmless intrusion in a run.
 """
 
-_WITHOUT: Final = ("seed", "against", "attacks", "faults", "attribution")
+WITHOUT: Final = ("seed", "against", "attacks", "faults", "attribution")
 """Columns of effects that are those of the block, or that only a pair has."""
 
 
@@ -86,7 +86,7 @@ def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], 
         if baseline is None or arm_id == study.against:
             continue
         for row in effect_rows(block.seed, study.against, measured, baseline, DEPARTED_M):
-            kept = {name: value for name, value in row.items() if name not in _WITHOUT}
+            kept = {name: value for name, value in row.items() if name not in WITHOUT}
             rows[EFFECTS].append({**_head(block, arm_id), "against": study.against, **kept})
     return rows
 

@@ -14,14 +14,17 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic import Field
+from typing_extensions import TypedDict
 
 from skyrange.assembly.build import build
 from skyrange.core.errors import InputError, ShortfallError
 from skyrange.core.files import atomic_write, expand_user
+from skyrange.core.typed_json import Finite, check_type
 from skyrange.metrics.aircraft import DEPARTED_M
 from skyrange.metrics.safety import NEAR_M
 from skyrange.record import RunRecord
@@ -39,7 +42,9 @@ from skyrange.study.execution.plan_run import (
     require_success,
     run_plan,
 )
+from skyrange.study.execution.store import MANIFEST as PLAN
 from skyrange.study.execution.store import RunStore, claim_store
+from skyrange.study.plan_size import MAX_RUNS, check_size
 from skyrange.twins.arms import (
     ATTACKED,
     HONEST,
@@ -49,6 +54,7 @@ from skyrange.twins.arms import (
     acting_faults,
     baseline_of,
     claiming_attacks,
+    count_arms,
     plan_arms,
     scenario_of,
 )
@@ -176,6 +182,7 @@ def pair(
     honest: bool = False,
     run_reports: bool = True,
     known: Mapping[tuple[str, int], Path] = MappingProxyType({}),
+    max_runs: int = MAX_RUNS,
     executor: Executor | None = None,
     on_progress: OnPlanProgress | None = None,
 ) -> Pair:
@@ -193,7 +200,8 @@ def pair(
     same: they are taken over instead of flown. `jobs` is the number of parallel runs, by default one per core; one run
     at a time is flown in this process. `executor` flies them elsewhere. Raises `InputError`, before anything is
     written, for a scenario without attacks or faults that act, and for a folder of something else; `ComponentError` if
-    a run failed; `ShortfallError` after Ctrl-C. The folder then holds the runs that ended.
+    a run failed; `ShortfallError` after Ctrl-C. The folder then holds the runs that ended. More runs than
+    `max_runs` raise `InputError`.
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, changes, seed=seed, buildings=buildings)
@@ -212,6 +220,8 @@ def pair(
     if honest and not claiming_attacks(scenario):
         kinds = ", ".join(attack.kind for attack in scenario.attacks) or "none"
         raise InputError.one("pair", "honest", kinds, "an attack that claims an aircraft, such as remote_id.spoof")
+    sizes = {"arms": count_arms(attacks, arms, honest=honest), "seeds": seeds}
+    check_size("pair", sizes, max_runs, "Say --max-runs N, or --arms for fewer arms.")
     plan = PairPlan(
         scenario,
         arms,
@@ -241,10 +251,32 @@ def pair(
 
 def resume_pair(store: RunStore, executor: Executor, on_progress: OnPlanProgress | None = None) -> Pair:
     """Go on with the pair in a folder: `skyrange resume`. Raises the errors of `pair`."""
-    arguments = store.told
+    told: _Told = check_type(store.told, _Told, str(store.path), f"{PLAN}: told")
     return pair(
-        load_text(arguments.pop("scenario")), store.path, **arguments, executor=executor, on_progress=on_progress
+        load_text(told["scenario"]),
+        store.path,
+        arms=told["arms"],
+        seeds=told["seeds"],
+        near_m=told["near_m"],
+        threshold_m=told["threshold_m"],
+        honest=told["honest"],
+        run_reports=told["run_reports"],
+        max_runs=max(MAX_RUNS, int(store.manifest["blocks"])),
+        executor=executor,
+        on_progress=on_progress,
     )
+
+
+class _Told(TypedDict):
+    """What `PairPlan.tell` says."""
+
+    scenario: str
+    arms: Selection | None
+    seeds: Annotated[int, Field(ge=1)]
+    near_m: Finite
+    threshold_m: Finite
+    honest: bool
+    run_reports: bool
 
 
 def _write_manifest(plan: PairPlan, store: RunStore, status: str) -> dict[str, Any]:

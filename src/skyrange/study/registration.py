@@ -13,8 +13,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from pydantic import ConfigDict, with_config
+from typing_extensions import TypedDict
+
 from skyrange.core.errors import InputError, Problem, nearest
-from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, expand_user, parse_json, read_input
+from skyrange.core.files import atomic_write, expand_user
+from skyrange.core.typed_json import read_formatted, require_type
 from skyrange.study.design.blocks import check_blocks, list_blocks
 from skyrange.study.design.model import Registration, Study
 from skyrange.study.execution.store import MANIFEST
@@ -44,6 +48,17 @@ QUANTITIES: Final = (
 
 FORMAT: Final = "skyrange.registration/1"
 FILE: Final = "registration.json"
+
+
+@with_config(ConfigDict(extra="allow"))
+class _Registration(TypedDict):
+    """What the file has that reports show; the hash is of everything in it."""
+
+    registered_utc: str
+    hash: str
+    question: str
+    measures: list[str]
+    rule: str
 
 
 class Registered(NamedTuple):
@@ -122,12 +137,8 @@ def read_registration(folder: StudyFolder) -> Registered | None:
     if not path.exists():
         return None
     who = str(folder.path)
-    data: Any = parse_json(read_input(path, who, FILE, max_bytes=MAX_RECORD_BYTES), who, FILE)
-    registration_format = data.get("format") if isinstance(data, dict) else type(data).__name__
-    if registration_format != FORMAT:
-        other = str(registration_format).startswith("skyrange.registration/")
-        hint = "It was written by another version of skyrange: register the study again." if other else ""
-        raise InputError.one(who, f"{FILE}: format", repr(registration_format), repr(FORMAT), hint)
+    data = read_formatted(path, FORMAT, who, FILE, remedy="register the study again.")
+    require_type(data, _Registration, who, FILE)
     if data.get("hash") != _hash(data):
         raise InputError.one(who, f"{FILE}: hash", str(data.get("hash")), f"{_hash(data)}, that of what it says")
     stored = folder.store.digest

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
+from skyrange.core.parquet_files import name_damaged_file, read_table
 from skyrange.statistics.clusters import find_clusters
 from skyrange.study.design.blocks import Block
 from skyrange.study.folder import StudyFolder
@@ -52,8 +53,10 @@ def read_results(folder: Path | str, table: str) -> pa.Table:
     path = Path(folder) / RESULTS / table
     if not path.is_dir():
         return pa.table({})
-    parts = [pq.read_table(file, partitioning=None) for file in sorted(path.rglob("*.parquet"))]
-    return pa.concat_tables(parts, promote_options="permissive")
+    who = str(folder)
+    parts = [read_table(file, who, str(file.relative_to(folder))) for file in sorted(path.rglob("*.parquet"))]
+    with name_damaged_file(who, f"{RESULTS}/{table}"):  # parts whose columns have other types
+        return pa.concat_tables(parts, promote_options="permissive") if parts else pa.table({})
 
 
 def _rows_of(folder: StudyFolder, blocks: Sequence[Block]) -> dict[str, list[dict[str, Any]]]:

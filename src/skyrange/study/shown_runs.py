@@ -17,8 +17,8 @@ from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.execution.plan import PlannedRun, RunPlan
 from skyrange.study.execution.store import RunStore, open_store, require_plan
 from skyrange.study.folder import open_folder
-from skyrange.study.matrix.flights import plan_matrix
-from skyrange.study.matrix.model import UNDEFENDED, Matrix
+from skyrange.study.matrix.flights import plan_matrix, read_told
+from skyrange.study.matrix.model import UNDEFENDED
 from skyrange.study.measurement import RUNS
 from skyrange.study.runs import fly
 from skyrange.study.study_run import StudyPlan
@@ -122,8 +122,8 @@ def _of_study(store: RunStore) -> Iterator[_Choice]:
     for number, block in enumerate(folder.blocks):
 
         def make(number: int = number, name: str = block.name) -> Sequence[ShownRun]:
-            data = store.read(name)[1] if name in store.finished() else None
-            told = {row["arm"]: str(row.get("fingerprint", "")) for row in (data or {}).get(RUNS, ())}
+            rows = folder.read_rows(folder.blocks[number])[RUNS] if name in store.finished() else ()
+            told = {row["arm"]: str(row.get("fingerprint", "")) for row in rows}
             return _make_runs(store, plan, number, shown, arms, told)
 
         yield _Choice(block.name.partition("-")[0], block.seed, make, block.name)
@@ -147,7 +147,7 @@ def _of_comparison(store: RunStore) -> Iterator[_Choice]:
 
 
 def _of_matrix(store: RunStore, name: str | None) -> Iterator[_Choice]:
-    matrix = Matrix.model_validate(store.told["matrix"])
+    matrix, keep = read_told(store)
     columns = [UNDEFENDED, *(column.id for column in matrix.columns)]
     for row in matrix.rows:
         first = row.load().seed if name is None or name.startswith(f"{row.id}/") else 0
@@ -165,7 +165,7 @@ def _of_matrix(store: RunStore, name: str | None) -> Iterator[_Choice]:
                     twin = NOMINAL if NOMINAL in arms else next(arm for arm in arms if arm != ATTACKED)
                     runs = _make_runs(store, plan, place, [ATTACKED, twin], arms, {})
                     if any(run.kept is None for run in runs):
-                        require_plan(store, plan_matrix(matrix, store.told["keep"]))
+                        require_plan(store, plan_matrix(matrix, keep))
                     return runs
 
                 yield _Choice(cell, first + number, make)

@@ -8,12 +8,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple
+
+from pydantic import Field
+from typing_extensions import TypedDict
 
 from skyrange.assembly.build import build
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write, expand_user
 from skyrange.core.ids import ID_PATTERN
+from skyrange.core.typed_json import Finite, check_type
 from skyrange.figures import svg
 from skyrange.figures.palette import OKABE_ITO
 from skyrange.figures.svg import Figure
@@ -33,8 +37,10 @@ from skyrange.study.execution.plan_run import (
     require_success,
     run_plan,
 )
-from skyrange.study.execution.store import RunStore, claim_store
+from skyrange.study.execution.store import BLOCKS, RunStore, claim_store
+from skyrange.study.execution.store import MANIFEST as PLAN
 from skyrange.study.pairing import require_level, work_of
+from skyrange.study.plan_size import MAX_RUNS, check_size
 from skyrange.study.run_measures import QUANTITIES, RunMeasures, measure_run
 from skyrange.twins.arms import acting_attacks
 from skyrange.twins.failed_missions import find_failed_missions
@@ -200,6 +206,7 @@ def compare_variants(
     seed: int | None = None,
     buildings: str | Path | None = None,
     changes: Sequence[str] = (),
+    max_runs: int = MAX_RUNS,
     executor: Executor | None = None,
     on_progress: OnPlanProgress | None = None,
 ) -> Comparison:
@@ -209,12 +216,13 @@ def compare_variants(
     `changes` of all. `out` defaults to the first free folder of `runs/NAME-comparison`, `runs/NAME-comparison-2` …; a
     folder in which the same was begun is gone on with. One of `jobs` is flown in this process; `executor` flies them
     elsewhere. Raises `InputError` before anything is written, `ComponentError` if a run failed, `ShortfallError` after
-    Ctrl-C.
+    Ctrl-C. More runs than `max_runs` raise `InputError`.
     """
     jobs = jobs if jobs is not None else os.cpu_count() or 1
     for option, value in (("seeds", seeds), ("jobs", jobs)):
         if value < 1:
             raise InputError.one("compare", option, value, "1 or more")
+    check_size("compare", {"variants": len(variants) + 1, "seeds": seeds}, max_runs, "Say --max-runs N.")
     all_changes = {UNCHANGED: list(changes), **{variant: [*changes, *more] for variant, more in variants.items()}}
     scenarios: dict[str, Scenario] = {}
     for variant, given in all_changes.items():
@@ -235,9 +243,48 @@ def resume_comparison(store: RunStore, executor: Executor, on_progress: OnPlanPr
 
 def open_plan(store: RunStore) -> VariantPlan:
     """The plan of the comparison in a folder."""
-    arguments = store.told
-    scenarios = {variant: load_text(text) for variant, text in arguments["scenarios"].items()}
-    return _plan_variants(scenarios, arguments["changes"], arguments["seeds"])
+    who = str(store.path)
+    told: _Told = check_type(store.told, _Told, who, f"{PLAN}: told")
+    if UNCHANGED not in told["scenarios"] or told["scenarios"].keys() != told["changes"].keys():
+        value = ", ".join(told["scenarios"]) or "none"
+        expected = f"{UNCHANGED} and variants, with the changes of each"
+        raise InputError.one(who, f"{PLAN}: told.scenarios", value, expected, "The file is damaged.")
+    sizes = {"variants": len(told["scenarios"]), "seeds": told["seeds"]}
+    check_size(who, sizes, max(MAX_RUNS, int(store.manifest["blocks"])), "The file was changed by hand or is damaged.")
+    scenarios = {variant: load_text(text) for variant, text in told["scenarios"].items()}
+    return _plan_variants(scenarios, told["changes"], told["seeds"])
+
+
+class _Told(TypedDict):
+    """What `VariantPlan.tell` says."""
+
+    scenarios: dict[str, str]
+    changes: dict[str, list[str]]
+    seeds: Annotated[int, Field(ge=1)]
+
+
+class _StoredMeasures(TypedDict):
+    """The measures in `_StoredBlock`."""
+
+    values: dict[str, Finite]
+    delays_s: dict[str, Finite]
+
+
+class _StoredBlock(TypedDict):
+    """What `VariantPlan.measure` makes of a block."""
+
+    measures: _StoredMeasures
+    failed_missions: str | None
+
+
+def _read_block(store: RunStore, name: str) -> _StoredBlock:
+    """What a block measured. Raises `InputError` for a damaged file."""
+    _, data = store.read(name, _StoredBlock)
+    if data is None:
+        where = f"{BLOCKS}/{name}.json: data"
+        raise InputError.one(str(store.path), where, "nothing", "the measures of a run", "Delete it and resume.")
+    stored: _StoredBlock = data
+    return stored
 
 
 def _plan_variants(scenarios: Mapping[str, Scenario], changes: Mapping[str, Sequence[str]], seeds: int) -> VariantPlan:
@@ -251,7 +298,7 @@ def _fly(plan: VariantPlan, store: RunStore, executor: Executor, on_progress: On
     measured: dict[tuple[str, int], RunMeasures] = {}
     failed: list[str] = []
     for block, flight in plan.flights.items():
-        _, data = store.read(block.name)
+        data = _read_block(store, block.name)
         measured[flight] = RunMeasures(**data["measures"])
         failed += [data["failed_missions"]] if data["failed_missions"] else []
     result = Comparison(store.path, plan.name, plan.seeds, plan.changes, measured, failed)

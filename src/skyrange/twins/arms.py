@@ -96,6 +96,15 @@ def plan_arms(
     return [*arms, Arm(HONEST)] if honest else arms
 
 
+def count_arms(
+    attacks: Mapping[str, Counterfactual], selection: Selection | None = None, *, honest: bool = False
+) -> int:
+    """At least how many arms `plan_arms` makes; subsets are counted without making them."""
+    if selection == "subsets":
+        return 1 << len(attacks)
+    return len(plan_arms(attacks, selection, honest=honest))
+
+
 def baseline_of(attacks: Mapping[str, Counterfactual], arms: Sequence[Arm]) -> str | None:
     """The name of the arm with all attacks in their counterfactual states; `None` if it was not run."""
     if "sham" not in attacks.values():

@@ -8,7 +8,6 @@ to a hostile act.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -20,6 +19,7 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.metrics.time_series import RecordedNote, read_notes
 from skyrange.record import RunRecord
+from skyrange.record.notes import parse_details
 
 LAYERS: Final = ("adversary", "fault", "radio", "approval", "companion", "MAVLink", "autopilot", "sensors", "flight")
 MAX_AIRCRAFT: Final = 4
@@ -186,7 +186,7 @@ def _grouped(chain: Sequence[Row], decision: RecordedNote | None) -> list[tuple[
 
 def _describe(kind: str, data: Any) -> str:
     """An event or a decision in words."""
-    details = json.loads(data) if isinstance(data, str) and data.startswith("{") else data
+    details = parse_details(data) if isinstance(data, str) else data
     name = kind.partition(".")[2].replace("_", " ")
     if isinstance(details, Mapping):
         for key in ("mode", "action", "why", "failsafe"):
@@ -201,13 +201,13 @@ def _add_near_misses(path: CausalPath, rows: Sequence[Row], reached: Mapping[str
     for row in rows:
         if row["kind"] not in ("near_miss", "event.collision") or row["vehicle"] not in reached:
             continue
-        data = json.loads(row["data"]) if row["data"] else {}
+        data = parse_details(row["data"])
         other = str(data.get("with", ""))
         if frozenset((row["vehicle"], other)) in seen:
             continue
         seen.add(frozenset((row["vehicle"], other)))
         mishap = "near miss" if row["kind"] == "near_miss" else "collision"
-        away = f" at {data['distance_m']:.2f} m" if "distance_m" in data else ""
+        away = f" at {data['distance_m']:.2f} m" if isinstance(data.get("distance_m"), int | float) else ""
         step = Step(to_seconds(row["at_ns"]), "flight", f"{row['vehicle']} and {other}", f"{mishap}{away}")
         for vehicle in (row["vehicle"], other):
             if vehicle in reached:

@@ -6,19 +6,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NotRequired
 
 import pyarrow as pa
-import pyarrow.parquet as pq
+from pydantic import ConfigDict, with_config
+from typing_extensions import TypedDict
 
 from skyrange.core.errors import InputError
-from skyrange.core.files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
+from skyrange.core.files import expand_user
+from skyrange.core.parquet_files import read_table
+from skyrange.core.typed_json import Finite, Int64, read_formatted, require_type
 from skyrange.record import RunRecord, load
 from skyrange.statistics.means import Interval, estimate_mean
-from skyrange.twins.arms import NOMINAL, SHAM
-from skyrange.twins.effects import CHANGES, MEASURES
+from skyrange.twins.arms import ATTACKED, NOMINAL, SHAM
+from skyrange.twins.attribution import attribution_table
+from skyrange.twins.effects import CHANGES, MEASURES, effects_table
 from skyrange.twins.failed_missions import FailedMissions, find_failed_missions
 from skyrange.twins.lie_and_truth import lie_and_truth_table
+from skyrange.twins.propagation import propagation_table
 
 FORMAT: Final = "skyrange.pair/4"
 """The format of a pair's folder, and the only one that is read."""
@@ -28,6 +33,33 @@ EFFECTS: Final = "effects.parquet"
 PROPAGATION: Final = "propagation.parquet"
 ATTRIBUTION: Final = "attribution.parquet"
 LIE_AND_TRUTH: Final = "honest.parquet"
+
+
+class _Run(TypedDict):
+    """A run of a pair in the manifest."""
+
+    arm: str
+    seed: Int64
+    folder: str
+    error: str | None
+
+
+@with_config(ConfigDict(extra="allow"))
+class _Manifest(TypedDict):
+    """Contents of `pair.json`."""
+
+    format: str
+    name: str
+    arms: list[str]
+    active: dict[str, list[str]]
+    attacks: dict[str, str]
+    faults: list[str]
+    baseline: str | None
+    seeds: list[Int64]
+    near_m: Finite
+    threshold_m: Finite
+    status: NotRequired[str]
+    runs: NotRequired[list[_Run]]
 
 
 @dataclass(frozen=True)
@@ -84,23 +116,26 @@ class Pair:
     @property
     def effects(self) -> pa.Table:
         """The table of `effects.parquet`."""
-        return pq.read_table(self.path / EFFECTS)
+        return self._read(EFFECTS, effects_table([]).schema)
 
     @property
     def attribution(self) -> pa.Table:
         """The table of `attribution.parquet`: how each attack relates to each effect."""
-        return pq.read_table(self.path / ATTRIBUTION)
+        return self._read(ATTRIBUTION, attribution_table([]).schema)
 
     @property
     def propagation(self) -> pa.Table:
         """The table of `propagation.parquet`: every hostile act and its consequences."""
-        return pq.read_table(self.path / PROPAGATION)
+        return self._read(PROPAGATION, propagation_table([]).schema)
 
     @property
     def lie_and_truth(self) -> pa.Table:
         """The table of `honest.parquet`: reactions to the claimed aircraft and to real ones. Empty without that arm."""
-        path = self.path / LIE_AND_TRUTH
-        return pq.read_table(path) if path.exists() else lie_and_truth_table([])
+        empty = lie_and_truth_table([])
+        return self._read(LIE_AND_TRUTH, empty.schema) if (self.path / LIE_AND_TRUTH).exists() else empty
+
+    def _read(self, name: str, declared: pa.Schema) -> pa.Table:
+        return read_table(self.path / name, str(self.path), name, declared)
 
     @cached_property
     def failed_missions(self) -> list[FailedMissions]:
@@ -122,13 +157,13 @@ def load_pair(path: Path | str) -> Pair:
     """Open a pair's folder; raises `InputError` if it is not one, or is of another format."""
     folder = expand_user(path)
     who = str(folder)
-    data = read_input(folder / MANIFEST, who, MANIFEST, max_bytes=MAX_RECORD_BYTES, expected="the file of a pair")
-    manifest = parse_json(data, who, MANIFEST)
-    pair_format = manifest.get("format") if isinstance(manifest, dict) else type(manifest).__name__
-    if pair_format != FORMAT:
-        other = str(pair_format).startswith("skyrange.pair/")
-        hint = "It was made by another version of skyrange: fly the pair again." if other else ""
-        raise InputError.one(who, f"{MANIFEST}: format", repr(pair_format), repr(FORMAT), hint)
+    manifest = read_formatted(folder / MANIFEST, FORMAT, who, MANIFEST, remedy="fly the pair again.")
+    require_type(manifest, _Manifest, who, MANIFEST)
+    arms = manifest["arms"]
+    if not manifest["seeds"] or ATTACKED not in arms or not {NOMINAL, SHAM} & {*arms}:
+        value = f"arms {', '.join(arms) or 'none'}, {len(manifest['seeds'])} seeds"
+        expected = f"{ATTACKED}, {NOMINAL} or {SHAM}, and at least one seed"
+        raise InputError.one(who, MANIFEST, value, expected, "The file was changed by hand or is damaged.")
     return Pair(folder, manifest)
 
 

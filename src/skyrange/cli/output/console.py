@@ -8,7 +8,9 @@ printed as escapes such as `\x1b`.
 from __future__ import annotations
 
 import json
+import math
 import sys
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.output.escaping import escape, is_control
@@ -38,15 +40,29 @@ def print_unverified(folder: Path, *, is_pair: bool = False) -> None:
 
 
 def print_json(data: Any) -> None:
-    """Print one JSON value on standard output, for scripts."""
+    """Print one JSON value on standard output, for scripts. A number that is infinite or NaN, which JSON has not, is
+    null.
+    """
     unicode = "utf" in (sys.stdout.encoding or "").lower()
-    text = json.dumps(data, indent=2, ensure_ascii=not unicode, allow_nan=False)
+    try:
+        text = json.dumps(data, indent=2, ensure_ascii=not unicode, allow_nan=False)
+    except ValueError:
+        text = json.dumps(_nulled(data), indent=2, ensure_ascii=not unicode, allow_nan=False)
     if not text.replace("\n", "").isprintable():  # what is left of such characters stands inside strings
         text = "".join(
             json.dumps(character)[1:-1] if character != "\n" and is_control(character) else character
             for character in text
         )
     print(text, flush=True)
+
+
+def _nulled(value: Any) -> Any:
+    """Plain data with null for numbers that are infinite or NaN."""
+    if isinstance(value, Mapping):
+        return {key: _nulled(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_nulled(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def terminal(*, stderr: bool = False) -> Console:

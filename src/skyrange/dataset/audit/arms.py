@@ -10,12 +10,12 @@ from typing import Any, Final
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
 from skyrange.dataset.contents import RUNS
 from skyrange.dataset.labels import ATTACK, INTRUSION, SHAM
 from skyrange.dataset.progress import require_whole
+from skyrange.dataset.reading import read_runs, read_view
 
 NEVER: Final = 2**62
 """The time of what does not happen, in ns."""
@@ -54,7 +54,7 @@ def read_arms(folder: Path) -> list[ArmOfBlock]:
     episodes: dict[str, list[dict[str, Any]]] = {}
     faults: dict[str, set[tuple[str, str, int]]] = {}
     for path in sorted(folder.glob("view=episodes/split=*/*.parquet")):
-        for row in pq.ParquetFile(path).read().to_pylist():
+        for row in read_view(folder, "episodes", path).to_pylist():
             if row["role"] != "fault":
                 episodes.setdefault(row["run"], []).append(row)
             else:
@@ -62,7 +62,7 @@ def read_arms(folder: Path) -> list[ArmOfBlock]:
                 faults.setdefault(row["run"], set()).add(fault)
     departures, answers = _read_departures(folder), _read_answers(folder)
     arms = []
-    for row in pq.read_table(folder / RUNS).to_pylist():
+    for row in read_runs(folder):
         run_episodes = episodes.get(row["run"], [])
         roles = {episode["role"] for episode in run_episodes}
         role = "attacked" if ATTACK in roles else "sham" if roles & {SHAM, INTRUSION} else "nominal"
@@ -124,7 +124,7 @@ def _read_departures(folder: Path) -> dict[str, dict[str, int | None]]:
     departures: dict[str, dict[str, int | None]] = {}
     columns = ["run", "vehicle", "time_ns", "effect"]
     for path in sorted(folder.glob("view=aircraft/split=*/*.parquet")):
-        table = pq.ParquetFile(path).read(columns=columns)
+        table = read_view(folder, "aircraft", path, columns)
         last = pc.if_else(pc.fill_null(table.column("effect"), fill_value=True), -1, table.column("time_ns"))
         ends = pa.table({**{name: table.column(name) for name in columns[:2]}, "last": last,
                          "known": pc.is_valid(table.column("effect")),
@@ -140,7 +140,7 @@ def _read_answers(folder: Path) -> dict[str, int]:
     """By run, when the first frame was seen that follows from an act and is none, such as an acknowledgement."""
     first_answers: dict[str, int] = {}
     for path in sorted(folder.glob("view=mavlink/split=*/*.parquet")):
-        table = pq.ParquetFile(path).read(columns=["run", "time_ns", "steps", "derived", *_OF_SHAMS])
+        table = read_view(folder, "mavlink", path, ["run", "time_ns", "steps", "derived", *_OF_SHAMS])
         of_acts = reduce(pc.or_, [table.column(name) for name in ("derived", *_OF_SHAMS)])
         answers = pc.and_(pc.greater(table.column("steps"), 0), of_acts)
         first = table.filter(answers).group_by("run").aggregate([("time_ns", "min")])

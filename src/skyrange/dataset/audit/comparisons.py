@@ -13,15 +13,14 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from skyrange.core.time import Time
 from skyrange.dataset.audit.arms import ArmOfBlock, cut_at_faults, group_by_block, read_arms
 from skyrange.dataset.audit.classifier import Comparison, LeakFinding, audit_comparison
 from skyrange.dataset.columns import VIEWS, WINDOW_KEYS, observable_columns
-from skyrange.dataset.contents import RUNS
 from skyrange.dataset.families import TIMING_KINDS
+from skyrange.dataset.reading import read_runs, read_view
 from skyrange.dataset.windows import WINDOW_NS
 
 NAME: Final = "shared by splits"
@@ -33,7 +32,7 @@ def find_crossings(folder: Path) -> LeakFinding:
     Windows count with their times: two that are equal at the same time of two runs are one observation. Those that the
     data set marks as duplicates are left out, as by whoever uses it.
     """
-    runs = pq.read_table(folder / RUNS).to_pylist()
+    runs = read_runs(folder)
     shared: list[str] = []
     for column in ("seed", "flight"):
         by_split: dict[str, set[str]] = {}
@@ -46,15 +45,15 @@ def find_crossings(folder: Path) -> LeakFinding:
         hashes: dict[str, set[str]] = {}
         for path in sorted(folder.glob(f"view={view}/split=*/*.parquet")):
             split = path.parent.name.partition("=")[2]
-            hashes.setdefault(split, set()).update(_hashes(path))
+            hashes.setdefault(split, set()).update(_hashes(folder, view, path))
         windows += sum(map(len, hashes.values()))
         shared += [f"{view} windows of {text}" for text in _overlaps(hashes)]
     blocks = len({row["block"] for row in runs})
     return LeakFinding(NAME, windows, blocks, None, None, None, tuple(shared), differing={})
 
 
-def _hashes(path: Path) -> set[str]:
-    table = pq.ParquetFile(path).read(columns=["content_hash", "duplicate_of"])
+def _hashes(folder: Path, view: str, path: Path) -> set[str]:
+    table = read_view(folder, view, path, ["content_hash", "duplicate_of"])
     hashes = table.filter(pc.is_null(table.column("duplicate_of"))).column("content_hash")
     return {value for value in hashes.unique().to_pylist() if value}
 
@@ -256,7 +255,7 @@ def _files(folder: Path, view: str, block: str) -> list[Path]:
 
 
 def _read_block(folder: Path, view: str, block: str, columns: Sequence[str] | None = None) -> pa.Table | None:
-    tables = [pq.ParquetFile(path).read(columns=columns) for path in _files(folder, view, block)]
+    tables = [read_view(folder, view, path, columns) for path in _files(folder, view, block)]
     return pa.concat_tables(tables) if tables else None
 
 

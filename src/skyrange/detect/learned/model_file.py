@@ -10,18 +10,18 @@ gradient boosting machine", Annals of Statistics 29 (2001), p. 1189-1232, algori
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from skyrange.contracts.frames import Ints
 from skyrange.core.errors import InputError
-from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, read_input
+from skyrange.core.files import atomic_write
 from skyrange.core.time import Time, from_seconds
+from skyrange.core.typed_json import Int64, check_type, read_formatted
 from skyrange.detect.episodes import MAX_SCORE
 from skyrange.detect.series import Floats
 from skyrange.detect.window_features import NAMES
@@ -36,11 +36,11 @@ class TreeTable(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    roots: tuple[int, ...] = Field(min_length=1, description="The root of each tree, a number of a node.")
-    feature: tuple[int, ...] = Field(description="The feature that the node compares; -1 for a leaf.")
+    roots: tuple[Int64, ...] = Field(min_length=1, description="The root of each tree, a number of a node.")
+    feature: tuple[Int64, ...] = Field(description="The feature that the node compares; -1 for a leaf.")
     threshold: tuple[float, ...] = Field(description="Windows up to this value go to the left.")
-    left: tuple[int, ...] = Field(description="The left child, a later node; -1 for a leaf.")
-    right: tuple[int, ...] = Field(description="The right child, a later node; -1 for a leaf.")
+    left: tuple[Int64, ...] = Field(description="The left child, a later node; -1 for a leaf.")
+    right: tuple[Int64, ...] = Field(description="The right child, a later node; -1 for a leaf.")
     missing_left: tuple[bool, ...] = Field(description="Whether windows without this feature go to the left.")
     value: tuple[float, ...] = Field(
         description="Of a leaf: in an isolation forest the path length, its depth and c(n) for the n windows that it "
@@ -127,7 +127,9 @@ class ModelFile(BaseModel):
         description="Values that stand for missing features, the medians of the training. Without, the trees have a "
         "branch for a missing value.",
     )
-    samples: int = Field(default=0, ge=0, description="Windows of which each tree of an isolation forest was made.")
+    samples: int = Field(
+        default=0, ge=0, lt=2**63, description="Windows of which each tree of an isolation forest was made."
+    )
     threshold: float = Field(gt=0, description="The odds at which the score is 1.")
     training: dict[str, Any] = Field(default_factory=dict, description="What it was trained on, and with what.")
     trees: TreeTable = Field(description="The trees.")
@@ -180,13 +182,7 @@ def write_model(model: ModelFile, path: Path) -> None:
 
 def read_model(path: Path) -> ModelFile:
     """The model in a file. Raises `InputError` for one that is missing, damaged or of another format."""
-    data = read_input(path, "model", max_bytes=MAX_RECORD_BYTES, expected="a model of skyrange study score")
-    try:
-        content = json.loads(data)
-        if not isinstance(content, dict) or content.get("format") != FORMAT:  # nothing of another file is quoted
-            raise InputError.one(f"model {path}", "format", "another", f"a model of the format {FORMAT}")
-        return ModelFile.model_validate(content)
-    except (ValueError, ValidationError, RecursionError) as error:
-        first = error.errors()[0] if isinstance(error, ValidationError) else {"loc": (), "msg": str(error)}
-        where = ".".join(map(str, first["loc"])) or "file"
-        raise InputError.one(f"model {path}", where, first["msg"], f"a model of the format {FORMAT}") from error
+    who = f"model {path}"
+    data = read_formatted(path, FORMAT, who, "file", remedy="train it again.")
+    model: ModelFile = check_type(data, ModelFile, who, "file", hint="Train it again with this version.")
+    return model

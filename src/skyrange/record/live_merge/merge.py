@@ -8,7 +8,6 @@ The same recovers the record of a range whose supervisor was killed, from the pa
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -29,6 +28,7 @@ from skyrange.record.live_merge.crossing_frames import ROWS, CrossingMatcher, Re
 from skyrange.record.live_merge.frame_matching import FrameIdMap
 from skyrange.record.live_merge.node_record import INCOMING, NodeRecord, attached_files
 from skyrange.record.manifest import MANIFEST, RUNNING, read_manifest
+from skyrange.record.notes import parse_details
 from skyrange.record.read.time_order import merge_sorted, sort_by_time
 from skyrange.record.spool import SPOOL, Spool, read_spool
 from skyrange.record.write.recorder import Recorder
@@ -179,7 +179,7 @@ def _notes(parts: Sequence[NodeRecord], table: str, id_maps: Sequence[FrameIdMap
     for rows in _interleaved(parts, table):
         for row in rows.to_pylist():
             causes = tuple(map(id_maps[row["part"]].resolve_text, row["causes"] or ()))
-            yield row["time_ns"], row["source"], Note(row["kind"], row["about"], json.loads(row["data"]), causes)
+            yield row["time_ns"], row["source"], Note(row["kind"], row["about"], parse_details(row["data"]), causes)
 
 
 def _labels(parts: Sequence[NodeRecord], id_maps: Sequence[FrameIdMap]) -> Iterator[Label]:
@@ -197,7 +197,7 @@ def _labels(parts: Sequence[NodeRecord], id_maps: Sequence[FrameIdMap]) -> Itera
 def _alerts(parts: Sequence[NodeRecord]) -> Iterator[tuple[int, str, Alert]]:
     for rows in _interleaved(parts, "alerts"):
         for row in rows.to_pylist():
-            alert = Alert(row["at_ns"], row["subject"], row["kind"], row["score"], json.loads(row["data"]))
+            alert = Alert(row["at_ns"], row["subject"], row["kind"], row["score"], parse_details(row["data"]))
             yield row["time_ns"], row["detector"], alert
 
 
@@ -223,6 +223,37 @@ _OF_THE_WHOLE: Final = {"format", "status", "skyrange", "versions", "platform", 
 """Entries that the new record's manifest sets itself."""
 
 
+def describe_parts(run: Path, status: str) -> str:
+    """What a reader of a live run's folder should know of parts that are not merged; "" where there are none.
+
+    `status` is that of its manifest.
+    """
+    parts = _find_parts(run)
+    if not parts:
+        return ""
+    if status == RUNNING and _is_written_to(run, parts):
+        return "the range is flying, or its records are being merged: what there is of them is not whole yet"
+    return f"the records of the range's processes are not merged: `skyrange merge {run}` merges them"
+
+
+def _find_parts(run: Path) -> list[Path]:
+    return sorted(path.parent for path in (run / PARTS).glob(f"*/{MANIFEST}"))
+
+
+def _is_written_to(run: Path, parts: Sequence[Path]) -> bool:
+    """Whether parts are recorded, or merged into the spool of the run."""
+    times_s = [_changed_s(path) for folder in (*parts, run / SPOOL) for path in (folder, *folder.rglob("*"))]
+    return time.time() - max(times_s, default=0.0) < ACTIVE_S
+
+
+def _changed_s(path: Path) -> float:
+    """When a file was changed; long ago if it has been removed meanwhile."""
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
+
+
 def recover_run(run: Path, out: Path) -> None:
     """Merge the parts in a live run's folder `run` into one record in `out`, a folder that does not exist or is empty.
 
@@ -230,12 +261,11 @@ def recover_run(run: Path, out: Path) -> None:
     `InputError` if `run` has no parts or if they are still being written.
     """
     manifest = read_manifest(run)
-    parts = sorted(path.parent for path in (run / PARTS).glob(f"*/{MANIFEST}"))
+    parts = _find_parts(run)
     if not parts:
         hint = "A live range leaves parts behind if it was killed, or if the disk was too full to merge them."
         raise InputError.one("merge", str(run), f"no parts in {PARTS}", "the folder of a live range with parts", hint)
-    newest = max(path.stat().st_mtime for part in parts for path in part.rglob("*"))
-    if manifest["status"] == RUNNING and time.time() - newest < ACTIVE_S:
+    if manifest["status"] == RUNNING and _is_written_to(run, parts):
         raise InputError.one("merge", str(run), "still written to", "a range that has ended", "Stop it with Ctrl-C.")
     header: dict[str, Any] = {key: value for key, value in manifest.items() if key not in _OF_THE_WHOLE}
     why = {"error": manifest.get("error", "the supervisor was killed")}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -17,9 +16,11 @@ from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
 from skyrange.core.ids import FrameId
 from skyrange.core.time import to_seconds
+from skyrange.core.typed_json import require_type
 from skyrange.record.folder import check_folder_name
 from skyrange.record.manifest import RUNNING, origin_of, read_manifest, start_unix_ns_of
-from skyrange.record.notes import CRASH, OUTCOME, outcomes_of_events, vehicle_ids
+from skyrange.record.manifest_types import Building
+from skyrange.record.notes import CRASH, OUTCOME, outcomes_of_events, parse_details, vehicle_ids
 from skyrange.record.read.features import count_features, features_period_ns, merge_features
 from skyrange.record.read.notebook import describe_record, render_record
 from skyrange.record.read.observations import derive_observations, observations_table
@@ -219,9 +220,9 @@ class RunRecord:
             return []
         who = str(self.path)
         buildings = parse_json(read_input(path, who, path.name, max_bytes=MAX_RECORD_BYTES), who, path.name)
-        if not isinstance(buildings, list):
-            raise InputError.one(who, path.name, type(buildings).__name__, "a JSON list of buildings")
-        return buildings
+        require_type(buildings, list[Building], who, path.name)
+        found: list[dict[str, Any]] = buildings
+        return found
 
     @property
     def outcomes(self) -> dict[str, dict[str, Any]]:
@@ -234,7 +235,7 @@ class RunRecord:
             return dict(declared)
         table = self.tables.table("events", ["time_ns", "kind", "about", "data"])
         ends = table.filter(pc.is_in(table.column("kind"), pa.array([OUTCOME, CRASH]))).to_pylist()
-        events = ((row["time_ns"], row["kind"], row["about"], json.loads(row["data"])) for row in ends)
+        events = ((row["time_ns"], row["kind"], row["about"], parse_details(row["data"])) for row in ends)
         return outcomes_of_events(vehicle_ids(self.manifest), events)
 
     @property

@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError
+from skyrange.core.parquet_files import check_columns, check_values, read_table
 from skyrange.record.read.time_order import interleave, time_key
 from skyrange.record.schema import (
     FULL,
@@ -125,22 +126,26 @@ class Tables:
         """The schema of a table in this run."""
         if not self.spooled:
             for path in self._parquet(name):
-                return self._parquet_schema(path)
+                return self._parquet_schema(name, path)
         elif name == "truth":
             for root, file in ((folder, file) for folder in self._roots() for file in spool_files(folder, name)):
                 if file.closed:
-                    return self._parquet_schema(file.path)
+                    return self._parquet_schema(name, file.path)
                 try:
                     first = next(read_stream(file.path, trusted=self.trusted), None)
                 except FileNotFoundError:
-                    return self._parquet_schema(self._part_of(root, name, file).path)
+                    return self._parquet_schema(name, self._part_of(root, name, file).path)
                 if first is not None:
                     return arrow_schema(name, truth_columns(first.schema.names[3:]))
         return arrow_schema(name)
 
-    def _parquet_schema(self, path: Path) -> pa.Schema:
+    def _parquet_schema(self, name: str, path: Path) -> pa.Schema:
+        """The schema of a file of a table, if it is as declared; truth may have more columns."""
         with self._name_damaged_file(path):
-            return plain_schema(pq.read_schema(path))
+            schema = plain_schema(pq.read_schema(path))
+        declared = arrow_schema(name, truth_columns(schema.names[3:]) if name == "truth" else None)
+        check_columns(schema, declared, str(self.folder), self._name(path))
+        return schema.remove_metadata().with_metadata(declared.metadata) if schema == declared else declared
 
     def batches(
         self, name: str, columns: Sequence[str] | None = None, *, encoded: bool = False
@@ -183,8 +188,12 @@ class Tables:
             yield decode_spooled(batch, schema)
 
     def _part(self, path: Path, schema: pa.Schema, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
+        who, where = str(self.folder), self._name(path)
         with self._name_damaged_file(path), pq.ParquetFile(path, read_dictionary=list(names)) as file:
-            yield from file.iter_batches(batch_size=BATCH_ROWS, columns=schema.names)
+            check_columns(file.schema_arrow, schema, who, where)
+            for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=schema.names):
+                check_values(batch, schema, who, where)
+                yield batch
 
     def _recorded(self, root: Path, name: str, schema: pa.Schema, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
         """The rows of a shard of a run in progress: those that were there when reading began, and what the last segment
@@ -230,21 +239,17 @@ class Tables:
         shards = table_shards((self.folder / name).absolute())
         if not shards:
             return schema.empty_table()
-        tables = []
-        for path in (path for shard in shards for path in shard):
-            with self._name_damaged_file(path), pq.ParquetFile(path) as file:
-                table = file.read()
-                tables.append(table.cast(plain_schema(table.schema)))
+        paths = [path for shard in shards for path in shard]
+        tables = [read_table(path, str(self.folder), self._name(path), schema) for path in paths]
         joined = pa.concat_tables(tables)
         key = time_key(joined.schema)
         return joined if len(shards) == 1 or key is None else joined.sort_by([(key, "ascending")])
 
-    def file_batches(self, name: str) -> Iterator[pa.RecordBatch]:
+    def file_batches(self, name: str, schema: pa.Schema) -> Iterator[pa.RecordBatch]:
         """The rows of `file` in batches, in the order of its parts."""
         for path in table_files((self.folder / name).absolute()):
-            with self._name_damaged_file(path), pq.ParquetFile(path) as file:
-                for batch in file.iter_batches(BATCH_ROWS):
-                    yield from pa.Table.from_batches([batch]).cast(plain_schema(batch.schema)).to_batches()
+            for batch in self._part(path, schema, ()):
+                yield from pa.Table.from_batches([batch]).cast(plain_schema(batch.schema)).to_batches()
 
     def file_rows(self, name: str) -> int:
         """Number of rows of a Parquet file of the folder; 0 if it is not there."""
@@ -318,8 +323,10 @@ class Tables:
             yield
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:  # the last: names of columns
             reason = str(error).splitlines()[0]
-            where = str(path.relative_to(self.folder.absolute()))
-            raise InputError.one(str(self.folder), where, reason, "a complete Parquet file") from error
+            raise InputError.one(str(self.folder), self._name(path), reason, "a complete Parquet file") from error
+
+    def _name(self, path: Path) -> str:
+        return str(path.relative_to(self.folder.absolute()))
 
     def _parquet(self, name: str) -> list[Path]:
         # absolute, because Arrow reads a relative name with a colon as a URI

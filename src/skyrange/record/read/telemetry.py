@@ -118,6 +118,6 @@ def message_batches(tables: Tables, message: str) -> Iterator[pa.RecordBatch]:
     parts = [] if tables.spooled else table_files((tables.folder / name).absolute())
     if len(parts) == 1:
         tables.require(FOLDER)
-        yield from tables.file_batches(name)
+        yield from tables.file_batches(name, message_schema(message))
     else:
         yield from read_message(tables, message).to_batches(max_chunksize=BATCH_ROWS)

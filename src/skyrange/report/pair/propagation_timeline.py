@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,6 +11,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.figures.subject import Subject
 from skyrange.figures.svg import format_number, format_tick, ticks
 from skyrange.figures.twins import Span
+from skyrange.record.notes import parse_details
 from skyrange.report import quantities
 from skyrange.report.rendering import render
 from skyrange.report.viewer import at_moment, link_moment
@@ -88,7 +88,7 @@ def _step(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
         "vehicle": row["vehicle"],
         "place": places.get(row["vehicle"]),
         "what": what,
-        "data": json.loads(row["data"]) if row["data"] else None,
+        "data": parse_details(row["data"]) if row["data"] else None,
         "source": row["source"],
         "numbers": (at_moment(quantities.quantity(at_s, "s", 2), at_s, row["vehicle"] or ""), depth),
     }

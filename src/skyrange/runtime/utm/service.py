@@ -53,7 +53,7 @@ _DSS: Final = "uss:dss"
 
 
 def serve(configs: Sequence[ServiceConfig], on_ready: Callable[[str, str], None]) -> None:
-    """Run services until SIGINT or SIGTERM; `on_ready(name, url)` is called for each when it listens.
+    """Run services until SIGINT, SIGTERM or SIGHUP; `on_ready(name, url)` is called for each when it listens.
 
     Raises `InputError`, `OSError` for an address that cannot be used, and `ComponentError` if a service fails.
     """
@@ -64,7 +64,8 @@ def serve(configs: Sequence[ServiceConfig], on_ready: Callable[[str, str], None]
 async def _serve(configs: Sequence[ServiceConfig], on_ready: Callable[[str, str], None]) -> None:
     loop = asyncio.get_running_loop()
     stopped = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    hang_up = () if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else (signal.SIGHUP,)
+    for number in (signal.SIGINT, signal.SIGTERM, *hang_up):
         loop.add_signal_handler(number, stopped.set)
     hosts: dict[str, AgentHost] = {}
     async with AsyncExitStack() as stack:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -19,6 +20,7 @@ from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.design.factors import BUILDINGS, GRID, SCENARIO, WHOLE_KEYS, Factor, is_city_file
 from skyrange.study.design.model import Study, StudyArm
 from skyrange.study.feature_windows import COLLECTOR, check_collector
+from skyrange.study.plan_size import check_size
 from skyrange.twins.arms import ATTACKED, NOMINAL, SHAM, Arm, acting_attacks, scenario_of
 
 Point = dict[str, Any]
@@ -116,7 +118,11 @@ class Block:
 
 
 def list_blocks(study: Study) -> list[Block]:
-    """All blocks of a study, in order: seed by seed, so that a part of the study has all points."""
+    """All blocks of a study, in order: seed by seed, so that a part of the study has all points.
+
+    Raises `InputError` for a study of more runs than its `max_runs`.
+    """
+    check_study_size(study)
     points = list_points(study)
     width = max(4, len(str(len(points) - 1)))
     return [
@@ -125,6 +131,15 @@ def list_blocks(study: Study) -> list[Block]:
         for number, values in enumerate(points)
         for seed in (study.first_seed + (round_ if study.shared_seeds else round_ * len(points) + number),)
     ]
+
+
+def check_study_size(study: Study) -> None:
+    """Raise `InputError` for a study of more runs than its `max_runs`."""
+    points = study.points
+    if study.sampling == "grid":
+        points = math.prod(len(_levels(factor)) for factor in study.factors)
+    sizes = {"points": points or 1, "seeds": study.seeds, "arms": len(study.arms)}
+    check_size(f"study {study.name}", sizes, study.max_runs, "Set max_runs in its file, or --set max_runs=N.")
 
 
 def scenario_in(study: Study, arm: StudyArm, block: Block) -> Scenario:

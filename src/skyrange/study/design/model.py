@@ -25,6 +25,7 @@ from skyrange.scenario.validation.error_messages import input_error
 from skyrange.study.columns import reserved_names
 from skyrange.study.design.factors import BUILDINGS, CITY, SCENARIO, WHOLE_KEYS, Factor, is_city_file, names_files
 from skyrange.study.matrix.model import Part
+from skyrange.study.plan_size import MAX_RUNS
 
 _WAYS: Final[Mapping[str, tuple[str, ...]]] = {
     "values": ("values", "named"),
@@ -248,6 +249,12 @@ class Study(Model):
         "everything, its folder as recorded; or a list of tables by name.",
     )
     max_disk_mb: Number | None = Field(default=None, gt=0, description="Most disk that runs may take, in MB.")
+    max_runs: Whole = Field(
+        default=MAX_RUNS,
+        ge=1,
+        le=2**53,
+        description="Most runs that it may have: points times seeds times arms.",
+    )
     run_limit_s: Number = Field(
         default=600.0, gt=0, description="Longest wall time of one run, in s; the process of a longer one is ended."
     )

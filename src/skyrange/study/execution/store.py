@@ -12,11 +12,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, NotRequired
+
+from typing_extensions import TypedDict
 
 from skyrange.contracts.plugins.registry import loaded_paths
 from skyrange.core.errors import InputError
-from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, lock_file, parse_json, read_input, refuse_links
+from skyrange.core.files import atomic_write, lock_file, refuse_links
+from skyrange.core.typed_json import Count, Finite, check_type, read_formatted, require_type
 from skyrange.record.folder import make_new_folder
 from skyrange.study.execution.plan import RunPlan
 
@@ -32,17 +35,31 @@ class BlockResult(NamedTuple):
     """What is known of a block that was flown."""
 
     name: str
-    runs: int
-    failed: int
+    runs: Count
+    failed: Count
     errors: tuple[str, ...]
-    wall_s: float
+    wall_s: Finite
     """Of everything."""
-    flight_s: float
+    flight_s: Finite
     """Of the flights themselves."""
-    disk_bytes: int
+    disk_bytes: Count
     """What its kept files take."""
     remarks: tuple[str, ...] = ()
     """What a user should know of the flights, beside errors."""
+
+
+class _PlanManifest(TypedDict):
+    """Contents of `plan.json`."""
+
+    format: str
+    kind: str
+    name: str
+    digest: str
+    skyrange: str
+    blocks: Count
+    plugins: list[str]
+    told: dict[str, Any]
+    also: NotRequired[list[str]]
 
 
 @dataclass(frozen=True)
@@ -87,21 +104,19 @@ class RunStore:
         folder = self.path / BLOCKS
         return {path.relative_to(folder).with_suffix("").as_posix() for path in folder.rglob("*.json")}
 
-    def read(self, name: str) -> tuple[BlockResult, Any]:
-        """The result of a finished block, and what it measured. Raises `InputError` for a damaged file."""
-        path = self._file(name)
-        try:
-            stored: dict[str, Any] = json.loads(read_input(path, "study", max_bytes=MAX_RECORD_BYTES))
-            block_format = stored.pop("format")
-            if block_format != _BLOCK_FORMAT:
-                raise ValueError(f"the format {block_format!r}")
-            data = stored.pop("data")
-            for name in {"errors", "remarks"} & stored.keys():
-                stored[name] = tuple(stored[name])
-            return BlockResult(**stored), data
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            expected = f"the file of a block, {_BLOCK_FORMAT}"
-            raise InputError.one("study", str(path), str(error), expected, "Delete it and resume.") from error
+    def read(self, name: str, kind: Any = Any) -> tuple[BlockResult, Any]:
+        """The result of a finished block, and what it measured, as a value of the type `kind`, or `None` if that is
+        nothing. Raises `InputError` for a file that is damaged, or of another block or type.
+        """
+        who, where, hint = str(self.path), f"{BLOCKS}/{name}.json", "Delete it and resume."
+        stored = read_formatted(self._file(name), _BLOCK_FORMAT, who, where, remedy="delete it and resume.")
+        data = stored.pop("data", None)
+        del stored["format"]
+        result: BlockResult = check_type(stored, BlockResult, who, where, hint=hint)
+        if result.name != name or (result.failed and not result.errors):
+            value = f"{result.name}, {result.failed} failed, {len(result.errors)} errors"
+            raise InputError.one(who, where, value, f"block {name}, and an error if a run failed", hint)
+        return result, None if data is None else check_type(data, kind, who, f"{where}: data", hint=hint)
 
     def write(self, result: BlockResult, data: Any) -> None:
         """Write the file of a finished block: it is there as a whole or not at all."""
@@ -184,12 +199,8 @@ def open_store(path: Path, kind: str | None = None) -> RunStore:
         raise InputError.one(
             who, MANIFEST, "missing", f"the folder of a {kind or 'pair, a comparison, a matrix or a study'}", hint
         )
-    data: Any = parse_json(read_input(manifest, who, MANIFEST, max_bytes=MAX_RECORD_BYTES), who, MANIFEST)
-    if not isinstance(data, dict) or data.get("format") != FORMAT or not isinstance(data.get("told"), dict):
-        plan_format = data.get("format") if isinstance(data, dict) else type(data).__name__
-        other = str(plan_format).startswith("skyrange.plan/") and plan_format != FORMAT
-        hint = "It was made by another version of skyrange: fly it again, in a new folder." if other else ""
-        raise InputError.one(who, f"{MANIFEST}: format", repr(plan_format), repr(FORMAT), hint)
+    data = read_formatted(manifest, FORMAT, who, MANIFEST, remedy="fly it again, in a new folder.")
+    require_type(data, _PlanManifest, who, MANIFEST)
     if kind is not None and data.get("kind") != kind:
         hint = "Choose another folder, or go on with what is there: skyrange resume FOLDER."
         raise InputError.one(who, f"{MANIFEST}: kind", repr(data.get("kind")), repr(kind), hint)

@@ -136,16 +136,7 @@ class Cell:
         return asdict(self)
 
 
-def read_cell(data: Mapping[str, Any]) -> Cell:
-    """A cell without candidates from its JSON data."""
-    nominal = [
-        Nominal(**{**entry, "transit_ms": {role: (low, high) for role, (low, high) in entry["transit_ms"].items()}})
-        for entry in data["nominal"]
-    ]
-    return Cell(**{**data, "nominal": nominal, "adaptive": (), "idle": ()})
-
-
-_BY_SEED: Final = (
+BY_SEED: Final = (
     "failed", "effects", "complete", "growth_m_per_min", "alarms_s", "watched_s", "false_alarms", "flown_h",
     "fault_alarms", "nominal", "honest_alarms",
 )  # fmt: skip
@@ -154,7 +145,7 @@ _BY_SEED: Final = (
 
 def join_seeds(cells: Sequence[Cell]) -> Cell:
     """The cell of all seeds, from those of one seed each, in order."""
-    lists: dict[str, Any] = {name: [value for cell in cells for value in getattr(cell, name)] for name in _BY_SEED}
+    lists: dict[str, Any] = {name: [value for cell in cells for value in getattr(cell, name)] for name in BY_SEED}
     return replace(cells[0], **lists)
 
 

@@ -12,10 +12,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from typing_extensions import TypedDict
+
 from skyrange.assembly.batches import count_together
 from skyrange.assembly.build import build
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write, expand_user
+from skyrange.core.typed_json import check_type
 from skyrange.record import RunRecord
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
@@ -29,11 +32,13 @@ from skyrange.study.execution.plan_run import (
     require_success,
     run_plan,
 )
-from skyrange.study.execution.store import RunStore, claim_store
-from skyrange.study.matrix.cells import Cell, join_seeds, measure_cell, read_cell
+from skyrange.study.execution.store import BLOCKS, RunStore, claim_store
+from skyrange.study.execution.store import MANIFEST as PLAN
+from skyrange.study.matrix.cells import BY_SEED, Cell, join_seeds, measure_cell
 from skyrange.study.matrix.model import UNDEFENDED, Column, Matrix, Row, locate_scenarios
 from skyrange.study.matrix.verdicts import Verdicts, judge_cells
 from skyrange.study.pairing import compare_arms, work_of
+from skyrange.study.plan_size import MAX_RUNS, check_size
 from skyrange.twins.arms import NOMINAL, Arm, acting_attacks, claiming_attacks, plan_arms, scenario_of
 
 FORMAT: Final = "skyrange.matrix/3"
@@ -188,7 +193,7 @@ class MatrixPlan(RunPlan):
 
     def _known_runs(self, cell: CellFlights, block: PlannedBlock, store: RunStore) -> dict[str, Path]:
         """The runs of the block that it waited for, by arm, that its own would be equal to."""
-        data = store.read(block.waits_for)[1] if block.waits_for else None
+        data = _read_block(store, block.waits_for) if block.waits_for else None
         if data is None:
             return {}
         same = [NOMINAL] if cell.candidate else data["quiet"].get(cell.column_id, ())
@@ -197,10 +202,10 @@ class MatrixPlan(RunPlan):
     def settle(self, block: PlannedBlock, store: RunStore) -> dict[str, Any] | None:
         """The measures of the undefended block, if the column's defences would have done nothing in any of its runs."""
         cell, _ = self._of[block.name]
-        data: dict[str, Any] | None = store.read(block.waits_for)[1]
+        data = _read_block(store, block.waits_for)
         if data is None or cell.candidate or len(data["quiet"].get(cell.column_id, ())) < len(block.folders):
             return None
-        return {**data, "cell": {**data["cell"], "column": cell.column_id}, "quiet": {}}
+        return {**data, "cell": replace(data["cell"], column=cell.column_id).data(), "quiet": {}}
 
     def measure(
         self, block: PlannedBlock, records: Mapping[str, RunRecord], errors: Mapping[str, str], store: RunStore
@@ -239,21 +244,48 @@ class MatrixPlan(RunPlan):
         """The cells of all finished blocks, by row and column, with their candidates."""
         cells: dict[tuple[str, str], Cell] = {}
         for cell in self.cells:
-            seed_data = [store.read(cell.block_name(seed))[1] for seed in cell.seeds(self.matrix.seeds)]
-            joined = join_seeds([read_cell(data["cell"]) for data in seed_data])
+            blocks = [_read_block(store, cell.block_name(seed)) for seed in cell.seeds(self.matrix.seeds)]
+            seed_data = [data for data in blocks if data is not None]  # all, because none has a failed run
+            joined = join_seeds([data["cell"] for data in seed_data])
             arms, key = len(cell.list_arms()), (cell.row.id, cell.column_id)
             if cell.candidate:
                 cells[key] = replace(cells[key], adaptive=(*cells[key].adaptive, joined))
                 continue
             if cell.column is None:
                 idle = tuple(
-                    column for column in cell.muted if all(len(seed["quiet"][column]) == arms for seed in seed_data)
+                    column
+                    for column in cell.muted
+                    if all(len(seed["quiet"].get(column, ())) == arms for seed in seed_data)
                 )
                 cells[key] = replace(joined, idle=idle)
             else:
                 is_idle = cell.column_id in cells[cell.row.id, UNDEFENDED].idle
                 cells[key] = replace(joined, failed=[]) if is_idle else joined
         return cells
+
+
+class _StoredBlock(TypedDict):
+    """What `MatrixPlan.measure` makes of a block."""
+
+    cell: Cell
+    runs: dict[str, str]
+    quiet: dict[str, list[str]]
+
+
+def _read_block(store: RunStore, name: str) -> _StoredBlock | None:
+    """What a block measured; `None` if a run failed. Raises `InputError` for a damaged file."""
+    result, data = store.read(name, _StoredBlock)
+    if data is None:
+        if not result.failed:
+            where = f"{BLOCKS}/{name}.json: data"
+            raise InputError.one(str(store.path), where, "nothing", "the measures of a block", "Delete it and resume.")
+        return None
+    cell: Cell = data["cell"]
+    lengths = {name: len(getattr(cell, name)) for name in BY_SEED if name != "failed"}
+    if max(lengths.values()) > 1 or not lengths["effects"] == lengths["alarms_s"] == lengths["watched_s"] == 1:
+        where = f"{BLOCKS}/{name}.json: data.cell"
+        raise InputError.one(str(store.path), where, repr(lengths), "the measures of one seed", "Delete it and resume.")
+    return {"cell": replace(cell, adaptive=(), idle=()), "runs": data["runs"], "quiet": data["quiet"]}
 
 
 def _folder_of(block: PlannedBlock) -> str:
@@ -298,6 +330,7 @@ def fly_matrix(
     executor: Executor | None = None,
     on_progress: OnPlanProgress | None = None,
     other_rows: Sequence[Row] = (),
+    max_runs: int = MAX_RUNS,
 ) -> MatrixResult:
     """Fly every cell of a matrix into `out`, by default the first free folder `runs/NAME`, `runs/NAME-2` …
 
@@ -306,11 +339,15 @@ def fly_matrix(
     reason. `other_rows` of the same file are not flown: a column that can be declared in one of them is not wrong.
     Raises `InputError` before anything is written for a scenario that is wrong without defences, for a column that can
     be declared in no row, for a folder of something else, and without SciPy; `ShortfallError` after Ctrl-C, with the
-    blocks flown so far in the folder; `ComponentError` if a run failed, when all else has been flown.
+    blocks flown so far in the folder; `ComponentError` if a run failed, when all else has been flown. More runs than
+    `max_runs` raise `InputError`.
     """
     jobs = jobs if jobs is not None else os.cpu_count() or 1
     if jobs < 1:
         raise InputError.one("matrix", "jobs", jobs, "1 or more")
+    variants = sum(len(variant.candidates) for row in matrix.rows for variant in row.adaptive)
+    cells = len(matrix.rows) * (len(matrix.columns) + 1) + variants * len(matrix.columns)
+    check_size("matrix", {"cells": cells, "seeds": matrix.seeds, "arms": 2}, max_runs, "Say --max-runs N.")
     load_special()  # the limits of rates need it, when all has been flown
     refusals: dict[tuple[str, str], Sequence[Problem]] = {}
     plan = MatrixPlan(matrix, list(_plan(matrix, refusals)), keep)
@@ -358,10 +395,23 @@ def plan_matrix(matrix: Matrix, keep: Keep) -> MatrixPlan:
 def resume_matrix(store: RunStore, executor: Executor, on_progress: OnPlanProgress | None = None) -> MatrixResult:
     """Go on with the matrix in a folder: `skyrange resume`. Raises the errors of `fly_matrix`."""
     load_special()
-    matrix = Matrix.model_validate(store.told["matrix"])
+    matrix, keep = read_told(store)
     refusals: dict[tuple[str, str], Sequence[Problem]] = {}  # its columns were checked when it was begun
-    plan = MatrixPlan(matrix, list(_plan(matrix, refusals)), store.told["keep"])
+    plan = MatrixPlan(matrix, list(_plan(matrix, refusals)), keep)
     return _fly_plan(plan, refusals, store.path, executor, on_progress)
+
+
+class _Told(TypedDict):
+    """What `MatrixPlan.tell` says."""
+
+    matrix: Matrix
+    keep: Keep
+
+
+def read_told(store: RunStore) -> tuple[Matrix, Keep]:
+    """The matrix in a folder, and what is kept of its runs. Raises `InputError` for a damaged plan."""
+    told: _Told = check_type(store.told, _Told, str(store.path), f"{PLAN}: told")
+    return told["matrix"], told["keep"]
 
 
 def describe(result: MatrixResult) -> dict[str, Any]:

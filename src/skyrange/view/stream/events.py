@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -15,6 +14,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.metrics.safety import Mishap
 from skyrange.metrics.time_series import RecordedNote, labelled_acts, read_notes
 from skyrange.record import RunRecord
+from skyrange.record.notes import parse_details
 from skyrange.record.read.observations import KEPT_NS
 from skyrange.record.schema import unit_of
 from skyrange.view.stream.messages import EVENTS, Message
@@ -170,7 +170,7 @@ def _describe_value(key: str, value: object) -> str:
 
 def describe_alert(row: Mapping[str, Any]) -> Row:
     """A row of `alerts` from one of that table in the record."""
-    data, score = json.loads(row["data"] or "{}"), float(row["score"])
+    data, score = parse_details(row["data"]), float(row["score"])
     texts = {"detector": row["detector"], "kind": row["kind"], "subject": row["subject"], "text": _describe(data)}
     return {"t": _seconds(row["time_ns"]), **texts, "score": score if np.isfinite(score) else 0.0}
 

@@ -1,0 +1,197 @@
+"""Types of the entries of a run's manifest that readers rely on; each may be absent, and there may be others."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Required
+
+from pydantic import ConfigDict, Field, with_config
+from typing_extensions import TypedDict
+
+from skyrange.core.typed_json import Count, Finite, Int64
+
+Place = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+"""East, north and up in metres."""
+_OTHERS = ConfigDict(extra="allow")
+
+
+@with_config(_OTHERS)
+class _Origin(TypedDict, total=False):
+    lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    lon_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
+    alt_msl_m: Finite | None
+    geoid_m: Finite | None
+
+
+@with_config(_OTHERS)
+class _Operator(TypedDict, total=False):
+    id: Required[str]
+    color: str
+
+
+@with_config(_OTHERS)
+class _Vehicle(TypedDict, total=False):
+    id: Required[str]
+    operator: Required[str]
+    color: str
+    autopilot: str
+    airframe: str
+    plan: str
+    expected: str
+    home_enu_m: Place | None
+    system_id: Count
+
+
+@with_config(_OTHERS)
+class _Link(TypedDict, total=False):
+    name: Required[str]
+    a: str
+    b: str
+    channel: dict[str, Any]
+
+
+@with_config(_OTHERS)
+class _Receiver(TypedDict, total=False):
+    id: Required[str]
+    operator: str
+    at_enu_m: Place
+
+
+@with_config(_OTHERS)
+class _Identified(TypedDict, total=False):
+    id: Required[str]
+
+
+@with_config(_OTHERS)
+class _Act(TypedDict, total=False):
+    id: Required[str]
+    kind: Required[str]
+    muted: bool
+    sham: bool
+    honest: bool
+    manual: bool
+    start_s: Finite | None
+    params: dict[str, Any]
+    touches: list[str]
+
+
+@with_config(_OTHERS)
+class _Reading(TypedDict, total=False):
+    kept: Count
+    features: Count
+    dropped: dict[str, Count]
+    repaired: Count
+    heights: dict[str, Count]
+    height_keys: dict[str, Count]
+    unreadable_heights: Count
+    notes: list[str]
+
+
+@with_config(_OTHERS)
+class _City(TypedDict, total=False):
+    name: str
+    source: str
+    buildings: Count
+    reading: _Reading | None
+
+
+@with_config(_OTHERS)
+class _IgnoredKey(TypedDict, total=False):
+    harmless: Required[bool]
+
+
+@with_config(_OTHERS)
+class _MissionFile(TypedDict, total=False):
+    file: Required[str]
+    items: Required[Count]
+    fence: Required[Count]
+    rally: Required[Count]
+    ignored: Required[list[_IgnoredKey]]
+
+
+@with_config(_OTHERS)
+class _Outcome(TypedDict):
+    state: str
+    reason: str
+    finished_s: Finite | None
+
+
+@with_config(_OTHERS)
+class _CorePart(TypedDict):
+    vehicles: Count
+    waited_s: Finite
+
+
+@with_config(_OTHERS)
+class _Cores(TypedDict, total=False):
+    asked: Required[Count]
+    used: Required[Count]
+    reason: Required[str]
+    parts: list[_CorePart]
+
+
+@with_config(_OTHERS)
+class _Repeatable(TypedDict, total=False):
+    kind: str
+    repeatable: Required[str]
+
+
+@with_config(_OTHERS)
+class _Live(TypedDict, total=False):
+    outside: list[str]
+
+
+@with_config(_OTHERS)
+class RunManifest(TypedDict, total=False):
+    """Contents of a run's `manifest.json`, but for `format`, `status` and `record`, which have their own checks."""
+
+    skyrange: str
+    versions: dict[str, str]
+    platform: dict[str, str]
+    name: str | None
+    seed: Int64 | None
+    start_utc: str
+    start_unix_ns: Any
+    duration_s: Finite | None
+    simulated_s: Annotated[float, Field(ge=0.0, lt=2**63 / 1e9)] | None
+    reason: str | None
+    error: str | None
+    origin: _Origin | None
+    operators: list[_Operator]
+    vehicles: list[_Vehicle]
+    links: list[_Link]
+    receivers: list[_Receiver]
+    constraints: list[_Identified]
+    city: _City | None
+    mission_files: list[_MissionFile]
+    placing: list[dict[str, Any]]
+    attacks: list[_Act]
+    faults: list[_Act]
+    defences: list[_Identified]
+    detectors: list[_Identified]
+    honest: list[_Identified]
+    engines: list[_Repeatable]
+    medium: _Repeatable | None
+    live: _Live | None
+    warnings: list[str]
+    withheld: list[str]
+    counts: dict[str, Count]
+    messages: dict[str, Count]
+    files: dict[str, Any]
+    digests: dict[str, str]
+    outcomes: dict[str, _Outcome]
+    timings: dict[str, Finite | None]
+    not_kept: dict[str, Any]
+    cores: _Cores | None
+    spooled: bool
+
+
+Corner = Annotated[list[Finite], Field(min_length=2, max_length=3)]
+"""East and north in metres."""
+
+
+@with_config(_OTHERS)
+class Building(TypedDict, total=False):
+    """One building of `city.json`."""
+
+    height_m: Finite
+    rings: Required[list[Annotated[list[Corner], Field(min_length=3)]]]
