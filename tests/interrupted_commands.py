@@ -36,6 +36,9 @@ def run_interrupted(root: Any, path: tuple[str, ...], command: Any, number: sign
     child = os.fork()
     if child == 0:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+        for each in SIGNALS:  # `nohup`, or a shell in the background, has them ignored, which children inherit
+            signal.signal(each, signal.SIG_DFL)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
         def wait(**_: object) -> None:
             os.write(tell, b"!")

@@ -1,7 +1,8 @@
 """Sockets in memory: streams, datagrams and Unix sockets of an event loop, delivered by a virtual network.
 
-`SocketEventLoop` has asyncio's own interface, so the same code runs on it as on real sockets: `asyncio.start_server`,
-the transports of a node, a tap's socket.
+`SocketEventLoop` has asyncio's own interface, so the same code runs on it as on real sockets: the transports of a node,
+a tap's socket. Listeners with a limit accept real sockets themselves, so `listen` and `listen_unix` of
+`skyrange.io.limited_listener` are replaced, for those that run on such a loop, wherever they were imported.
 """
 
 from __future__ import annotations
@@ -9,11 +10,13 @@ from __future__ import annotations
 import asyncio
 import errno
 import os
+import sys
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, cast
 
+from skyrange.io import limited_listener
 from skyrange.io.addresses import is_loopback
 from tests.live_ranges.event_loop import VirtualEventLoop, VirtualTime
 from tests.live_ranges.network import Address, Key, Owner, Pipe, VirtualNetwork
@@ -229,6 +232,19 @@ class MemoryServer:
         self.sockets = [_Socket(address)]
         return self
 
+    displaced = 0
+    """See `LimitedListener`; nothing is displaced here."""
+
+    @property
+    def address(self) -> Any:
+        """See `LimitedListener`."""
+        return self.sockets[0].getsockname()
+
+    @property
+    def is_open(self) -> bool:
+        """See `LimitedListener`."""
+        return self._serving
+
     def accept(self, other: MemoryStream, address: Any) -> None:
         """Make the server's side of a new connection."""
         stream = MemoryStream(self._network, self._owner, self.sockets[0].getsockname(), address)
@@ -325,8 +341,8 @@ class SocketEventLoop(VirtualEventLoop):
         own = (host if is_loopback(host) else owner.machine, self._network.free_port())
         return await self._connect(protocol_factory, self._network.key("tcp", owner.machine, (host, port)), own)
 
-    async def create_unix_server(self, protocol_factory: Any, path: Any = None, **_: Any) -> Any:
-        """See asyncio."""
+    def listen_unix(self, protocol_factory: Any, path: Any = None) -> MemoryServer:
+        """A server at the path of a Unix socket."""
         real = Path(os.path.realpath(path))
         server = MemoryServer(self._network, protocol_factory)
         os.close(os.open(real, os.O_CREAT | os.O_WRONLY, 0o777))
@@ -358,3 +374,28 @@ class SocketEventLoop(VirtualEventLoop):
         transport = MemoryDatagrams(self._network, protocol_factory())
         transport.begin(self._network.bind("udp", transport._owner.machine, local_addr, transport))
         return transport, transport._protocol
+
+
+_listen, _listen_unix = limited_listener.listen, limited_listener.listen_unix
+
+
+async def listen(factory: Any, host: str, port: int, **options: Any) -> Any:
+    """`limited_listener.listen` on real sockets or in memory."""
+    loop = asyncio.get_running_loop()
+    if isinstance(loop, SocketEventLoop):
+        return await loop.create_server(factory, host, port)
+    return await _listen(factory, host, port, **options)
+
+
+def listen_unix(factory: Any, path: str, **options: Any) -> Any:
+    """`limited_listener.listen_unix` on a real socket or in memory."""
+    loop = asyncio.get_running_loop()
+    return (
+        loop.listen_unix(factory, path) if isinstance(loop, SocketEventLoop) else _listen_unix(factory, path, **options)
+    )
+
+
+for _module in [module for name, module in sys.modules.items() if name.startswith("skyrange.")]:
+    for _name, _usual, _new in (("listen", _listen, listen), ("listen_unix", _listen_unix, listen_unix)):
+        if vars(_module).get(_name) is _usual:
+            setattr(_module, _name, _new)

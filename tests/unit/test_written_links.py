@@ -118,7 +118,6 @@ KNOWN = {
     "io/gazebo.py": "a new folder",
     "io/processes/program.py": "a new folder",
     "io/ardupilot/sitl.py": "a new folder",
-    "figures/svg.py": "a file that the caller names",
     "dataset/build.py": "a data set without links (begin_build)",
     "study/results.py": "a study without links (open_store)",
     "study/study_run.py": "a study without links (open_store)",

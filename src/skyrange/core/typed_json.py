@@ -5,6 +5,7 @@ What a reader gets has the keys and types that it relies on, whoever wrote the f
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -43,9 +44,13 @@ def read_formatted(path: Path, file_format: str, who: str, where: str, *, remedy
     if found != file_format:
         other = isinstance(found, str) and found.startswith(f"{file_format.partition('/')[0]}/")
         hint = f"It was written by another version of skyrange: {remedy}" if other else ""
-        # nothing of another file is quoted
-        raise InputError.one(who, f"{where}: format", repr(found) if other else "another", repr(file_format), hint)
+        known = found is None or _is_format(found)  # nothing of another file is quoted
+        raise InputError.one(who, f"{where}: format", repr(found) if known else "another", repr(file_format), hint)
     return data
+
+
+def _is_format(value: Any) -> bool:
+    return isinstance(value, str) and re.fullmatch(r"skyrange\.[a-z_]{1,20}/\d{1,4}", value) is not None
 
 
 def check_type(data: Any, kind: Any, who: str, where: str, *, hint: str = _DAMAGED) -> Any:

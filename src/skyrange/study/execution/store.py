@@ -199,12 +199,12 @@ def open_store(path: Path, kind: str | None = None) -> RunStore:
         raise InputError.one(
             who, MANIFEST, "missing", f"the folder of a {kind or 'pair, a comparison, a matrix or a study'}", hint
         )
+    refuse_links(path, who)
     data = read_formatted(manifest, FORMAT, who, MANIFEST, remedy="fly it again, in a new folder.")
     require_type(data, _PlanManifest, who, MANIFEST)
     if kind is not None and data.get("kind") != kind:
         hint = "Choose another folder, or go on with what is there: skyrange resume FOLDER."
         raise InputError.one(who, f"{MANIFEST}: kind", repr(data.get("kind")), repr(kind), hint)
-    refuse_links(path, who)
     return RunStore(path, data)
 
 
