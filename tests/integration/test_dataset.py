@@ -34,6 +34,8 @@ from skyrange.study.measurement import measure_acts
 from skyrange.study.runs import fly
 from skyrange.twins.arms import Arm, scenario_of
 
+pytestmark = pytest.mark.rotating
+
 BOTH = ViewSettings(places=(Place("gcs:*", "gcs"), Place("gcs:*", "companion")))
 BASE = """
 name = "sample"

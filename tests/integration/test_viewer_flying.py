@@ -21,6 +21,8 @@ from skyrange.view.stream.messages import Message, decode_file, decode_message
 from tests.flights import shared_run
 from tests.viewer_streams import positions_of, require_same_flight
 
+pytestmark = pytest.mark.rotating
+
 SCENE, EVENTS = Message("S", {"version": 1, "flying": True}), Message("E", {"arm": 0, "names": []})
 FLIGHTS = {
     "gnss.jump": ("duration_s=15", "attacks.*.start_s=4"),

@@ -18,6 +18,8 @@ from skyrange.view.stream.messages import Message, decode_file
 from skyrange.view.stream.positions import Layer, Samples
 from tests.flights import shared_pair, shared_run
 
+pytestmark = pytest.mark.rotating
+
 SHORT = ("duration_s=42",)
 
 

@@ -23,7 +23,7 @@ from skyrange.vehicle.contract import VehicleSpec
 from tests.cases import each_case
 from tests.integration.flight_harness import ORIGIN, Item, Range, rtl, start, takeoff, waypoint
 
-pytestmark = pytest.mark.catalogue
+pytestmark = [pytest.mark.catalogue, pytest.mark.rotating]
 
 V = "blue/b1"
 A = dialect

@@ -49,6 +49,8 @@ from skyrange.study.execution.executors import GroupEvents
 from skyrange.study.runs import fly
 from tests.flights import shared_run
 
+pytestmark = pytest.mark.rotating
+
 texts = st.text(max_size=300)
 times = st.integers(0, 10**12)
 kinds = st.sampled_from(

@@ -29,6 +29,8 @@ from skyrange.scenario.model.scenario import Operator, Origin, Scenario, Vehicle
 from skyrange.scenario.toml_files import load_text
 from skyrange.world.airframes import AIR_DENSITY_KGM3, AIRFRAMES, GRAVITY_MPS2, IRIS, Airframe
 
+pytestmark = pytest.mark.rotating
+
 GAP_M = 16.0
 WALLS = City(
     [

@@ -21,6 +21,8 @@ from skyrange.record.spool import read_stream
 from skyrange.record.write import recorder as recorder_module
 from tests.unit.record_sample import HEADER, LABELS, NOTES, StillWorld, tell, traffic
 
+pytestmark = pytest.mark.rotating
+
 
 def _spooled(folder: Path, rounds: int, flush_every: int = 7) -> Recorder:
     """A recorder that flushed every few frames and was never closed."""
