@@ -349,6 +349,10 @@ class SocketEventLoop(VirtualEventLoop):
         self._network.listeners["unix", str(real), 0] = server
         return server.named(str(path))
 
+    async def create_unix_server(self, protocol_factory: Any, path: Any = None, **_: Any) -> Any:
+        """See asyncio."""
+        return self.listen_unix(protocol_factory, path)
+
     async def create_unix_connection(self, protocol_factory: Any, path: Any = None, **_: Any) -> Any:
         """See asyncio."""
         return await self._connect(protocol_factory, ("unix", os.path.realpath(path), 0), "")
