@@ -25,6 +25,13 @@ HELD = {"families": ["link_timing"], "cities": ["new"], "aircraft": [3]}
 KINDS = {"gnss.drift": "gnss_false_position", "link.delay": "link_timing"}
 
 
+MEASURED = {
+    "outcome": "complete", "nearest": None, "near_misses": 0, "collisions": 0, "min_wall_m": None,
+    "min_separation_m": None, "landed_s": 3602.0, "finished_s": 3603.0, "energy_j": 1.0, "distance_m": 1.0,
+}  # fmt: skip
+"""Measures of an aircraft that nothing here depends on."""
+
+
 def fabricate(
     path: Path,
     held_out: dict[str, Any] | None = None,
@@ -67,7 +74,7 @@ def _rows(block: Block, harmless: bool) -> dict[str, list[dict[str, Any]]]:
         state["flight"] = flight
         rows["runs"].append({**head, **state})
         rows["aircraft"] += [
-            {**head, "vehicle": f"blue/b{k}", "airborne_s": 3600.0, "takeoff_s": 2.0} for k in range(fleet)
+            {**head, "vehicle": f"blue/b{k}", "airborne_s": 3600.0, "takeoff_s": 2.0, **MEASURED} for k in range(fleet)
         ]
     act = {"attack": "a", "kind": kind, "family": KINDS[kind], "vehicle": "blue/b0", "fault": False}
     act["harmless_intrusion"] = harmless
