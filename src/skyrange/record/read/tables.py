@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError
-from skyrange.core.parquet_files import check_columns, check_values, read_table
+from skyrange.core.parquet_files import check_columns, check_values, plain_schema, read_table
 from skyrange.record.read.time_order import interleave, time_key
 from skyrange.record.schema import (
     FULL,
@@ -363,12 +363,6 @@ def combine_batches(batches: Iterable[pa.RecordBatch], rows: int) -> Iterator[pa
 def names_of(schema: pa.Schema) -> list[str]:
     """The columns of a table that are names."""
     return [field.name for field in schema if _column(schema, field.name).type == NAME]
-
-
-def plain_schema(schema: pa.Schema) -> pa.Schema:
-    """A schema with plain strings instead of dictionaries."""
-    fields = [field.with_type(pa.string()) if pa.types.is_dictionary(field.type) else field for field in schema]
-    return pa.schema(fields, metadata=schema.metadata)
 
 
 def encoded_schema(schema: pa.Schema) -> pa.Schema:

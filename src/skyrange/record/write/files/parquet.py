@@ -8,7 +8,8 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from skyrange.record.read.tables import encoded_schema, names_of, plain_schema
+from skyrange.core.parquet_files import plain_schema
+from skyrange.record.read.tables import encoded_schema, names_of
 
 
 def open_parquet(path: Path, schema: pa.Schema) -> pq.ParquetWriter:
