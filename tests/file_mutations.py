@@ -1,10 +1,12 @@
-"""Mutations of files that a program writes: of what JSON, TOML and Parquet hold, and of their bytes.
+"""Mutations of files that a program writes: of what JSON, TOML, Parquet, Arrow streams and lists of words hold, and of
+their bytes.
 
 A case is a function of its number alone, so that a failure is repeated by it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import io
 import json
@@ -28,10 +30,10 @@ Path = tuple[str | int, ...]
 
 
 def mutate(data: bytes, kind: str, number: int) -> bytes:
-    """The bytes of a file of a kind (json, toml or parquet) after mutation `number`."""
+    """The bytes of a file of a kind (json, toml, words, parquet or arrows) after mutation `number`."""
     chance = random.Random(number)
     if chance.random() < 0.2:
-        return _damage_bytes(data, chance, text=kind != "parquet")
+        return _damage_bytes(data, chance, text=kind not in ("parquet", "arrows"))
     return _MUTATIONS[kind](data, chance)
 
 
@@ -104,7 +106,45 @@ _TEXTS: Final = ("", "text", "{", "[1]", "null", "x" * 300, '{"a": NaN}', "9" * 
 
 
 def _mutate_parquet(data: bytes, chance: random.Random) -> bytes:
-    table = pq.read_table(io.BytesIO(data))
+    sink = io.BytesIO()
+    pq.write_table(_mutate_table(pq.read_table(io.BytesIO(data)), chance), sink)
+    return sink.getvalue()
+
+
+def _mutate_stream(data: bytes, chance: random.Random) -> bytes:
+    with pa.ipc.open_stream(data) as stream:
+        batches = []
+        with contextlib.suppress(pa.ArrowInvalid):  # the stream of a killed run has no end
+            batches += list(stream)
+        table = _mutate_table(pa.Table.from_batches(batches, stream.schema), chance)
+    sink = io.BytesIO()
+    with pa.ipc.new_stream(sink, table.schema) as writer:
+        writer.write_table(table)
+    return sink.getvalue()
+
+
+_WORDS: Final = ("-1", "0", "2.5", "1e308", "nan", "inf", "9" * 5_000, "text", "\0", str(2**70), "0x1")
+
+
+def _mutate_words(data: bytes, chance: random.Random) -> bytes:
+    lines = [line.split() for line in data.decode().splitlines()]
+    line = chance.choice(lines)
+    place = chance.randrange(len(line))
+    way = chance.random()
+    if way < 0.15:
+        del line[place]
+    elif way < 0.3:
+        lines.insert(chance.randrange(len(lines) + 1), list(line))
+    elif way < 0.4:
+        lines.remove(line)
+    else:
+        line[place] = chance.choice(
+            ["-1", "0", "2.5", "1e308", "nan", "inf", "9" * 5_000, "text", "\0", str(2**70), "0x1"]
+        )
+    return "\n".join("\t".join(words) for words in lines).encode()
+
+
+def _mutate_table(table: pa.Table, chance: random.Random) -> pa.Table:
     way, place = chance.randrange(9), chance.randrange(table.num_columns)
     field, rows = table.schema.field(place), table.num_rows
     if way == 0:
@@ -129,9 +169,7 @@ def _mutate_parquet(data: bytes, chance: random.Random) -> bytes:
         table = table.append_column("more", pa.nulls(rows))
     else:
         table = table.set_column(place, field.with_nullable(True), _extremes(field.type, rows, chance))
-    sink = io.BytesIO()
-    pq.write_table(table, sink)
-    return sink.getvalue()
+    return table
 
 
 def _extremes(kind: pa.DataType, rows: int, chance: random.Random) -> pa.Array:
@@ -147,4 +185,7 @@ def _extremes(kind: pa.DataType, rows: int, chance: random.Random) -> pa.Array:
     return pa.array(values * rows, pa.string() if pa.types.is_dictionary(kind) else kind).cast(kind)
 
 
-_MUTATIONS: Final = {"json": _mutate_json, "toml": _mutate_toml, "parquet": _mutate_parquet}
+_MUTATIONS: Final = {
+    "json": _mutate_json, "toml": _mutate_toml, "words": _mutate_words, "parquet": _mutate_parquet,
+    "arrows": _mutate_stream,
+}  # fmt: skip

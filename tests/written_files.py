@@ -5,19 +5,27 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
+from unittest.mock import patch
 
 import typer
 
 from skyrange.analysis import load, load_pair
+from skyrange.assembly.build import build
+from skyrange.assembly.city import build_city
 from skyrange.city.building_files import load_buildings
 from skyrange.cli.app import app
 from skyrange.dataset.audit.comparisons import comparisons_of, find_crossings
 from skyrange.dataset.build import build_dataset
-from skyrange.dataset.members import assign_splits, check_held_out, check_splits, cluster_members, read_members
+from skyrange.dataset.members import Member, assign_splits, check_held_out, check_splits, cluster_members, read_members
+from skyrange.dataset.progress import BuildProgress, RowCounts
 from skyrange.detect.learned.model_file import Model, read_model
+from skyrange.radio.propagation.loss_table_file import read_loss_table
+from skyrange.radio_map.mapping import MapLayout
+from skyrange.runtime.run import Run
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.scoring.leaderboard import rank_detectors
 from skyrange.scoring.result_file import read_scores
@@ -28,6 +36,7 @@ from skyrange.study.design.model import read_study
 from skyrange.study.execution.executors import InThisProcess
 from skyrange.study.execution.store import open_store
 from skyrange.study.folder import open_folder, require_unchanged
+from skyrange.study.learned_detectors import learn_detectors
 from skyrange.study.matrix.flights import fly_matrix, plan_matrix
 from skyrange.study.matrix.model import read_matrix
 from skyrange.study.pairing import pair
@@ -37,6 +46,7 @@ from skyrange.study.shown_runs import choose_runs
 from skyrange.study.study_run import run_study
 from skyrange.study.variants import compare_variants, open_plan
 from skyrange.view.folders import read_folder_arms
+from tests.loss_tables import make_table
 from tests.unit.score_sample import alert, attack, flight, tables
 from tests.unit.test_learned_detectors import model_of
 
@@ -68,6 +78,23 @@ draws = [{ name = "speed", key = "operators.*.vehicles.*.plan.speed_mps", low = 
 arms = [{ id = "nominal", attacks = "muted" }, { id = "attacked", attacks = "active" }]
 registration = { question = "Does it?", measures = ["departure_m"], rule = "t" }
 held_out = { cities = ["elsewhere"] }
+"""
+LEARNING: Final = """
+name = "learning"
+scenario = "small.toml"
+seeds = 3
+arms = [{ id = "nominal", attacks = "muted" }, { id = "attacked", attacks = "active" }]
+changes = ["duration_s=40"]
+learned = { algorithms = ["isolation_forest"], window_s = 0.5 }
+"""
+MISSION: Final = """
+name = "mission"
+duration_s = 20
+origin = { lat = -35.3633280, lon = 149.1652241 }
+
+[[operators]]
+id = "blue"
+vehicles = [{ id = "b1", plan = { file = "FILE" } }]
 """
 MATRIX: Final = """
 name = "small-matrix"
@@ -118,6 +145,7 @@ def make_files(folder: Path) -> None:
     (folder / "small.toml").write_text(SCENARIO)
     (folder / "study.toml").write_text(STUDY)
     (folder / "matrix.toml").write_text(MATRIX)
+    (folder / "learning.toml").write_text(LEARNING)
     study, scenario = read_study(folder / "study.toml"), load_scenario(str(folder / "small.toml"))
     register_study(study, folder / "study")
     run_study(study, folder / "study", executor=InThisProcess())
@@ -134,12 +162,40 @@ def make_files(folder: Path) -> None:
         for member in members
     ]  # fmt: skip
     (folder / "members.json").write_text(json.dumps({"runs": rows}))
+    _make_interrupted_build(members, folder / "half")
+    _make_missions(folder)
+    learning = read_study(folder / "learning.toml")
+    run_study(learning, folder / "learning", executor=InThisProcess())
+    killed = Run.start(scenario, folder / "killed")
+    killed.advance(3)
+    killed.recorder.flush()  # as a killed process leaves it: it is never finished
+    city = build_city(scenario)
+    assert city is not None
+    make_table(folder / "losses.parquet", city, MapLayout((-60.0, -60.0, 60.0, 60.0), 30.0, (2.0, 20.0), 200.0))
     (folder / "model.json").write_text(model_of("isolation_forest").model_dump_json())
     scored = tables(
         [flight("v", split="validation"), flight("a"), flight("b", arm="attacked")], [attack("b")], [alert("b", 1020.0)]
     )
     (folder / "scores.json").write_text(score_detectors(scored, None, ["d"], "small").model_dump_json())
     (folder / "benchmarks.json").write_text(json.dumps(BENCHMARKS))
+
+
+def _make_interrupted_build(members: Sequence[Member], folder: Path) -> None:
+    """A data set of which one block is whole."""
+    finish = BuildProgress.finish_block
+
+    def finish_and_end(progress: BuildProgress, block: str, rows: RowCounts) -> None:
+        finish(progress, block, rows)
+        raise KeyboardInterrupt
+
+    with patch.object(BuildProgress, "finish_block", finish_and_end), contextlib.suppress(KeyboardInterrupt):
+        build_dataset(members, folder, "half")
+
+
+def _make_missions(folder: Path) -> None:
+    for name in ("survey.plan", "square.waypoints"):
+        shutil.copy(Path(__file__).parent / "data" / "missions" / name, folder / name)
+        (folder / f"{name}.toml").write_text(MISSION.replace("FILE", name))
 
 
 class WrittenFile(NamedTuple):
@@ -195,6 +251,24 @@ def _check_study(folder: Path) -> None:
     check_blocks(study, list_blocks(study))
 
 
+def _finish_build(folder: Path) -> None:
+    copy = folder / "half-copy"
+    shutil.copytree(folder / "half", copy)
+    try:
+        build_dataset(assign_splits(list_dataset_members(folder / "study"), 1), copy, "half")
+    finally:
+        shutil.rmtree(copy)
+
+
+def _learn(folder: Path) -> None:
+    opened = open_folder(folder / "learning")
+    learn_detectors(opened, make_score_tables(opened))
+
+
+def _check_mission(name: str) -> Callable[[Path], object]:
+    return lambda folder: build(load_scenario(str(folder / f"{name}.toml")))
+
+
 _STUDY: Final = (
     ("study", "status", "@study"), ("study", "status", "@study", "--json"), ("study", "show", "@study"),
     ("study", "report", "@study"), _read_plan,
@@ -212,6 +286,12 @@ _RUN: Final = (
     ("diff", "@pair/attacked", "@pair/nominal"), ("diff", "@pair/attacked", "@pair/nominal", "--tolerance", "1"),
     ("export", "@pair/attacked"), ("export", "@pair/attacked", "--csv", "--tlog", "--mcap", "--kml", "--tables"),
     lambda folder: read_folder_arms(folder / "pair" / "attacked", None).encode(),
+)  # fmt: skip
+_KILLED: Final = (
+    ("show", "@killed"), ("show", "@killed", "--json"), ("report", "@killed"),
+    ("diff", "@killed", "@pair/nominal"), ("export", "@killed", "--csv", "--mcap"),
+    lambda folder: _read_all(folder / "killed"),
+    lambda folder: read_folder_arms(folder / "killed", None).encode(),
 )  # fmt: skip
 _BLOCKS: Final = "p0000-s1"
 
@@ -250,6 +330,17 @@ FILES: Final[dict[str, WrittenFile]] = {
     **{
         f"{view} of a data set": WrittenFile(f"data/view={view}/split=SPLIT/{_BLOCKS}.parquet", (_audit,))
         for view in ("mavlink", "flows", "aircraft", "episodes")
+    },
+    "progress of a data set": WrittenFile("half/.building/plan.json", (_finish_build,)),
+    "block of a data set": WrittenFile(f"half/.building/blocks/{_BLOCKS}.json", (_finish_build,)),
+    "windows of a study": WrittenFile(f"learning/kept/windows/{_BLOCKS}/nominal.parquet", (_learn,)),
+    "loss table": WrittenFile("losses.parquet", (lambda folder: read_loss_table(folder / "losses.parquet").table,)),
+    "plan of QGroundControl": WrittenFile("survey.plan", (_check_mission("survey.plan"),)),
+    "list of waypoints": WrittenFile("square.waypoints", (_check_mission("square.waypoints"),)),
+    "manifest of a killed run": WrittenFile("killed/manifest.json", _KILLED),
+    **{
+        f"{table} of a killed run": WrittenFile(f"killed/.spool/{table}-0000.arrows", _KILLED)
+        for table in ("truth", "frames", "payloads", "events", "labels")
     },
     "model": WrittenFile("model.json", (lambda folder: Model(read_model(folder / "model.json")),)),
     "scores": WrittenFile("scores.json", (lambda folder: rank_detectors([read_scores(folder / "scores.json")]),)),

@@ -3,6 +3,7 @@ end."""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -13,7 +14,7 @@ from skyrange.city.city import City
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import contains
-from skyrange.gcs.flight.airspace_claim import LATE_NS, ROUNDS, AirspaceClaim
+from skyrange.gcs.flight.airspace_claim import LATE_NS, REPORT_PAUSE_NS, ROUNDS, AirspaceClaim
 from skyrange.gcs.flight.lifecycle import Flight
 from skyrange.gcs.plan import plans
 from skyrange.gcs.plan.plans import FlightPlan, altered
@@ -224,6 +225,22 @@ def test_an_aircraft_whose_excursion_the_approval_refuses_flies_home_and_does_no
     assert approver.states("op0/a")[2:] == [S.NONCONFORMING, S.CONTINGENT]
     (gave_up,) = (note for _, _, note in run.notes if note.kind == "decision.gave_up")
     assert gave_up.data["reason"] == "outside its volumes, and approval rejected: DSS: status 503"
+
+
+def test_a_state_that_the_approval_refuses_is_reported_again_after_a_pause() -> None:
+    class Refuses(Watched):
+        def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
+            if request.state is not S.CONTINGENT:
+                return super().decide(now, request)
+            self.asked.append((now, request, None))
+            return ApprovalDecision(False, "DSS: status 503")
+
+    approver = Refuses()
+    run = loop(approver, 8.0, plan=square(side_m=100.0)).run(20)
+    drifted(run, 40.0, 20.0 + (EXCURSION_NS + RECOVERY_NS + 4 * REPORT_PAUSE_NS) / NS_PER_S)
+    times = [now for now, request, _ in approver.asked if request.state is S.CONTINGENT]
+    assert len(times) >= 3
+    assert min(after - before for before, after in pairwise(times)) >= REPORT_PAUSE_NS
 
 
 def test_a_flight_that_is_given_up_in_the_air_claims_its_way_home() -> None:

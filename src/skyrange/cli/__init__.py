@@ -18,6 +18,13 @@ def main() -> None:
     Exit codes: 0 success, 2 bad input, 3 a component failed, 4 the command fell short of what was requested, also
     because SIGINT, SIGTERM or SIGHUP ended it.
     """
+    from skyrange.cli.memory_limit import run_within_limit
+
+    sys.exit(run_within_limit(_run_until_signal))
+
+
+def _run_until_signal() -> int:
+    """Run the command, which signals end; returns the exit code."""
     from skyrange.cli.signals import INTERRUPTED, EndingSignals
 
     signals = EndingSignals()
@@ -28,7 +35,7 @@ def main() -> None:
             code = INTERRUPTED
         if signals.received is not None and code in _OF_TYPER:
             code = _report_signal(signals.received.name)
-    sys.exit(code)
+    return code
 
 
 def _run() -> int:

@@ -89,9 +89,20 @@ class _Reading(TypedDict, total=False):
 @with_config(_OTHERS)
 class _City(TypedDict, total=False):
     name: str
-    source: str
+    source: Required[str]
     buildings: Count
     reading: _Reading | None
+
+
+@with_config(_OTHERS)
+class _Placing(TypedDict, total=False):
+    vehicle: str
+    receiver: str
+    moved_m: Required[Finite]
+    nearest: str
+    nearest_m: Finite
+    declared_m: Finite
+    protected_m: Finite
 
 
 @with_config(_OTHERS)
@@ -163,7 +174,7 @@ class RunManifest(TypedDict, total=False):
     constraints: list[_Identified]
     city: _City | None
     mission_files: list[_MissionFile]
-    placing: list[dict[str, Any]]
+    placing: list[_Placing]
     attacks: list[_Act]
     faults: list[_Act]
     defences: list[_Identified]

@@ -20,7 +20,7 @@ from skyrange.record import RunRecord, load
 from skyrange.statistics.means import Interval, estimate_mean
 from skyrange.twins.arms import ATTACKED, NOMINAL, SHAM
 from skyrange.twins.attribution import attribution_table
-from skyrange.twins.effects import CHANGES, MEASURES, effects_table
+from skyrange.twins.effects import CHANGES, MEASURES, NAMES, effects_table
 from skyrange.twins.failed_missions import FailedMissions, find_failed_missions
 from skyrange.twins.lie_and_truth import lie_and_truth_table
 from skyrange.twins.propagation import propagation_table
@@ -115,13 +115,15 @@ class Pair:
 
     @property
     def effects(self) -> pa.Table:
-        """The table of `effects.parquet`."""
+        """The table of `effects.parquet`. As those below, it raises `InputError` for a damaged file."""
         return self._read(EFFECTS, effects_table([]).schema)
 
     @property
     def attribution(self) -> pa.Table:
         """The table of `attribution.parquet`: how each attack relates to each effect."""
-        return self._read(ATTRIBUTION, attribution_table([]).schema)
+        table = self._read(ATTRIBUTION, attribution_table([]).schema)
+        self._require_known(table, ATTRIBUTION, "outcome", NAMES)
+        return table
 
     @property
     def propagation(self) -> pa.Table:
@@ -135,7 +137,22 @@ class Pair:
         return self._read(LIE_AND_TRUTH, empty.schema) if (self.path / LIE_AND_TRUTH).exists() else empty
 
     def _read(self, name: str, declared: pa.Schema) -> pa.Table:
-        return read_table(self.path / name, str(self.path), name, declared)
+        table = read_table(self.path / name, str(self.path), name, declared)
+        if name != PROPAGATION:
+            self._require_known(table, name, "vehicle", [str(one["id"]) for one in self._fleet])
+        return table
+
+    @cached_property
+    def _fleet(self) -> Sequence[Mapping[str, Any]]:
+        fleet: Sequence[Mapping[str, Any]] = self.run(ATTACKED).manifest["vehicles"]
+        return fleet
+
+    def _require_known(self, table: pa.Table, where: str, column: str, known: Sequence[str]) -> None:
+        unknown = next((value for value in table.column(column).unique().to_pylist() if value not in known), None)
+        if unknown is not None:
+            hint = "The file was changed by hand or is damaged."
+            expected = f"one of {', '.join(known[:20])}" + (" …" if len(known) > 20 else "")
+            raise InputError.one(str(self.path), f"{where}: {column}", ascii(unknown)[:80], expected, hint)
 
     @cached_property
     def failed_missions(self) -> list[FailedMissions]:

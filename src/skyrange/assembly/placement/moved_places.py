@@ -92,11 +92,11 @@ def _urgency(row: Mapping[str, Any]) -> tuple[bool, float, float]:
 
 
 def _is_nearer(row: Mapping[str, Any]) -> bool:
-    return "nearest_m" in row and bool(row["nearest_m"] < row["declared_m"])
+    return {"nearest", "nearest_m", "declared_m"} <= row.keys() and bool(row["nearest_m"] < row["declared_m"])
 
 
 def _line(row: Mapping[str, Any]) -> str:
-    text = f"{row.get('vehicle') or row['receiver']} moved by {row['moved_m']:.0f} m"
+    text = f"{row.get('vehicle') or row.get('receiver')} moved by {row['moved_m']:.0f} m"
     if _is_nearer(row):
         text += f", now {row['nearest_m']:.0f} m from {row['nearest']} (declared: {row['declared_m']:.0f} m)"
     if "protected_m" in row:

@@ -6,11 +6,14 @@ import errno
 
 import typer
 
+from skyrange.cli.memory_limit import OUT_OF_MEMORY
 from skyrange.core.errors import SkyrangeError
 
 _BAD_INPUT, _FAILED = 2, 3
-_OUT_OF_MEMORY = "memory: the system gave no more. Use a smaller input, or raise the limit (`ulimit -v`)"
-_NO_MEMORY_SIGNS = ("cannot allocate memory", "failed to map segment", "can't start new thread", "out of memory")
+_NO_MEMORY_SIGNS = (
+    "cannot allocate memory", "failed to map segment", "can't start new thread", "failed to launch worker thread",
+    "out of memory",
+)  # fmt: skip
 """What libraries say if the system gives no memory; they use errors of other kinds."""
 
 
@@ -24,7 +27,7 @@ def describe_error(error: Exception) -> tuple[str, int]:
     if isinstance(error, SkyrangeError):
         return "\n".join([f"skyrange: {error}", *getattr(error, "__notes__", ())]), error.exit_code
     if _is_out_of_memory(error):
-        return f"skyrange: {_OUT_OF_MEMORY}", _FAILED
+        return f"skyrange: {OUT_OF_MEMORY}", _FAILED
     if isinstance(error, OSError):  # for example, a full disk when a report or redirected output is written
         where = f"{error.filename}: " if error.filename else ""
         return f"skyrange: {where}{error.strerror or error}", _BAD_INPUT
@@ -46,7 +49,8 @@ def _is_out_of_memory(error: BaseException | None) -> bool:
         text = str(error).lower()
         if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
             return True
-        if isinstance(error, ImportError | RuntimeError | OSError) and any(sign in text for sign in _NO_MEMORY_SIGNS):
+        foreign = isinstance(error, ImportError | RuntimeError | OSError) or type(error).__name__ == "ArrowException"
+        if foreign and any(sign in text for sign in _NO_MEMORY_SIGNS):
             return True
         error = error.__cause__ or error.__context__
     return False

@@ -100,6 +100,8 @@ CLEARANCE_M: Final = 3.0
 """Least distance of an altered plan from walls."""
 LATE_NS: Final = 5 * NS_PER_S
 """A flight that will depart later than it has claimed claims anew."""
+REPORT_PAUSE_NS: Final = 10 * NS_PER_S
+"""Before a state that the approval did not take is reported again."""
 AWAY_M: Final = 50.0
 AWAY_UP_M: Final = 20.0
 """What an aircraft outside its volumes claims around itself."""
@@ -129,6 +131,8 @@ class AirspaceClaim:
     """The flight before it was altered, while the approval is asked for an alternative to it."""
     left_ns: Time = NEVER
     """Since when the aircraft is outside; `NEVER` while it is inside."""
+    report_after_ns: Time = 0
+    """When a state may be reported again after the approval has not taken one."""
     seen: tuple[float, float, float] | None = None
     """The position that the aircraft reported last: degrees, metres above the ellipsoid."""
 
@@ -223,16 +227,19 @@ class AirspaceClaim:
     def observe(self, now: Time, lat: float, lon: float, up_m: float) -> IntentState | None:
         """The state that the intent is to have now that the aircraft reports this position (degrees, ellipsoid metres).
 
-        `None` if it is the present one.
+        `None` if it is the present one, or may not be reported yet.
         """
         self.seen = lat, lon, up_m
         if self.state not in (IntentState.ACTIVATED, IntentState.NONCONFORMING):
             return None
         if contains(self.flown, now, lat, lon, up_m):
             self.left_ns = NEVER
-            return IntentState.ACTIVATED if self.state is IntentState.NONCONFORMING else None
+            is_back = self.state is IntentState.NONCONFORMING and now >= self.report_after_ns
+            return IntentState.ACTIVATED if is_back else None
         self.left_ns = min(self.left_ns, now)
         away_ns = now - self.left_ns
+        if now < self.report_after_ns:
+            return None
         if self.state is IntentState.ACTIVATED:
             return IntentState.NONCONFORMING if away_ns > EXCURSION_NS else None
         return IntentState.CONTINGENT if away_ns > EXCURSION_NS + RECOVERY_NS else None

@@ -21,7 +21,7 @@ from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds, to_seconds
 from skyrange.core.volumes import Volume4D
 from skyrange.core.whole_numbers import worth_noting
 from skyrange.gcs.flight import procedures
-from skyrange.gcs.flight.airspace_claim import AirspaceClaim, IntentSubmission
+from skyrange.gcs.flight.airspace_claim import REPORT_PAUSE_NS, AirspaceClaim, IntentSubmission
 from skyrange.gcs.flight.autopilot_dialogue import AUTOPILOT_COMPONENT, AutopilotDialogue, Progress
 from skyrange.gcs.flight.guided_sequencer import GuidedSequencer
 from skyrange.gcs.flight.lifecycle import (
@@ -486,6 +486,7 @@ class FlightSequencer:
         """The approval did not take a report. The flight goes on unless it is outside its volumes, which nobody else
         knows then: the aircraft flies its contingency.
         """
+        self.claim.report_after_ns = turn.now + REPORT_PAUSE_NS
         if report.intent.state is IntentState.NONCONFORMING and self.state in _FLIGHT:
             self.give_up(turn, f"outside its volumes, and {reason}")
 

@@ -27,7 +27,7 @@ from skyrange.record.schema import (
     require_table,
     truth_columns,
 )
-from skyrange.record.spool import SpoolFile, read_stream, shard_folders, spool_files, table_files, table_shards
+from skyrange.record.spool import SPOOL, SpoolFile, read_stream, shard_folders, spool_files, table_files, table_shards
 
 
 class PayloadWindow:
@@ -77,7 +77,10 @@ BATCH_ROWS = 65_536
 
 
 def decode_spooled(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
-    """A spooled batch in the form for readers: names as plain strings, parents' ids joined, metadata of the schema."""
+    """A spooled batch in the form for readers: names as plain strings, parents' ids joined, metadata of the schema.
+
+    Raises `KeyError` or an error of Arrow for a batch with other columns.
+    """
     spooled = batch.schema.names
     arrays = [
         _cast(batch.column(field.name), field.type) if field.name in spooled else _JOINED[field.name](batch)
@@ -151,12 +154,17 @@ class Tables:
         self, name: str, columns: Sequence[str] | None = None, *, encoded: bool = False
     ) -> Iterator[pa.RecordBatch]:
         """The rows in the order recorded, with all columns or with `columns` in that order; names are plain strings, or
-        with `encoded` dictionaries. The rows of several shards are in order of time.
+        with `encoded` dictionaries. The rows of several shards are in order of time. Raises `InputError` for a column
+        that the table does not have: what truth has is up to the world.
         """
         self.require(name)
         full_schema = self.schema(name)
         schema = full_schema
         if columns is not None:
+            missing = next((column for column in columns if column not in full_schema.names), None)
+            if missing is not None:
+                expected = f"one of {', '.join(full_schema.names)}"
+                raise InputError.one(str(self.folder), f"{name}: column", missing, expected)
             schema = pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
         shards, key = self._shards(name), time_key(full_schema)
         if len(shards) < 2 or key is None:
@@ -184,8 +192,20 @@ class Tables:
             batches = self._recorded(shard, name, schema, names)
         else:
             batches = (batch for path in shard for batch in self._part(path, schema, names))
+        where = f"{SPOOL}/{name}" if isinstance(shard, Path) and not self.trusted else None
         for batch in batches:
-            yield decode_spooled(batch, schema)
+            yield decode_spooled(batch, schema) if where is None else self._decode_checked(batch, schema, where)
+
+    def _decode_checked(self, batch: pa.RecordBatch, schema: pa.Schema, where: str) -> pa.RecordBatch:
+        """The batch of another process, which may have damaged it. Raises `InputError` if it is not as declared."""
+        try:
+            decoded = decode_spooled(batch, schema)
+        except (KeyError, pa.ArrowException) as error:
+            reason = f"no column {error}" if isinstance(error, KeyError) else str(error).splitlines()[0]
+            hint = "The file was changed by hand or is damaged."
+            raise InputError.one(str(self.folder), where, reason, "the columns of a run in progress", hint) from error
+        check_values(decoded, schema, str(self.folder), where)
+        return decoded
 
     def _part(self, path: Path, schema: pa.Schema, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
         who, where = str(self.folder), self._name(path)

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 from urllib.parse import urlsplit
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from skyrange.codec.web_urls import is_web_url
 from skyrange.contracts.params import refuse
-from skyrange.core.errors import InputError, Problem
+from skyrange.core.errors import Problem
 from skyrange.core.ids import ID_PATTERN
 from skyrange.core.whole_numbers import parse_whole
 from skyrange.scenario.named_files import read_text
@@ -18,7 +18,29 @@ from skyrange.scenario.toml_files import parse_toml
 from skyrange.scenario.validation.error_messages import input_error
 from skyrange.utm.authority import AlternativeParams, AuthorityParams
 
+
+def _check_url(value: str) -> str:
+    if not is_web_url(value):
+        raise refuse(Problem("", repr(value), "a URL such as https://localhost:8071, without a query"))
+    return value
+
+
+def _parse_address(value: str) -> tuple[str, int]:
+    host, _, port = value.rpartition(":")
+    number = parse_whole(port)
+    if not host or number is None or number > 65_535:
+        raise refuse(Problem("", repr(value), "an address such as 127.0.0.1:8071"))
+    return host.strip("[]"), number
+
+
+def _check_address(value: str) -> str:
+    _parse_address(value)
+    return value
+
+
 Text = Annotated[str, Field(min_length=1, max_length=512)]
+_Url = Annotated[Text, AfterValidator(_check_url)]
+_BaseUrl = Annotated[_Url, AfterValidator(lambda url: url.rstrip("/"))]
 _NAME = Annotated[str, Field(pattern=ID_PATTERN.pattern)]
 
 
@@ -46,14 +68,14 @@ class TokenConfig(_Table):
     issuers: tuple[Text, ...] = Field(
         default=(), description="Issuers of accepted tokens; any one with a key if empty."
     )
-    url: Text | None = Field(default=None, description="Token endpoint of the authorization service.")
+    url: _Url | None = Field(default=None, description="Token endpoint of the authorization service.")
     secret: Text | None = Field(default=None, description="Secret with which the service asks there.")
 
 
 class UssConfig(_Table):
     """A UAS service supplier."""
 
-    dss_url: Text = Field(description="Base URL of the DSS.")
+    dss_url: _BaseUrl = Field(description="Base URL of the DSS.")
     dss_audience: Text | None = Field(
         default=None, description="Receiver of tokens for the DSS; the host of its URL if not given."
     )
@@ -61,7 +83,7 @@ class UssConfig(_Table):
         default_factory=dict, max_length=64, description="Operators that it serves, each with its bearer token."
     )
     limits: AlternativeParams = Field(default_factory=AlternativeParams, description="Limits of alternatives.")
-    peers: tuple[Text, ...] = Field(
+    peers: tuple[_BaseUrl, ...] = Field(
         default=(), description="Base URLs of other USSs that it may call; every one that the DSS names if empty."
     )
     constraints: bool = Field(
@@ -110,8 +132,8 @@ class ServiceConfig(_Table):
 
     name: _NAME = Field(description="Name of the service, as tokens call it.")
     role: Literal["uss", "dss", "authorization", "authority"] = Field(description="What the service is.")
-    listen: Text = Field(description="Address and port on which it listens.")
-    base_url: Text = Field(description="URL at which others reach it.")
+    listen: Annotated[Text, AfterValidator(_check_address)] = Field(description="Address and port on which it listens.")
+    base_url: _BaseUrl = Field(description="URL at which others reach it.")
     audiences: tuple[Text, ...] = Field(
         default=(), description="Receivers of accepted tokens; the host of base_url if empty."
     )
@@ -126,13 +148,6 @@ class ServiceConfig(_Table):
     dss: DssConfig | None = Field(default=None, description="Settings of the role dss.")
     authorization: AuthorizationConfig | None = Field(default=None, description="Settings of the role authorization.")
     authority: AuthorityConfig | None = Field(default=None, description="Settings of the role authority.")
-
-    @field_validator("base_url")
-    @classmethod
-    def _is_url(cls, value: str) -> str:
-        if not is_web_url(value):
-            raise refuse(Problem("", repr(value), "a URL such as https://localhost:8071, without a query"))
-        return value.rstrip("/")
 
     @model_validator(mode="after")
     def _has_its_role(self) -> ServiceConfig:
@@ -153,12 +168,8 @@ class ServiceConfig(_Table):
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port of `listen`. Raises `InputError`."""
-        host, _, port = self.listen.rpartition(":")
-        number = parse_whole(port)
-        if not host or number is None or number > 65_535:
-            raise InputError.one(self.name, "listen", repr(self.listen), "an address such as 127.0.0.1:8071")
-        return host.strip("[]"), number
+        """Host and port of `listen`."""
+        return _parse_address(self.listen)
 
     @property
     def receivers(self) -> frozenset[str]:

@@ -156,7 +156,7 @@ def _host_agent(
     assert config.uss is not None
     assert tokens.url is not None
     client = TokenClient(session, tokens.url, config.name, tokens.secret)
-    outbound = Outbound(session, client, {_DSS: config.uss.dss_url.rstrip("/")}, deliver)
+    outbound = Outbound(session, client, {_DSS: config.uss.dss_url}, deliver)
     names = [*config.uss.operators, *([TEST_OPERATOR] if config.uss.flight_planning else [])]
     operators = Operators(names, deliver, lambda: host.now())
     uss = _make_uss(config, config.uss, checker, operators, here=here, inbound=inbound.port, changes=changes)
@@ -227,7 +227,7 @@ def _make_uss(
 ) -> Uss:
     journal = None if changes is None else UssJournal(changes)
     audience = settings.dss_audience or host_of(settings.dss_url)
-    directory = OpenDirectory(config.name, config.base_url, frozenset(url.rstrip("/") for url in settings.peers))
+    directory = OpenDirectory(config.name, config.base_url, frozenset(settings.peers))
     directory.ports = (inbound,)
     return Uss(
         config.name,

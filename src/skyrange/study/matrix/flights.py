@@ -241,12 +241,20 @@ class MatrixPlan(RunPlan):
         return self.keep == "everything" or (self.keep == "first" and seed == cell.scenario.seed)
 
     def read_cells(self, store: RunStore) -> dict[tuple[str, str], Cell]:
-        """The cells of all finished blocks, by row and column, with their candidates."""
+        """The cells of all finished blocks, by row and column, with their candidates. Raises `InputError` for damaged
+        ones.
+        """
         cells: dict[tuple[str, str], Cell] = {}
+        aircraft: dict[str, int] = {}
         for cell in self.cells:
             blocks = [_read_block(store, cell.block_name(seed)) for seed in cell.seeds(self.matrix.seeds)]
             seed_data = [data for data in blocks if data is not None]  # all, because none has a failed run
             joined = join_seeds([data["cell"] for data in seed_data])
+            for run in joined.nominal:
+                if len(run.complete) != aircraft.setdefault(cell.row.id, len(run.complete)):
+                    where, value = f"{BLOCKS}: {cell.row.id}", f"{len(run.complete)} aircraft in a block"
+                    expected = f"{aircraft[cell.row.id]}, as in others of the row"
+                    raise InputError.one(str(store.path), where, value, expected, "Delete the block and resume.")
             arms, key = len(cell.list_arms()), (cell.row.id, cell.column_id)
             if cell.candidate:
                 cells[key] = replace(cells[key], adaptive=(*cells[key].adaptive, joined))
@@ -285,6 +293,10 @@ def _read_block(store: RunStore, name: str) -> _StoredBlock | None:
     if max(lengths.values()) > 1 or not lengths["effects"] == lengths["alarms_s"] == lengths["watched_s"] == 1:
         where = f"{BLOCKS}/{name}.json: data.cell"
         raise InputError.one(str(store.path), where, repr(lengths), "the measures of one seed", "Delete it and resume.")
+    counts = {len(values) for run in cell.nominal for values in (run.landed_s, run.energy_j, run.complete)}
+    if len(counts) > 1:
+        value, where = f"measures of {sorted(counts)} aircraft", f"{BLOCKS}/{name}.json: data.cell.nominal"
+        raise InputError.one(str(store.path), where, value, "each measure of all aircraft", "Delete it and resume.")
     return {"cell": replace(cell, adaptive=(), idle=()), "runs": data["runs"], "quiet": data["quiet"]}
 
 
