@@ -6,7 +6,6 @@ in the address that the browser shows and remembers, nor where scripts can read 
 
 from __future__ import annotations
 
-import hmac
 import ipaddress
 import secrets
 import ssl
@@ -17,6 +16,7 @@ from typing import Final
 from aiohttp import web
 
 from skyrange.core.errors import InputError
+from skyrange.core.secrets import is_same_secret
 
 _TOKEN_BYTES: Final = 24
 _QUERY: Final = "token"
@@ -48,7 +48,7 @@ class Access:
         return response
 
     def _is_token(self, text: str) -> bool:
-        return hmac.compare_digest(text.encode("utf-8", "replace"), self.token.encode())
+        return is_same_secret(text, self.token)
 
 
 def _cookie_of(request: web.Request) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import hmac
 import math
 import secrets
 import time
@@ -16,6 +15,7 @@ from aiohttp import web
 
 from skyrange.codec.strict_json import parse_json_object
 from skyrange.core.errors import DecodeError, InputError, SkyrangeError
+from skyrange.core.secrets import is_same_secret
 from skyrange.view.control import Command, Do
 
 PATH: Final = "/control"
@@ -99,7 +99,7 @@ class ControlServer:
     async def answer_ticket(self, request: web.Request) -> web.Response:
         """Lead the first one who has the ticket to the address with the token."""
         ticket, given = self._ticket, request.match_info["ticket"]
-        if ticket is None or not _same(ticket, given):
+        if ticket is None or not is_same_secret(given, ticket):
             self.counts.strangers += 1
             raise web.HTTPNotFound
         self._ticket = None
@@ -142,7 +142,7 @@ class ControlServer:
     def _find_refusal(self, request: web.Request) -> web.Response | None:
         """The answer to who has no token, or asks too often."""
         scheme, _, token = request.headers.get("Authorization", "").partition(" ")
-        if scheme != "Bearer" or not _same(self.token, token):
+        if scheme != "Bearer" or not is_same_secret(token, self.token):
             self.counts.strangers += 1
             hint = "Open the address that skyrange printed, with its token."
             return _answer(401, {"error": hint}, {"WWW-Authenticate": "Bearer"})
@@ -183,11 +183,6 @@ def _as_float(number: float) -> float:
         return float(number)
     except OverflowError:
         return math.inf
-
-
-def _same(known: str, given: str) -> bool:
-    """Whether two secrets are the same, in a time that does not tell how far."""
-    return hmac.compare_digest(known.encode(), given.encode("utf-8", "surrogateescape"))
 
 
 async def _read(request: web.Request) -> bytes | None:

@@ -9,7 +9,6 @@ the ground station repeats its request in its own time.
 from __future__ import annotations
 
 import asyncio
-import hmac
 from dataclasses import dataclass
 
 import aiohttp
@@ -18,6 +17,7 @@ from yarl import URL
 
 from skyrange.codec.mavlink.deframer import Piece
 from skyrange.core.errors import DecodeError
+from skyrange.core.secrets import is_same_secret
 from skyrange.core.whole_numbers import worth_noting
 from skyrange.io.addresses import OnNote, check_guarded, format_address, ignore_note, with_address
 from skyrange.io.http import frames as http_frames
@@ -180,7 +180,9 @@ class HttpServerTransport:
         return response
 
     async def _answer(self, request: web.BaseRequest) -> web.Response:
-        if self._token is not None and not _is_token(request.headers.get("Authorization", ""), self._token):
+        if self._token is not None and not is_same_secret(
+            request.headers.get("Authorization", ""), f"Bearer {self._token}"
+        ):
             self._counts.refused += 1
             if worth_noting(self._counts.refused):
                 self._on_note("refused", f"{request.remote} without the token, {self._counts.refused} so far")
@@ -328,10 +330,6 @@ class HttpClientTransport:
             return
         self.counts.frames += 1
         self._on_piece(Piece(frame, garbage=False))
-
-
-def _is_token(header: str, token: str) -> bool:
-    return hmac.compare_digest(header.encode(errors="replace"), f"Bearer {token}".encode())
 
 
 def _error(status: int, message: str, headers: dict[str, str] | None = None) -> web.Response:

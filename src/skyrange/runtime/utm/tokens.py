@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import base64
 import binascii
-import hmac
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,6 +25,7 @@ from skyrange.codec.strict_json import parse_json_object
 from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.files import read_input
 from skyrange.core.ids import ID_PATTERN
+from skyrange.core.secrets import is_same_secret
 from skyrange.core.time import Time
 from skyrange.runtime.utm.config import AuthorizationConfig
 from skyrange.utm.contract import make_uuid
@@ -151,7 +151,7 @@ class Authorization:
         if not name:
             name, secret = form.get("client_id", ""), form.get("client_secret", "")
         client = self._config.clients.get(name)
-        if client is None or not hmac.compare_digest(secret.encode(), client.secret.encode()):
+        if client is None or not is_same_secret(secret, client.secret):
             return 401, {"error": "invalid_client", "error_description": "no client with this name and secret"}
         if form.get("grant_type") != "client_credentials":
             return 400, {"error": "unsupported_grant_type", "error_description": "grant_type is client_credentials"}

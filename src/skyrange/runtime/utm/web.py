@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import hmac
 import json
 import logging
 from collections.abc import Callable, Mapping
@@ -16,6 +15,7 @@ from aiohttp import web
 
 from skyrange.codec.f3548.frames import MAX_FRAME_BYTES
 from skyrange.core.errors import DecodeError
+from skyrange.core.secrets import is_same_secret
 from skyrange.core.time import Time
 from skyrange.core.whole_numbers import worth_noting
 from skyrange.io.http.limited_server import LimitedServer, read_bounded
@@ -103,7 +103,7 @@ class WebService:
 
     async def _ask_operator(self, operators: Operators, method: str, path: str, token: str, content: bytes) -> _Answer:
         """Pass the request of an operator on."""
-        matching = [name for name, secret in self._routes.secrets.items() if _is_same(secret, token)]
+        matching = [name for name, secret in self._routes.secrets.items() if is_same_secret(token, secret)]
         if not matching:
             return 401, {"message": "the bearer token of an operator is needed"}
         if method not in ("PUT", "DELETE"):
@@ -142,10 +142,6 @@ def _fields(request: web.BaseRequest, content: bytes) -> Mapping[str, str]:
 def _bearer(header: str) -> str:
     kind, _, token = header.partition(" ")
     return token.strip() if kind.lower() == "bearer" else ""
-
-
-def _is_same(secret: str, token: str) -> bool:
-    return hmac.compare_digest(secret.encode(), token.encode(errors="replace"))
 
 
 def _response(status: int, body: dict[str, Any] | None) -> web.Response:
