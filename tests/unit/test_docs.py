@@ -359,18 +359,29 @@ def _is_there(dotted: str) -> bool:
 def test_decisions_are_numbered_once_and_without_a_gap_that_the_index_does_not_name() -> None:
     pages = sorted((DOCS / "decisions").glob("0*.md"))
     index = (DOCS / "decisions" / "README.md").read_text(encoding="utf-8")
-    listed = re.findall(r"^- \[(.+)\]\((.+)\)", index, re.MULTILINE)
-    assert listed == [(page.read_text(encoding="utf-8").partition("\n")[0][2:], page.name) for page in pages]
+    listed = re.findall(r"^- \[(.+?)\]\(([^)]+)\)", index, re.MULTILINE)
+    assert sorted(listed) == [(page.read_text(encoding="utf-8").partition("\n")[0][2:], page.name) for page in pages]
     left_out = re.findall(r"\b0\d{3}\b", index.partition("\n- ")[0])
-    numbers = sorted([*left_out, *(page.name[:4] for page in pages)])
+    archived = [title[:4] for title, _ in archived_decisions()]
+    numbers = sorted([*left_out, *archived, *(page.name[:4] for page in pages)])
     assert numbers == [f"{number:04}" for number in range(1, len(numbers) + 1)]
 
 
-def test_decisions_are_whole() -> None:
-    """Each page of the decisions says context, decision, consequences, and how to undo it."""
+def test_decisions_are_whole_and_short() -> None:
+    """Each page of the decisions says the choice, reasons, costs, and how to undo it, on half a page."""
     for page in sorted((DOCS / "decisions").glob("0*.md")):
-        heads = re.findall(r"^## (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
-        assert heads == ["Context", "Decision", "Consequences", "How to undo it"], page.name
+        text = page.read_text(encoding="utf-8")
+        heads = re.findall(r"^## (.+)$", text, re.MULTILINE)
+        assert heads == ["Decision", "Reasons", "Costs", "How to undo it"], page.name
+        assert len(text.split()) < 320, page.name
+    for title, text in archived_decisions():
+        assert 20 < len(text.split()) < 160, title
+
+
+def archived_decisions() -> list[tuple[str, str]]:
+    """Title and text of each decision in the archive, in the order of their numbers."""
+    archive = (DOCS / "decisions" / "archive.md").read_text(encoding="utf-8")
+    return re.findall(r"^## (\d{4}\. .+)\n\n((?:(?!^## ).*\n)+)", archive, re.MULTILINE)
 
 
 def test_the_conformance_suite_is_run_at_the_commit_of_the_results() -> None:

@@ -64,7 +64,8 @@ and drag as the range does. By construction they differ in this:
 
 ArduCopter is a feedback loop around all of this: while it controls an aircraft, such differences do not grow. They can
 move the moment at which it begins a leg, accepts a waypoint or detects a landing. In wind it may not detect a landing
-at all ([decision](../decisions/0032-a-landing-in-wind-ends.md)), and small differences at the touchdown decide that:
+at all ([decision](../decisions/archive.md#0032-the-builtin-autopilot-detects-a-landing-in-any-wind)),
+and small differences at the touchdown decide that:
 then the outcome is `unfinished`. After a collision nothing holds two flights together.
 """
 
