@@ -1,8 +1,9 @@
-"""What do the pages say of two autopilots side by side? Tables in Markdown, made of a comparison."""
+"""What do the pages say of two autopilots side by side? The tables of docs/data/parity.json, made of a comparison."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import TypedDict
 
 import numpy as np
 
@@ -25,40 +26,53 @@ SHOWN: Mapping[str, tuple[str, str]] = {
 """Measures that a table of a wind has, in this order."""
 SMALL: Mapping[str, float] = {"s": 0.05, "m": 0.02, "m/s": 0.02, "°": 1.0, "°/s": 1.0}
 """A relative difference of less than that says nothing."""
+HOVER: Mapping[str, tuple[str, str, int]] = {
+    "wander_m": ("level distance from the mean place, RMS", "m", 3),
+    "speed_mps": ("level speed, RMS", "m/s", 3),
+    "height_m": ("height around its mean, RMS", "m", 3),
+    "climb_mps": ("climb, RMS", "m/s", 3),
+    "tilt_deg": ("tilt, mean", "°", 2),
+}
+"""Measures of a hover: what they are, unit, decimals."""
 
 
-KINDS = ("builtin", "ArduPilot")
+class Table(TypedDict):
+    """A table of the pages."""
+
+    heads: list[str]
+    rows: list[list[str]]
 
 
-def measures(parity: Parity, depart_s: float, names: tuple[str, str] = KINDS) -> Iterator[str]:
+def measures(parity: Parity, depart_s: float) -> Table:
     """For each measure the mission where the two are farthest apart, and how many per cent that is."""
-    yield f"| measure | missions | largest difference in | {names[0]} | {names[1]} | difference | |"
-    yield "|---|---|---|---|---|---|---|"
+    rows = []
     for name, (words, unit) in SHOWN.items():
-        rows = [row for row in parity.rows() if row.measure == name]
-        if not rows:
+        found = [row for row in parity.rows() if row.measure == name]
+        if not found:
             continue
         shift = depart_s if name == "lift_off_s" else 0.0
-        far = max(rows, key=lambda row: abs(row.difference))
+        far = max(found, key=lambda row: abs(row.difference))
         if max(abs(far.first), abs(far.second)) < SMALL[unit]:
             continue
         share = far.difference / (far.second - shift) if far.second != shift else np.nan
-        yield (
-            f"| {words} | {len(rows)} | {far.vehicle.split('/')[1]} | {far.first - shift:.2f} {unit} | "
-            f"{far.second - shift:.2f} {unit} | {far.difference:+.2f} {unit} | {share:+.1%} |"
+        both = (f"{value - shift:.2f} {unit}" for value in (far.first, far.second))
+        rows.append(
+            [words, str(len(found)), _mission(far.vehicle), *both, f"{far.difference:+.2f} {unit}", f"{share:+.1%}"]
         )
     legs = [row for row in parity.rows() if row.measure.startswith("leg_")]
     far = max(legs, key=lambda row: abs(row.difference))
-    yield (
-        f"| a leg's duration | {len(legs)} legs | {far.vehicle.split('/')[1]}, leg {far.measure.split('_')[1]} | "
-        f"{far.first:.2f} s | {far.second:.2f} s | {far.difference:+.2f} s | {far.relative:+.1%} |"
+    where = f"{_mission(far.vehicle)}, leg {far.measure.split('_')[1]}"
+    both = (f"{value:.2f} s" for value in (far.first, far.second))
+    rows.append(
+        ["a leg's duration", f"{len(legs)} legs", where, *both, f"{far.difference:+.2f} s", f"{far.relative:+.1%}"]
     )
+    heads = ["measure", "missions", "largest difference in", "builtin", "ArduPilot", "difference", "relative"]
+    return {"heads": heads, "rows": rows}
 
 
-def missions(parity: Parity, names: tuple[str, str] = KINDS) -> Iterator[str]:
+def missions(parity: Parity) -> Table:
     """One row per mission: what happened, and how far apart the two aircraft were."""
-    yield f"| mission | modes | items reached | last common item, {' and '.join(names)} | largest distance |"
-    yield "|---|---|---|---|---|"
+    rows = []
     for name, one in parity.first.items():
         other = parity.second[name]
         modes = " ".join(_said([mode for _, mode in each.modes]) for each in _different(one, other, "modes"))
@@ -67,8 +81,81 @@ def missions(parity: Parity, names: tuple[str, str] = KINDS) -> Iterator[str]:
         )
         common = min(len(one.items), len(other.items))
         last = [f"{each.items[common - 1][0]:.2f} s" for each in (one, other) if common]
-        apart = f"{parity.apart_m(name):.1f} m"
-        yield f"| {name.split('/')[1]} | {modes} | {items} | {', '.join(last) or 'none'} | {apart} |"
+        rows.append([_mission(name), modes, items, ", ".join(last) or "none", f"{parity.apart_m(name):.1f} m"])
+    heads = ["mission", "modes", "items reached", "last common item, builtin and ArduPilot", "largest distance"]
+    return {"heads": heads, "rows": rows}
+
+
+def rates(flown: Mapping[str, Mapping[float, Parity]], depart_s: float) -> Table:
+    """For each measure the largest difference that cheaper rates make, over all winds: by rates, then by wind."""
+    rows: dict[str, list[str]] = {}
+    for by_wind in flown.values():
+        for words, (mission, difference) in _of_rates(by_wind, depart_s):
+            rows.setdefault(words, [words]).extend((mission, difference))
+    heads = ["measure", *(head for name in flown for head in (f"{name}: largest in", "difference"))]
+    return {"heads": heads, "rows": list(rows.values())}
+
+
+def _of_rates(by_wind: Mapping[float, Parity], depart_s: float) -> Iterator[tuple[str, tuple[str, str]]]:
+    flights = [(wind_mps, name, parity) for wind_mps, parity in by_wind.items() for name in parity.first]
+    lasts = []
+    for wind_mps, name, parity in flights:
+        items = [flight.items for flight in (parity.first[name], parity.second[name])]
+        if common := min(map(len, items)):
+            lasts.append((items[0][common - 1][0] - items[1][common - 1][0], wind_mps, name))
+    if lasts:
+        difference, wind_mps, name = max(lasts, key=lambda last: abs(last[0]))
+        yield "last common item", (_place(name, wind_mps), f"{abs(difference):.1f} s")
+    known = [(wind_mps, row) for wind_mps, parity in by_wind.items() for row in parity.rows()]
+    for measure, (words, unit) in {**SHOWN, "leg_": ("a leg's duration", "s")}.items():
+        found = [(wind_mps, row) for wind_mps, row in known if row.measure.startswith(measure)]
+        if not found:
+            continue
+        wind_mps, far = max(found, key=lambda one: abs(one[1].difference))
+        shift = depart_s if measure == "lift_off_s" else 0.0
+        leg = f", leg {far.measure.split('_')[1]}" if measure == "leg_" else ""
+        share = abs(far.difference / (far.second - shift)) if far.second != shift else np.nan
+        yield words, (f"{_place(far.vehicle, wind_mps)}{leg}", f"{abs(far.difference):.2f} {unit}, {share:.1%}")
+    apart_m, wind_mps, name = max((parity.apart_m(name), wind_mps, name) for wind_mps, name, parity in flights)
+    yield "position at equal time", (_place(name, wind_mps), f"{apart_m:.1f} m")
+
+
+def hover(builtin: Mapping[str, float], ardupilot: Mapping[str, float]) -> Table:
+    """How steadily the two hover."""
+    rows = [
+        [
+            words,
+            f"{builtin[name]:.{decimals}f} {unit}",
+            f"{ardupilot[name]:.{decimals}f} {unit}",
+            f"{builtin[name] / ardupilot[name] - 1.0:+.1%}",
+        ]
+        for name, (words, unit, decimals) in HOVER.items()
+    ]
+    return {"heads": ["measure", "builtin", "ArduPilot", "difference"], "rows": rows}
+
+
+def messages(parity: Parity, vehicle: str) -> Table:
+    """Messages that are not sent equally often, by more than 1 in 20 and 2 in all; then those that are."""
+    one, other = parity.first[vehicle], parity.second[vehicle]
+    rows, alike = [], []
+    for name in sorted({*one.sent, *other.sent}):
+        counts = one.sent.get(name, 0), other.sent.get(name, 0)
+        if abs(counts[0] - counts[1]) <= max(2, 0.05 * max(counts)):
+            alike.append(name)
+            continue
+        hz = [f"{each.rates_hz.get(name, 0.0):.2f}" for each in (one, other)]
+        rows.append([f"`{name}`", *map(str, counts), *hz])
+    heads = ["message", "builtin, in all", "ArduPilot, in all", "builtin, Hz in the air", "ArduPilot, Hz in the air"]
+    rows.append([", ".join(f"`{name}`" for name in alike), "equally often", "", "", ""])
+    return {"heads": heads, "rows": rows}
+
+
+def _mission(vehicle: str) -> str:
+    return vehicle.split("/")[1]
+
+
+def _place(vehicle: str, wind_mps: float) -> str:
+    return f"{_mission(vehicle)}, wind" if wind_mps else _mission(vehicle)
 
 
 def _different(one: FlightMeasures, other: FlightMeasures, what: str) -> list[FlightMeasures]:
@@ -78,20 +165,3 @@ def _different(one: FlightMeasures, other: FlightMeasures, what: str) -> list[Fl
 
 def _said(names: list[str]) -> str:
     return ", ".join(names)
-
-
-def messages(parity: Parity, vehicle: str) -> Iterator[str]:
-    """Messages that are not sent equally often, by more than 1 in 20 and 2 in all."""
-    one, other = parity.first[vehicle], parity.second[vehicle]
-    yield "| message | builtin, in all | ArduPilot, in all | builtin, Hz in the air | ArduPilot, Hz in the air |"
-    yield "|---|---|---|---|---|"
-    alike = []
-    for name in sorted({*one.sent, *other.sent}):
-        counts = one.sent.get(name, 0), other.sent.get(name, 0)
-        if abs(counts[0] - counts[1]) <= max(2, 0.05 * max(counts)):
-            alike.append(name)
-            continue
-        rates = one.rates_hz.get(name, 0.0), other.rates_hz.get(name, 0.0)
-        yield f"| `{name}` | {counts[0]} | {counts[1]} | {rates[0]:.2f} | {rates[1]:.2f} |"
-    yield ""
-    yield f"Equally often: {', '.join(f'`{name}`' for name in alike)}."

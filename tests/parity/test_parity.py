@@ -1,6 +1,6 @@
 """The builtin and a real ArduCopter fly the same missions in the same world: how far apart may they be?
 
-Tolerances are from what was measured (docs/explanation/parity.md), with room for another version of ArduCopter, and
+Tolerances are from what was measured (docs/data/parity.json), with room for another version of ArduCopter, and
 below the 10 % that the builtin promises.
 """
 

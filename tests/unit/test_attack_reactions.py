@@ -34,7 +34,9 @@ from skyrange.parity.attacks.reactions import (
 from skyrange.scenario.shipped import EXAMPLES, load
 from skyrange.study.runs import fly
 
-PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "parity.md"
+DOCS = Path(__file__).parents[2] / "docs"
+CAUSES = DOCS / "explanation" / "parity.md"
+RESULTS = DOCS / "reference" / "parity-results.md"
 NOT_FLOWN: dict[str, str] = {}
 """Kinds that the table does not have, and why."""
 START_S = 10.0
@@ -213,6 +215,8 @@ def test_rows_of_kinds_that_were_not_flown_stay_and_count(tmp_path: Path) -> Non
         "Of 3 attacks that change a flight of either, the reaction is the same in 3, at the same time and distance in"
     )
     assert f"{same} 2. Of all 4 attacks these are 4 and 3." in page.read_text()
+    counted = report.read_agreement(page)
+    assert (counted.kinds, counted.same, counted.effective, counted.effective_alike) == (4, 4, 3, 2)
 
 
 def test_a_kind_that_does_not_reach_the_other_autopilot_is_not_counted() -> None:
@@ -324,10 +328,11 @@ def test_the_builtin_in_both_roles_agrees(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert [name for name in names if name.endswith("nominal")] == ["mavlink.command-builtin-nominal"]
 
 
-def test_the_page_gives_causes_for_the_rows_that_differ_and_for_no_other() -> None:
-    _, _, rest = PAGE.read_text().partition(report.BEGIN)
-    table, _, beside = rest.partition(report.END)
-    section, _, _ = beside.partition("\n### ")
+def test_the_pages_give_causes_for_the_rows_that_differ_and_for_no_other() -> None:
+    _, _, rest = RESULTS.read_text().partition(report.BEGIN)
+    table, _, _ = rest.partition(report.END)
+    _, _, causes = CAUSES.read_text().partition("\n### Causes of differences\n")
+    section, _, _ = causes.partition("\n### ")
     differ = {cells[0] for line in _rows(table) if (cells := _cells(line))[-1] != report.YES}
     explained = {kind for line in _rows(section) for kind in _cells(line)[0].split(", ")}
     assert differ
@@ -352,7 +357,7 @@ def test_a_missing_arducopter_is_told_before_the_first_flight(monkeypatch: pytes
 
 
 def test_every_kind_of_attack_is_in_the_table_or_its_absence_is_explained() -> None:
-    text = PAGE.read_text(encoding="utf-8")
+    text = RESULTS.read_text(encoding="utf-8")
     block = text[text.index(report.BEGIN) : text.index(report.END)]
     rows = {line.split("`")[1] for line in block.splitlines() if line.startswith("| `")}
     assert rows | NOT_FLOWN.keys() == set(kinds(ATTACKS))

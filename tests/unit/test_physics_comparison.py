@@ -1,4 +1,4 @@
-"""Comparison of flights in the range's own physics and in Gazebo's, of runs that were not flown, and its page."""
+"""Comparison of flights in the range's own physics and in Gazebo's, of runs that were not flown, and its tables."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tools.agreement.physics.comparison import (
     compare_runs,
     read_collisions,
 )
-from tools.agreement.physics.page import make_page
+from tools.agreement.physics.page import BEGIN, END, tables
 
 TIME_S = np.arange(0.0, 10.0, 0.5)
 
@@ -150,8 +150,8 @@ def compared() -> PhysicsComparison:
     )  # fmt: skip
 
 
-def test_the_page_has_versions_differences_and_collisions() -> None:
-    page = make_page(compared())
+def test_the_tables_have_versions_differences_and_collisions() -> None:
+    page = "\n".join(tables(compared()))
     assert "Gazebo 11.1.0 with the physics engine ode, and ArduCopter 4.7.0-dev" in page
     assert "| largest distance in the air | 0.11 m at 7.5 s |" in page
     assert "| outcome | complete / failed |" in page
@@ -174,21 +174,27 @@ def test_command_writes_the_page_and_the_numbers(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(comparison, "compare", compare)
     page = tmp_path / "page.md"
+    page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
     asked = ["gazebo-physics", "met", "--out", str(tmp_path / "runs"), "--page", str(page), "--set", "seed=3"]
     said = CliRunner().invoke(app, [*asked, "--json"])
     assert said.exit_code == 0, said.output
     assert given == [(tmp_path / "runs", ["met"], ["seed=3"], "met")]
     told = json.loads(said.stdout)
     assert told["scenarios"][0]["difference"]["aircraft"][0]["largest_m"] == pytest.approx(0.11)
-    assert page.read_text() == make_page(compared())
+    made = "\n".join(tables(compared()))
+    assert page.read_text() == f"before\n{BEGIN}\n\n{made}\n{END}\nafter\n"
     lines = CliRunner().invoke(app, asked, env={"COLUMNS": "200"}).stdout
     assert "## Largest differences" in lines
 
 
-def test_a_page_that_cannot_be_written_is_refused_first(tmp_path: Path) -> None:
-    said = CliRunner().invoke(app, ["gazebo-physics", "--page", str(tmp_path / "none" / "page.md")])
+@pytest.mark.parametrize("text", [None, "# No marks\n"])
+def test_a_page_without_marks_is_refused_first(tmp_path: Path, text: str | None) -> None:
+    page = tmp_path / "page.md"
+    if text is not None:
+        page.write_text(text)
+    said = CliRunner().invoke(app, ["gazebo-physics", "--page", str(page)])
     assert said.exit_code != 0
-    assert "a file in a folder that exists" in str(said.exception or said.output)
+    assert "--page" in str(said.exception or said.output)
 
 
 def test_comparison_refuses_before_anything_flies(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -220,7 +220,7 @@ def gazebo_physics(
     ] = None,
     changes: Changes = None,
     page: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Also write this Markdown page, whatever it was before.")
+        Path | None, typer.Option(metavar="FILE", help="Also renew the tables in this Markdown page.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -240,7 +240,7 @@ def gazebo_physics(
     with step_progress(quiet=as_json) as on_step:
         compared = compare(folder, chosen, changes or (), again=chosen[0], on_step=on_step)
     if page is not None:
-        report.write_page(compared, page)
+        report.renew_page(compared, page)
     if as_json:
         print_json({"path": str(folder), **results(compared)})
         return

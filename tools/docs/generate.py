@@ -34,6 +34,8 @@ from tools.docs.measurement_reference import (
     benchmark_sizes,
     gazebo_benchmark,
     learned_features,
+    parity_counts,
+    parity_tables,
     score_format,
     score_tables,
     study_file,
@@ -314,6 +316,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "benchmark-results": benchmark_results,
     "benchmark-sizes": benchmark_sizes,
     "gazebo-benchmark": gazebo_benchmark,
+    **parity_tables(),
     "benchmark-format": benchmark_format,
     "study-file": study_file,
     "study-measures": study_measures,
@@ -351,7 +354,7 @@ GENERATED: dict[str, Callable[[], str]] = {
 COUNTED: dict[str, Callable[[], int]] = {
     kind: partial(count_shipped, f"skyrange.{kind}") for kind in ("attacks", "defences", "detectors", "faults")
 }
-COUNTED["mechanisms"] = count_mechanisms
+COUNTED |= {"mechanisms": count_mechanisms, **parity_counts()}
 
 
 def renewed(text: str) -> str:

@@ -3,7 +3,7 @@
 `python -m tools.docs.measure_attacks [NAME …]` flies the examples (all of them unless named), and rewrites their
 sections of `docs/reference/attack-effects.md` or `fault-effects.md` and their figures in `docs/images/attacks` or
 `faults`. Of a scenario in `NAMED` it rewrites the table on its own page; `tools/docs/pictures.py` draws its figure.
-What an ArduCopter does is read from the tables of `docs/explanation/parity.md`; the name `arducopter` renews that.
+What an ArduCopter does is read from the tables of `docs/reference/parity-results.md`; the name `arducopter` renews it.
 Differences are those of the attacked run from its baseline: the sham of an attack that lies, and the nominal run of one
 that works by load and of a fault.
 """
@@ -34,7 +34,7 @@ from tools.docs.plugin_kinds import page_of
 ROOT: Final = Path(__file__).parents[2]
 PAGE: Final = ROOT / "docs" / "reference" / "attack-effects.md"
 FAULT_PAGE: Final = ROOT / "docs" / "reference" / "fault-effects.md"
-PARITY_PAGE: Final = ROOT / "docs" / "explanation" / "parity.md"
+PARITY_PAGE: Final = ROOT / "docs" / "reference" / "parity-results.md"
 PUBLISHED_PAGE: Final = ROOT / "docs" / "reference" / "published-attacks.md"
 SCENARIO_PAGES: Final = ROOT / "docs" / "reference" / "scenarios"
 NAMED: Final = (

@@ -3,7 +3,7 @@
 `python -m tools.docs.measure_gazebo speed NAME [OPTION…]` runs `python -m tools.agreement gazebo-speed` with these
 options, whose results are `docs/data/gazebo/NAME.json`, and draws `docs/images/gazebo-NAME.svg`; the names are `sim`
 and `classic`, for the two flavours of Gazebo, and `window`. It takes some five minutes on two quiet cores. `parity`
-runs `python -m tools.agreement gazebo-physics`, which writes `docs/explanation/gazebo-parity.md`, in some ten minutes.
+runs `python -m tools.agreement gazebo-physics`, which renews `docs/explanation/gazebo-parity.md`, in some ten minutes.
 `draw` draws all figures again. `tools/docs/generate.py` puts the tables into the reference, and
 `tools/docs/photograph_gazebo.py` makes the picture of Gazebo's window. All but `draw` need Gazebo and ArduCopter.
 """

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 from tools.docs.markdown_tables import keys, table
 
@@ -19,8 +23,6 @@ def benchmark_results() -> str:
 
 def gazebo_benchmark() -> str:
     """The shipped results of the benchmark of Gazebo, of each set-up that was measured."""
-    import json
-
     from tools.agreement.gazebo_bench.page import make_markdown
 
     parts = []
@@ -30,6 +32,43 @@ def gazebo_benchmark() -> str:
         title = f"### {first['versions']['gazebo']}{', with its window' if first['window'] else ''}"
         parts += [title, "", make_markdown(data, f"../images/gazebo-{file.stem}.svg"), ""]
     return "\n".join(parts)
+
+
+@cache
+def _parity() -> dict[str, Any]:
+    tables: dict[str, Any] = json.loads((DOCS / "data" / "parity.json").read_text(encoding="utf-8"))
+    return tables
+
+
+def parity_tables() -> dict[str, Callable[[], str]]:
+    """The blocks about the missions that the builtin and ArduCopter fly: each measured table, and a summary of two."""
+    return {**{f"parity-{name}": partial(_parity_table, name) for name in _parity()}, "parity-summary": _parity_summary}
+
+
+def _parity_table(name: str) -> str:
+    return table(_parity()[name]["heads"], _parity()[name]["rows"])
+
+
+def _parity_summary() -> str:
+    """For each measure the largest difference, in calm air and in wind."""
+    cells: dict[str, list[str]] = {}
+    for column, name in enumerate(("measures-calm", "measures-wind")):
+        for words, _, mission, _, _, difference, relative in _parity()[name]["rows"]:
+            cells.setdefault(words, ["", ""])[column] = f"{difference}, {relative} ({mission})"
+    rows = [(words, *both) for words, both in cells.items()]
+    return table(("measure", "no wind", "wind of 8 m/s"), rows)
+
+
+def parity_counts() -> dict[str, Callable[[], int]]:
+    """Numbers of attacks in the table of reactions: compared, effective, and those in which the autopilots agree."""
+    names = ("kinds", "effective", "same", "effective_same", "alike", "effective_alike")
+    return {f"parity-attacks-{name.replace('_', '-')}": partial(_count_attacks, name) for name in names}
+
+
+def _count_attacks(name: str) -> int:
+    from skyrange.parity.attacks.page import read_agreement
+
+    return int(getattr(read_agreement(DOCS / "reference" / "parity-results.md"), name))
 
 
 def benchmark_sizes() -> str:

@@ -1,14 +1,14 @@
-"""Page in Markdown about the range's own physics and Gazebo's: text around tables of what was measured."""
+"""Tables in Markdown about the range's own physics and Gazebo's, and the page that has them."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
 from skyrange.core.errors import InputError
-from skyrange.core.files import atomic_write
-from skyrange.parity.flights import TRUTH_HZ
+from skyrange.core.files import MIB, atomic_write, read_input
 from tools.agreement.physics.comparison import (
     FINE_STEPS,
     AircraftDifference,
@@ -31,78 +31,40 @@ _MEASURES: Final = (
 """Name, title, unit, decimals, and by what the value is multiplied."""
 
 _CALM_MPS: Final = 1e-6
-_HEAD: Final = """# Physics of the range and of Gazebo
-
-```console
-$ python -m tools.agreement gazebo-physics --page docs/explanation/gazebo-parity.md
-```
-
-This command flies shipped scenarios with ArduCopter, with one seed, in [the range's own physics](physics.md)
-(`autopilot = "ardupilot"`) and in Gazebo's (`autopilot = "gazebo"`), compares them, and writes this page. All numbers
-are from the recorded truth, {hz:g} times a second.
-
-{versions}
-
-Both have the same rotors, batteries, air, sensors and parameters, and the same forces: Gazebo's plugin computes thrust
-and drag as the range does. By construction they differ in this:
-
-- **Delay.** Gazebo computes a tick of 2.5 ms while the ArduPilots compute their answers to its start. So the motors act
-  one tick later than in the range.
-- **Integration.** The range moves a body by the mean of old and new velocity, and turns it by the midpoint rule.
-  Gazebo's engine steps the velocity first and then moves the body by the new one (semi-implicit Euler), once in each
-  tick unless `steps_per_tick` is larger.
-- **Ground.** In the range a plane stops the landing gear, brakes it by friction and brings the aircraft level. In
-  Gazebo the box of the frame rests on the ground by contacts with friction. An aircraft that touches down with a lean
-  touches with an edge first, and hops and slides before it stands. The range limits friction along the direction of
-  sliding, and so does Gazebo 11's engine, ODE, as the world asks it to; Gazebo Sim's, DART, limits it along two axes,
-  each by itself. In wind aircraft slide at take-off and landing, so they part there.
-- **Collisions.** In the range an aircraft is an upright cylinder as wide as its propeller tips reach, with a
-  restitution of 0.3. In Gazebo it is the box of its frame and the discs of its four rotors, which tilt with it, with
-  friction and without bounce. So aircraft that meet nose to nose touch later in Gazebo, with the discs of their front
-  rotors, or pass each other with the gaps between them. In both a touched propeller is lost; in the range also those
-  within 60 degrees of the contact.
-
-ArduCopter is a feedback loop around all of this: while it controls an aircraft, such differences do not grow. They can
-move the moment at which it begins a leg, accepts a waypoint or detects a landing. In wind it may not detect a landing
-at all ([decision](../decisions/archive.md#0032-the-builtin-autopilot-detects-a-landing-in-any-wind)),
-and small differences at the touchdown decide that:
-then the outcome is `unfinished`. After a collision nothing holds two flights together.
-"""
-
-
-def make_page(comparison: PhysicsComparison) -> str:
-    """The whole page."""
-    return "\n".join([*_lines(comparison), ""])
-
-
-def write_page(comparison: PhysicsComparison, page: Path) -> None:
-    """Write it to the file `page`, whatever that was before. Raises `OSError`."""
-    with atomic_write(page) as file:
-        file.write(make_page(comparison).encode())
+BEGIN: Final = "<!-- python -m tools.agreement gazebo-physics: begin -->"
+END: Final = "<!-- python -m tools.agreement gazebo-physics: end -->"
+_BLOCK: Final = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
 
 
 def check_page(page: Path) -> None:
-    """Raise `InputError` if a file cannot be there, before minutes are spent."""
-    if page.is_dir() or not page.parent.is_dir():
-        raise InputError.one("gazebo-physics", "--page", str(page), "a file in a folder that exists")
+    """Raise `InputError` for a page without `BEGIN` and `END`, or one that cannot be read, before minutes are spent."""
+    if _BLOCK.search(_read(page)) is None:
+        raise InputError.one("--page", str(page), "a page without the marks", f"a page with {BEGIN} and {END}")
+
+
+def renew_page(comparison: PhysicsComparison, page: Path) -> None:
+    """Replace the tables between `BEGIN` and `END` in a page."""
+    check_page(page)
+    block = "\n".join([BEGIN, "", *tables(comparison), END])
+    text = _BLOCK.sub(lambda _: block, _read(page))
+    with atomic_write(page) as file:
+        file.write(text.encode())
+
+
+def _read(page: Path) -> str:
+    return read_input(page, "--page", max_bytes=MIB, expected="a Markdown page").decode(errors="replace")
 
 
 def tables(comparison: PhysicsComparison) -> Iterator[str]:
-    """The lines of all tables, each with its heading."""
-    for scenario in comparison.scenarios:
-        yield from _scenario(scenario)
+    """The versions, and the lines of all tables, each with its heading."""
+    yield f"{comparison.gazebo} with the physics engine {comparison.physics}, and ArduCopter {comparison.arducopter}."
+    yield ""
     yield from _overview(comparison.scenarios)
     for scenario in comparison.scenarios:
         if scenario.repeated is not None and scenario.fine is not None:
             yield from _steps(scenario, scenario.repeated, scenario.fine)
-
-
-def _lines(comparison: PhysicsComparison) -> Iterator[str]:
-    versions = (
-        f"{comparison.gazebo} with the physics engine {comparison.physics}, and ArduCopter {comparison.arducopter}."
-    )
-    yield _HEAD.format(hz=TRUTH_HZ, versions=versions)
-    yield from tables(comparison)
+    for scenario in comparison.scenarios:
+        yield from _scenario(scenario)
 
 
 def _scenario(scenario: ComparedScenario) -> Iterator[str]:

@@ -24,7 +24,7 @@ BEGIN: Final = "<!-- python -m tools.agreement radio: begin -->"
 END: Final = "<!-- python -m tools.agreement radio: end -->"
 SHARES_SVG: Final = "radio-parity-shares.svg"
 LOSSES_SVG: Final = "radio-parity-losses.svg"
-_WORST: Final = 5
+_WORST: Final = 2
 _BLOCK: Final = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
 
 

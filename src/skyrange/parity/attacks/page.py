@@ -169,8 +169,16 @@ def renew_page(compared: Sequence[ComparedAttack], page: Path) -> None:
     """Renew the table between `BEGIN` and `END` in a page: the rows of other kinds with an example stay."""
     rows = _merged(page, ((attack.kind, [row(attack)]) for attack in compared), seeds=False)
     lines = [line for (line,) in rows.values()]
-    agreement_text = describe(count([parsed for line in lines if (parsed := _parse_agreement(line)) is not None]))
-    _write_block(page, list(_table(lines, agreement_text)), seeds=False)
+    _write_block(page, list(_table(lines, describe(_agreement_of(lines)))), seeds=False)
+
+
+def read_agreement(page: Path) -> AttackAgreement:
+    """The agreement of the attacks in a page's table. Raises `InputError` as `check_page` does."""
+    return _agreement_of([match[0] for match in _ROW.finditer(_read_block(page, seeds=False)[0])])
+
+
+def _agreement_of(lines: Sequence[str]) -> AttackAgreement:
+    return count([parsed for line in lines if (parsed := _parse_agreement(line)) is not None])
 
 
 def renew_seeds(compared: Sequence[SeededAttack], page: Path) -> None:
