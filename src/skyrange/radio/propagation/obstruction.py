@@ -8,7 +8,7 @@ counts only past one or two buildings, and only if both its legs are unobstructe
 
 Walls beside the line guide the signal (`street_canyon`). Along an unobstructed line they reduce the loss over open
 ground, so that the result may be negative. Between two antennas in street canyons that do not see each other, the loss
-is at most the median that P.1411-12 4.1.1 gives for streets without line of sight: it was measured, so it contains
+is at most the median that P.1411-10 4.1.1 gives for streets without line of sight: it was measured, so it contains
 diffraction, and the powers do not add.
 
 Not modelled: single reflections, transmission through buildings, courtyards (taken as solid).

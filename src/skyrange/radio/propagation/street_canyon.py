@@ -6,7 +6,7 @@ the share of the street's length that has a gap between buildings on either side
 that of open ground, which is 4 beyond the breakpoint.
 
 Without line of sight, diffraction alone makes the loss too large by tens of decibels, because walls reflect and scatter
-the signal round corners and down into streets. For two antennas below the roofs, ITU-R P.1411-12 4.1.1 gives the median
+the signal round corners and down into streets. For two antennas below the roofs, ITU-R P.1411-10 4.1.1 gives the median
 that was measured in streets, whatever their heights; for one of them above, 3GPP TR 36.777 gives one by its height.
 
 Walls are found by horizontal rays through the grid of the city. They count if they are higher than the ray, and if
@@ -23,7 +23,7 @@ from skyrange.radio.propagation.obstacle_grid import Obstacles, start_traversal
 from skyrange.radio.propagation.path_loss import SPEED_OF_LIGHT_MPS, ground_excess_db, open_ground_db
 
 MAX_WIDTH_M: Final = 50.0
-"""The widest street: the default separation of building rows is 20 to 50 m (P.1411-12 4.4, after COST 231)."""
+"""The widest street: the default separation of building rows is 20 to 50 m (P.1411-10 4.4, after COST 231)."""
 MIN_EXCESS_DB: Final = 6.0
 """The least loss round obstacles above that of an unobstructed line: that of an edge on the line (P.526-15, 4.1)."""
 SAMPLES: Final = 32
@@ -44,8 +44,8 @@ _DIAGONAL: Final = math.sqrt(0.5)
 def street_loss_db(distance_m: float, wavelength: float) -> float:
     """Median loss between two antennas in streets without line of sight, by their distance in space.
 
-    ITU-R P.1411-12 4.1.1, site-general, table 4, NLoS in urban high-rise: 10·4.00·log10(d/m) + 10.2 +
-    10·2.36·log10(f/GHz), for 0.8 to 82 GHz and 30 to 715 m.
+    ITU-R P.1411-10 4.1.1, site-general, table 4, NLoS in urban high-rise: 10·4.00·log10(d/m) + 10.2 +
+    10·2.36·log10(f/GHz), for 0.8 to 38 GHz and 30 to 715 m.
     """
     frequency_ghz = SPEED_OF_LIGHT_MPS / wavelength * 1e-9
     return 10.0 * _ALPHA * math.log10(max(distance_m, 1.0)) + _BETA + 10.0 * _GAMMA * math.log10(frequency_ghz)
@@ -56,7 +56,7 @@ def aerial_loss_db(distance_m: float, height_m: float, wavelength: float) -> flo
     """Median loss between an antenna in a street and one above, without line of sight, by their distance in space.
 
     3GPP TR 36.777 table B-2, UMi-AV, NLOS: 32.4 + (43.2 - 7.6·log10(h/m))·log10(d/m) + 20·log10(f/GHz); h is the height
-    of the upper antenna, 22.5 to 300 m. ITU-R P.1411-12 4.2.1 has 43.9·log10(d/m) - 6.27 + 23·log10(f/GHz) for all
+    of the upper antenna, 22.5 to 300 m. ITU-R P.1411-10 4.2.1 has 43.9·log10(d/m) - 6.27 + 23·log10(f/GHz) for all
     heights: at 400 m and h = 60 m, both are within 1 dB.
     """
     frequency_ghz = SPEED_OF_LIGHT_MPS / wavelength * 1e-9
