@@ -79,7 +79,7 @@ def _claims_of_kinds(group: str) -> str:
             silent.append(f"`{name}`")
     rows = [(claim, ", ".join(names), *_split(text)) for (claim, text), names in makers.items()]
     rows.sort(key=lambda row: "assumed" not in row[2])
-    declared_by_none = f"\nThese kinds declare nothing: {', '.join(silent)}.\n" if silent else ""
+    declared_by_none = f"\nThese kinds declare no claim: {', '.join(silent)}.\n" if silent else ""
     return table(("claim", "made by", "rests on", "source, or what is assumed"), rows) + declared_by_none
 
 
