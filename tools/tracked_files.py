@@ -25,6 +25,7 @@ EXPLAINED = {
     "pictures of pages": ("docs/images/*.png", "docs/images/*.svg", "docs/reference/*.svg"),
     "measured results in pages": ("docs/data/*.json",),
     "scenarios, studies and schemas": ("src/skyrange/*.toml", "docs/reference/*.toml"),
+    "rows of pages": ("tools/docs/*.toml",),
     "tables that are data": tuple(
         f"src/skyrange/{at}/*.csv" for at in ("dataset", "record", "twins", "vehicle/builtin/parameters")
     ),

@@ -27,6 +27,7 @@ from tools.docs.autopilot_reference import (
     renamed,
     tuning,
 )
+from tools.docs.claims import claim_blocks
 from tools.docs.markdown_tables import keys, table
 from tools.docs.measurement_reference import (
     benchmark_format,
@@ -348,6 +349,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "airframes": airframes,
     "part89": part89,
     "avoidance": avoidance,
+    **claim_blocks(),
 }
 
 

@@ -17,7 +17,7 @@ PERSISTENCE = {
 """What ends the effect of an attack, by `AttackPlugin.persists`."""
 
 
-def _shipped(group: str) -> list[tuple[str, Any]]:
+def shipped_kinds(group: str) -> list[tuple[str, Any]]:
     """Kinds of a group that this project ships, by name, and nothing that a program or another package offers."""
     from skyrange.contracts.plugins.registry import find, kinds
 
@@ -28,14 +28,14 @@ def _shipped(group: str) -> list[tuple[str, Any]]:
 
 def count_shipped(group: str) -> int:
     """How many kinds of a group this project ships."""
-    return len(_shipped(group))
+    return len(shipped_kinds(group))
 
 
 def count_mechanisms() -> int:
     """How many of the shipped kinds of attack have an act of their own."""
     from skyrange.contracts.plugins.registry import ATTACKS
 
-    return sum(not kind.mechanism for _, kind in _shipped(ATTACKS))
+    return sum(not kind.mechanism for _, kind in shipped_kinds(ATTACKS))
 
 
 def attacks() -> str:
@@ -44,7 +44,7 @@ def attacks() -> str:
 
     rows = [
         (f"[`{name}`]({page_of(name)})", kind.about + (f" As `{kind.mechanism}`." if kind.mechanism else ""))
-        for name, kind in _shipped(ATTACKS)
+        for name, kind in shipped_kinds(ATTACKS)
     ]
     return table(("kind", "what it does"), rows)
 
@@ -58,7 +58,7 @@ def attack_families() -> list[str]:
     """The families of attacks: the first words of their names."""
     from skyrange.contracts.plugins.registry import ATTACKS
 
-    return sorted({_family_of(name) for name, _ in _shipped(ATTACKS)})
+    return sorted({_family_of(name) for name, _ in shipped_kinds(ATTACKS)})
 
 
 def attacks_of(family: str) -> str:
@@ -66,7 +66,7 @@ def attacks_of(family: str) -> str:
     from skyrange.contracts.plugins.registry import ATTACKS
 
     parts = []
-    for name, kind in _shipped(ATTACKS):
+    for name, kind in shipped_kinds(ATTACKS):
         if _family_of(name) == family:
             parts.append(f"## `{name}`\n\n{kind.about}\n")
             parts.append(_facts(kind))
@@ -108,7 +108,7 @@ def faults() -> str:
     from skyrange.contracts.plugins.registry import FAULTS
 
     parts = []
-    for name, kind in _shipped(FAULTS):
+    for name, kind in shipped_kinds(FAULTS):
         rows = [
             ("acts on", ", ".join(f"`{surface}`" for surface in kind.surface)),
             ("cause", kind.cause),
@@ -127,7 +127,7 @@ def defences() -> str:
     from skyrange.contracts.plugins.registry import DEFENCES
 
     parts = []
-    for name, kind in _shipped(DEFENCES):
+    for name, kind in shipped_kinds(DEFENCES):
         rows = [
             ("protects", ", ".join(f"`{name}`" for name in kind.surface)),
             ("place", kind.place),
@@ -162,7 +162,7 @@ def detectors() -> str:
     from skyrange.contracts.plugins.registry import DETECTORS
 
     parts = []
-    for name, kind in _shipped(DETECTORS):
+    for name, kind in shipped_kinds(DETECTORS):
         about = (import_module(kind.params.__module__).__doc__ or "").partition("\n")[2].strip()
         reduced = f"**Reduced**, as rankings say: {kind.reduced}.\n\n" if kind.reduced else ""
         parts.append(f"### `{name}`\n\n{kind.about}\n\n{reduced}{about}\n")
@@ -175,7 +175,7 @@ def approvals() -> str:
     from skyrange.contracts.plugins.registry import APPROVALS
 
     parts = []
-    for name, kind in _shipped(APPROVALS):
+    for name, kind in shipped_kinds(APPROVALS):
         parts.append(f"### `{name}`\n\n{kind.about}\n")
         if kind.params.model_fields:
             parts.append(keys(kind.params.model_json_schema(), kind.params.model_fields))

@@ -44,8 +44,8 @@ _DIAGONAL: Final = math.sqrt(0.5)
 def street_loss_db(distance_m: float, wavelength: float) -> float:
     """Median loss between two antennas in streets without line of sight, by their distance in space.
 
-    Recommendation ITU-R P.1411-10, 4.1.1 (site-general), table 4, row "urban high-rise", NLoS:
-    10·4.00·log10(d/m) + 10.2 + 10·2.36·log10(f/GHz), for 0.8 to 38 GHz and 30 to 715 m.
+    ITU-R P.1411-10 4.1.1, site-general, table 4, NLoS in urban high-rise: 10·4.00·log10(d/m) + 10.2 +
+    10·2.36·log10(f/GHz), for 0.8 to 38 GHz and 30 to 715 m.
     """
     frequency_ghz = SPEED_OF_LIGHT_MPS / wavelength * 1e-9
     return 10.0 * _ALPHA * math.log10(max(distance_m, 1.0)) + _BETA + 10.0 * _GAMMA * math.log10(frequency_ghz)
@@ -56,8 +56,8 @@ def aerial_loss_db(distance_m: float, height_m: float, wavelength: float) -> flo
     """Median loss between an antenna in a street and one above, without line of sight, by their distance in space.
 
     3GPP TR 36.777 table B-2, UMi-AV, NLOS: 32.4 + (43.2 - 7.6·log10(h/m))·log10(d/m) + 20·log10(f/GHz); h is the height
-    of the upper antenna, 22.5 to 300 m. ITU-R P.1411-10 4.2.1, row "urban high-rise", NLoS, has 43.9·log10(d/m) -
-    6.27 + 23·log10(f/GHz) for all heights: at 400 m and h = 60 m, both are within 1 dB.
+    of the upper antenna, 22.5 to 300 m. ITU-R P.1411-10 4.2.1 has 43.9·log10(d/m) - 6.27 + 23·log10(f/GHz) for all
+    heights: at 400 m and h = 60 m, both are within 1 dB.
     """
     frequency_ghz = SPEED_OF_LIGHT_MPS / wavelength * 1e-9
     slope = 43.2 - 7.6 * math.log10(max(height_m, AERIAL_HEIGHT_M))
