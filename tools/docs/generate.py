@@ -27,7 +27,7 @@ from tools.docs.autopilot_reference import (
     renamed,
     tuning,
 )
-from tools.docs.markdown_tables import keys, table
+from tools.docs.markdown_tables import Row, keys, own_rows, shared_rows, table
 from tools.docs.measurement_reference import (
     benchmark_format,
     benchmark_results,
@@ -86,23 +86,28 @@ def commands() -> dict[str, Any]:
 
 def cli() -> str:
     """Every command with its arguments and options, in the words of its `--help`."""
-    parts = []
+    heads = ("argument or option", "meaning", "default")
+    rows = {words: _parameter_rows(command) for words, command in commands().items()}
+    shared = shared_rows([[row for row in part if row[0].startswith("`--")] for part in rows.values()], 5)
+    parts = [f"### Options of several commands\n\n{table(heads, shared)}"]
+    where = "[Options of several commands](#options-of-several-commands)"
     for words, command in commands().items():
         arguments = [p for p in command.params if p.param_type_name == "argument"]
-        options = [p for p in command.params if p.param_type_name == "option"]
-        usage = " ".join(
-            ["skyrange", words, *(f"{_metavar(a)}" for a in arguments), *(["[OPTIONS]"] if options else [])]
-        )
+        usage = ["skyrange", words, *map(_metavar, arguments)]
+        usage += ["[OPTIONS]"] if len(rows[words]) > len(arguments) else []
         example = (command.epilog or "").removeprefix("Example: ")
-        rows = [
-            (f"`{_metavar(a)}`", a.help or "", "" if _metavar(a).startswith("[") else "required") for a in arguments
-        ]
-        rows += [(f"`{_spelling(o)}`", o.help or "", _default(o)) for o in options]
-        parts.append(f"### `skyrange {words}`\n\n{(command.help or '').strip()}\n\n```text\n{usage}\n```\n")
-        if rows:
-            parts.append(table(("argument or option", "meaning", "default"), rows))
+        parts.append(f"### `skyrange {words}`\n\n{(command.help or '').strip()}\n\n```text\n{' '.join(usage)}\n```\n")
+        parts.append(own_rows(heads, rows[words], shared, where))
         parts.append(f"Example: `{example}`\n" if example else "")
     return "\n".join(part for part in parts if part)
+
+
+def _parameter_rows(command: Any) -> list[Row]:
+    """The arguments of a command, then its options."""
+    arguments = [p for p in command.params if p.param_type_name == "argument"]
+    options = [p for p in command.params if p.param_type_name == "option"]
+    rows = [(f"`{_metavar(a)}`", a.help or "", "" if _metavar(a).startswith("[") else "required") for a in arguments]
+    return [*rows, *((f"`{_spelling(o)}`", o.help or "", _default(o)) for o in options)]
 
 
 def _metavar(argument: Any) -> str:

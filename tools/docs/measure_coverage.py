@@ -28,16 +28,16 @@ CLUSTERS: Final = (5, 10, 20, 60)
 INTRODUCTION: Final = f"""\
 # Measured coverage
 
-How often the 95 % intervals of skyrange contain the truth, from {REPLICATES:,} samples with a known truth for each number.
-`python -m tools.docs.measure_coverage` computes this page.
+How often the 95 % intervals of skyrange contain the truth, from {REPLICATES:,} samples with a known truth for each
+number. `python -m tools.docs.measure_coverage` computes this page.
 """
 MEANS: Final = """\
 ## Means over seeds
 
 The share of the samples whose interval contains the true mean ([means](../explanation/scoring.md#means-over-seeds) of
 studies, pairs and comparisons), and in parentheses the share that has an interval, if that is not every one. **Bold**:
-less than 93 %, too narrow for such data. Few samples do not show that. If data are skewed and seeds few, read the single
-flights too.
+less than 93 %, too narrow for such data. Few samples do not show that. If data are skewed and seeds few, read the
+single flights too.
 """
 CLAIMS: Final = """\
 ## Claims of a false-alarm rate

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import Any
+from typing import Any, NamedTuple
 
-from tools.docs.markdown_tables import keys, table
+from tools.docs.markdown_tables import KEY_HEADS, Row, key_rows, keys, own_rows, shared_rows, table
 
 PERSISTENCE = {
     "acts": "its last act",
@@ -38,6 +39,43 @@ def count_mechanisms() -> int:
     return sum(not kind.mechanism for _, kind in _shipped(ATTACKS))
 
 
+class _Section(NamedTuple):
+    """A kind on a page of several: its heading, its text, its facts, and its keys."""
+
+    heading: str
+    text: str
+    facts: list[Row]
+    keys: list[Row]
+
+
+_LEAST = 3
+"""Keys that so many kinds of a page have alike are described once."""
+
+
+def _sections(kinds: Iterable[_Section]) -> str:
+    """Kinds one after another; facts that all have, and keys that several have, stand before them."""
+    sections = list(kinds)
+    level = sections[0].heading.partition(" ")[0]
+    facts = shared_rows([section.facts for section in sections], max(len(sections), _LEAST))
+    shared = shared_rows([section.keys for section in sections], _LEAST)
+    parts = []
+    if facts:
+        parts += [f"{level} Common to all kinds\n", table(("", ""), facts)]
+    if shared:
+        parts += [f"{level} Keys of several kinds\n", table(KEY_HEADS, shared)]
+    where = "[Keys of several kinds](#keys-of-several-kinds)"
+    for section in sections:
+        parts.append(f"{section.heading}\n\n{section.text}\n")
+        own = [row for row in section.facts if row not in facts]
+        parts.append(table(("", ""), own) if own else "")
+        parts.append(own_rows(KEY_HEADS, section.keys, shared, where))
+    return "\n".join(part for part in parts if part)
+
+
+def _keys_of(kind: Any) -> list[Row]:
+    return key_rows(kind.params.model_json_schema(), kind.params.model_fields)
+
+
 def attacks() -> str:
     """Every kind of attack with what it does, and the page of its family."""
     from skyrange.contracts.plugins.registry import ATTACKS
@@ -65,25 +103,23 @@ def attacks_of(family: str) -> str:
     """The kinds of attacks of a family with their facts and parameters."""
     from skyrange.contracts.plugins.registry import ATTACKS
 
-    parts = []
-    for name, kind in _shipped(ATTACKS):
-        if _family_of(name) == family:
-            parts.append(f"## `{name}`\n\n{kind.about}\n")
-            parts.append(_facts(kind))
-            parts.append(keys(kind.params.model_json_schema(), kind.params.model_fields))
-    return "\n".join(parts)
+    return _sections(
+        _Section(f"## `{name}`", kind.about, _facts(kind), _keys_of(kind))
+        for name, kind in _shipped(ATTACKS)
+        if _family_of(name) == family
+    )
 
 
 def _family_of(name: str) -> str:
     return name.partition(".")[0]
 
 
-def _facts(kind: Any) -> str:
-    """What is declared of a kind of attack, as a table."""
+def _facts(kind: Any) -> list[Row]:
+    """What is declared of a kind of attack."""
     from skyrange.attack.techniques import describe_technique
 
     threat, controls = kind.threat, kind.controls
-    rows = [
+    return [
         ("acts on", ", ".join(f"`{surface}`" for surface in kind.surface)),
         ("effect", kind.effect),
         ("technique", describe_technique(kind.technique)),
@@ -100,49 +136,52 @@ def _facts(kind: Any) -> str:
         ("placement control", controls.placement),
         *((f"{what} under attack", how) for what, how in kind.realism.items()),
     ]
-    return table(("", ""), rows)
 
 
 def faults() -> str:
     """Every kind of benign fault with its parameters."""
     from skyrange.contracts.plugins.registry import FAULTS
 
-    parts = []
-    for name, kind in _shipped(FAULTS):
-        rows = [
-            ("acts on", ", ".join(f"`{surface}`" for surface in kind.surface)),
-            ("cause", kind.cause),
-            ("effect", kind.effect),
-            ("not modelled", kind.not_modelled),
-            *kind.realism.items(),
-        ]
-        parts.append(f"### `{name}`\n\n{kind.about}\n")
-        parts.append(table(("", ""), rows))
-        parts.append(keys(kind.params.model_json_schema(), kind.params.model_fields))
-    return "\n".join(parts)
+    return _sections(
+        _Section(
+            f"### `{name}`",
+            kind.about,
+            [
+                ("acts on", ", ".join(f"`{surface}`" for surface in kind.surface)),
+                ("cause", kind.cause),
+                ("effect", kind.effect),
+                ("not modelled", kind.not_modelled),
+                *kind.realism.items(),
+            ],
+            _keys_of(kind),
+        )
+        for name, kind in _shipped(FAULTS)
+    )
 
 
 def defences() -> str:
     """Every kind of defence with its parameters."""
     from skyrange.contracts.plugins.registry import DEFENCES
 
-    parts = []
-    for name, kind in _shipped(DEFENCES):
-        rows = [
-            ("protects", ", ".join(f"`{name}`" for name in kind.surface)),
-            ("place", kind.place),
-            ("effect", kind.effect),
-            ("made against", ", ".join(f"`{name}`" for name in kind.against)),
-            ("alerts", ", ".join(f"`{name}`" for name in kind.alerts)),
-            ("an adversary who knows it", kind.evasion),
-            ("cost while nobody attacks", kind.cost),
-            ("acts while nobody attacks", ", ".join(kind.nominal) or "none"),
-            *kind.realism.items(),
-        ]
-        parts.append(f"### `{name}`\n\n{kind.about}\n")
-        parts.append(table(("", ""), rows))
-        parts.append(keys(kind.params.model_json_schema(), kind.params.model_fields))
-    return "\n".join(parts)
+    return _sections(
+        _Section(
+            f"### `{name}`",
+            kind.about,
+            [
+                ("protects", ", ".join(f"`{name}`" for name in kind.surface)),
+                ("place", kind.place),
+                ("effect", kind.effect),
+                ("made against", ", ".join(f"`{name}`" for name in kind.against)),
+                ("alerts", ", ".join(f"`{name}`" for name in kind.alerts)),
+                ("an adversary who knows it", kind.evasion),
+                ("cost while nobody attacks", kind.cost),
+                ("acts while nobody attacks", ", ".join(kind.nominal) or "none"),
+                *kind.realism.items(),
+            ],
+            _keys_of(kind),
+        )
+        for name, kind in _shipped(DEFENCES)
+    )
 
 
 def firewall_profiles() -> str:
@@ -161,13 +200,12 @@ def detectors() -> str:
     """Every kind of detector with the description of its module and its parameters."""
     from skyrange.contracts.plugins.registry import DETECTORS
 
-    parts = []
+    sections = []
     for name, kind in _shipped(DETECTORS):
         about = (import_module(kind.params.__module__).__doc__ or "").partition("\n")[2].strip()
         reduced = f"**Reduced**, as rankings say: {kind.reduced}.\n\n" if kind.reduced else ""
-        parts.append(f"### `{name}`\n\n{kind.about}\n\n{reduced}{about}\n")
-        parts.append(keys(kind.params.model_json_schema(), kind.params.model_fields))
-    return "\n".join(parts)
+        sections.append(_Section(f"### `{name}`", f"{kind.about}\n\n{reduced}{about}", [], _keys_of(kind)))
+    return _sections(sections)
 
 
 def approvals() -> str:

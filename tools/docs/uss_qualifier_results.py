@@ -73,9 +73,9 @@ def make_page(report: dict[str, Any], monitoring: Path) -> str:
     lines = [
         "# Conformance of the UTM services to F3548-21",
         "",
-        f"`uss_qualifier` of InterUSS (suite `suites.astm.utm.f3548_21` of interuss/monitoring at commit {commit}) tested a",
-        "USS and the DSS of skyrange, with `mock_uss` as the other USS. There is one DSS, so checks that compare several "
-        "instances do not apply.",
+        "`uss_qualifier` of InterUSS (suite `suites.astm.utm.f3548_21` of",
+        f"interuss/monitoring at commit {commit}) tested a USS and the DSS of skyrange, with `mock_uss` as the other",
+        "USS. There is one DSS, so checks that compare several instances do not apply.",
         "[Run the conformance suite](../how-to/run-the-conformance-suite.md) repeats the test.",
         "",
         "A requirement is *passed* if at least one check tested it and none failed, with the number of checks in",
