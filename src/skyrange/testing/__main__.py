@@ -32,9 +32,9 @@ BOOKS: dict[str, RuleBook[Any]] = {
 _HEAD = """\
 # Conformance rules
 
-What `skyrange.testing` checks, in the order in which it does. `NonConformance` names the rule that is broken, who broke
-it, what was seen and what was expected. How to run the checks: [write a plugin](../how-to/write-a-plugin.md). This page
-is printed by `python -m skyrange.testing`.
+What `skyrange.testing` checks, in this order. `NonConformance` names the broken rule, who broke it, what was seen and
+what was expected. [Write a plugin](../how-to/write-a-plugin.md) says how to run the checks.
+`python -m skyrange.testing` prints this page.
 """
 
 
@@ -43,7 +43,7 @@ def page() -> str:
     parts = [_HEAD]
     for title, book in BOOKS.items():
         rows = "".join(f"| `{rule.id}` | {rule.statement} |\n" for rule in book.rules)
-        parts.append(f"## {title}\n\n| rule | a component that keeps it |\n|---|---|\n{rows}")
+        parts.append(f"## {title}\n\n| rule | a conforming component |\n|---|---|\n{rows}")
     return "\n".join(parts)
 
 
