@@ -41,13 +41,15 @@ from tools.docs.measurement_reference import (
 )
 from tools.docs.plugin_kinds import (
     approvals,
-    attack_families,
     attacks,
     attacks_of,
     count_mechanisms,
     count_shipped,
     defences,
+    defences_of,
     detectors,
+    detectors_of,
+    families,
     faults,
     firewall_profiles,
 )
@@ -329,7 +331,9 @@ GENERATED: dict[str, Callable[[], str]] = {
     "cli": cli,
     "scenario": scenario,
     "attacks": attacks,
-    **{f"attacks-{family}": partial(attacks_of, family) for family in attack_families()},
+    **{f"attacks-{family}": partial(attacks_of, family) for family in families("attacks")},
+    **{f"defences-{family}": partial(defences_of, family) for family in families("defences")},
+    **{f"detectors-{family}": partial(detectors_of, family) for family in families("detectors")},
     "faults": faults,
     "defences": defences,
     "detectors": detectors,
@@ -366,14 +370,20 @@ def renewed(text: str) -> str:
 
 
 def add_family_pages() -> None:
-    """Add the pages of families of attacks that have none."""
-    for family in attack_families():
-        page = DOCS / "reference" / "attacks" / f"{family}.md"
-        if not page.exists():
-            page.parent.mkdir(exist_ok=True)
-            head = f"# Attacks: `{family}`\n\n[All kinds](../attacks.md), and their [effects](../attack-effects.md).\n"
-            block = f"<!-- generated: attacks-{family} -->\n<!-- end: attacks-{family} -->\n"
-            page.write_text(f"{head}\n{block}", encoding="utf-8")
+    """Add the pages of families of attacks, defences and detectors that have none."""
+    more = {
+        "attacks": ", and their [effects](../attack-effects.md)",
+        "defences": ", and their [effects](../defence-effects.md)",
+        "detectors": "",
+    }
+    for kind, other in more.items():
+        for family in families(kind):
+            page = DOCS / "reference" / kind / f"{family}.md"
+            if not page.exists():
+                page.parent.mkdir(exist_ok=True)
+                head = f"# {kind.capitalize()}: `{family}`\n\n[All kinds](../{kind}.md){other}.\n"
+                block = f"<!-- generated: {kind}-{family} -->\n<!-- end: {kind}-{family} -->\n"
+                page.write_text(f"{head}\n{block}", encoding="utf-8")
 
 
 def main() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any, NamedTuple
@@ -52,24 +52,40 @@ _LEAST = 3
 """Keys that so many kinds of a page have alike are described once."""
 
 
-def _sections(kinds: Iterable[_Section]) -> str:
-    """Kinds one after another; facts that all have, and keys that several have, stand before them."""
+def _sections(kinds: Iterable[_Section], shared: list[Row] | None = None, place: str = "") -> str:
+    """Kinds one after another; facts that all have stand before them, as do keys that several have.
+
+    Keys that stand at `place` instead are `shared`.
+    """
     sections = list(kinds)
     level = sections[0].heading.partition(" ")[0]
     facts = shared_rows([section.facts for section in sections], max(len(sections), _LEAST))
-    shared = shared_rows([section.keys for section in sections], _LEAST)
-    parts = []
-    if facts:
-        parts += [f"{level} Common to all kinds\n", table(("", ""), facts)]
-    if shared:
-        parts += [f"{level} Keys of several kinds\n", table(KEY_HEADS, shared)]
-    where = "[Keys of several kinds](#keys-of-several-kinds)"
+    parts = [f"{level} Common to all kinds\n", table(("", ""), facts)] if facts else []
+    if shared is None:
+        shared = shared_rows([section.keys for section in sections], _LEAST)
+        parts += [f"{level} Keys of several kinds\n", table(KEY_HEADS, shared)] if shared else []
+    where = f"[Keys of several kinds]({place}#keys-of-several-kinds)"
     for section in sections:
         parts.append(f"{section.heading}\n\n{section.text}\n")
         own = [row for row in section.facts if row not in facts]
         parts.append(table(("", ""), own) if own else "")
         parts.append(own_rows(KEY_HEADS, section.keys, shared, where))
     return "\n".join(part for part in parts if part)
+
+
+def _index(group: str, folder: str) -> str:
+    """Every kind of a group with what it does and the page of its family, and the keys that several kinds have."""
+    kinds = _shipped(group)
+    rows = [(f"[`{name}`]({folder}/{_family_of(name)}.md#{name.replace('.', '')})", kind.about) for name, kind in kinds]
+    shared = shared_rows([_keys_of(kind) for _, kind in kinds], _LEAST)
+    return "\n".join([table(("kind", "what it does"), rows), "### Keys of several kinds\n", table(KEY_HEADS, shared)])
+
+
+def _family(group: str, family: str, place: str, describe: Callable[[str, Any], _Section]) -> str:
+    """The kinds of a family; keys that several kinds of the group have stand at `place`."""
+    kinds = _shipped(group)
+    shared = shared_rows([_keys_of(kind) for _, kind in kinds], _LEAST)
+    return _sections((describe(name, kind) for name, kind in kinds if _family_of(name) == family), shared, place)
 
 
 def _keys_of(kind: Any) -> list[Row]:
@@ -92,11 +108,9 @@ def page_of(name: str) -> str:
     return f"attacks/{_family_of(name)}.md#{name.replace('.', '')}"
 
 
-def attack_families() -> list[str]:
-    """The families of attacks: the first words of their names."""
-    from skyrange.contracts.plugins.registry import ATTACKS
-
-    return sorted({_family_of(name) for name, _ in _shipped(ATTACKS)})
+def families(kind: str) -> list[str]:
+    """The families of `attacks`, `defences` or `detectors`: the first words of their names."""
+    return sorted({_family_of(name) for name, _ in _shipped(f"skyrange.{kind}")})
 
 
 def attacks_of(family: str) -> str:
@@ -160,28 +174,31 @@ def faults() -> str:
 
 
 def defences() -> str:
-    """Every kind of defence with its parameters."""
+    """Every kind of defence with what it does, and the page of its family."""
     from skyrange.contracts.plugins.registry import DEFENCES
 
-    return _sections(
-        _Section(
-            f"### `{name}`",
-            kind.about,
-            [
-                ("protects", ", ".join(f"`{name}`" for name in kind.surface)),
-                ("place", kind.place),
-                ("effect", kind.effect),
-                ("made against", ", ".join(f"`{name}`" for name in kind.against)),
-                ("alerts", ", ".join(f"`{name}`" for name in kind.alerts)),
-                ("an adversary who knows it", kind.evasion),
-                ("cost while nobody attacks", kind.cost),
-                ("acts while nobody attacks", ", ".join(kind.nominal) or "none"),
-                *kind.realism.items(),
-            ],
-            _keys_of(kind),
-        )
-        for name, kind in _shipped(DEFENCES)
-    )
+    return _index(DEFENCES, "defences")
+
+
+def defences_of(family: str) -> str:
+    """The kinds of defences of a family with their parameters."""
+    from skyrange.contracts.plugins.registry import DEFENCES
+
+    def describe(name: str, kind: Any) -> _Section:
+        facts = [
+            ("protects", ", ".join(f"`{name}`" for name in kind.surface)),
+            ("place", kind.place),
+            ("effect", kind.effect),
+            ("made against", ", ".join(f"`{name}`" for name in kind.against)),
+            ("alerts", ", ".join(f"`{name}`" for name in kind.alerts)),
+            ("an adversary who knows it", kind.evasion),
+            ("cost while nobody attacks", kind.cost),
+            ("acts while nobody attacks", ", ".join(kind.nominal) or "none"),
+            *kind.realism.items(),
+        ]
+        return _Section(f"## `{name}`", kind.about, facts, _keys_of(kind))
+
+    return _family(DEFENCES, family, "../defences.md", describe)
 
 
 def firewall_profiles() -> str:
@@ -197,15 +214,22 @@ def firewall_profiles() -> str:
 
 
 def detectors() -> str:
-    """Every kind of detector with the description of its module and its parameters."""
+    """Every kind of detector with what it does, and the page of its family."""
     from skyrange.contracts.plugins.registry import DETECTORS
 
-    sections = []
-    for name, kind in _shipped(DETECTORS):
+    return _index(DETECTORS, "detectors")
+
+
+def detectors_of(family: str) -> str:
+    """The kinds of detectors of a family with the descriptions of their modules and their parameters."""
+    from skyrange.contracts.plugins.registry import DETECTORS
+
+    def describe(name: str, kind: Any) -> _Section:
         about = (import_module(kind.params.__module__).__doc__ or "").partition("\n")[2].strip()
         reduced = f"**Reduced**, as rankings say: {kind.reduced}.\n\n" if kind.reduced else ""
-        sections.append(_Section(f"### `{name}`", f"{kind.about}\n\n{reduced}{about}", [], _keys_of(kind)))
-    return _sections(sections)
+        return _Section(f"## `{name}`", f"{kind.about}\n\n{reduced}{about}", [], _keys_of(kind))
+
+    return _family(DETECTORS, family, "../detectors.md", describe)
 
 
 def approvals() -> str:
