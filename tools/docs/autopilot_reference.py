@@ -51,15 +51,26 @@ def mission_items() -> str:
 
 
 def messages() -> str:
-    """Messages that can be streamed or asked for, and the data stream that asks for each."""
+    """Messages that can be streamed or asked for, the data stream of each, and the rates of the stations' profiles."""
+    from skyrange.gcs.telemetry_streams import PROFILES
     from skyrange.vehicle.builtin.telemetry.schedule import STREAMS
     from skyrange.vehicle.builtin.telemetry.table import BUILDERS
 
     stream = {number: name for name, numbers in STREAMS.values() for number in numbers}
+    rates: dict[str, dict[int, float]] = {}
+    for name, profile in PROFILES.items():
+        of_streams = {number: float(rate) for one, rate in profile.streams for number in STREAMS[one][1]}
+        rates[name] = {**of_streams, **dict(profile.messages)}
     rows = [
-        (f"`{message_name(number)}`", number, f"`{stream[number]}`" if number in stream else "") for number in BUILDERS
+        (
+            f"`{message_name(number)}`",
+            number,
+            f"`{stream[number]}`" if number in stream else "",
+            *(f"{of_profile[number]:g}" if number in of_profile else "" for of_profile in rates.values()),
+        )
+        for number in BUILDERS
     ]
-    return table(("message", "id", "rate at boot"), rows)
+    return table(("message", "id", "rate at boot", *(f"Hz in `{name}`" for name in rates)), rows)
 
 
 def heard() -> str:
