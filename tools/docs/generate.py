@@ -8,6 +8,7 @@ pages beside it and above it, and every number between `<!-- count: NAME -->` an
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
@@ -196,6 +197,9 @@ def scenario() -> str:
 # ---------------------------------------------------------------- run folder, links
 
 
+COLUMN_HEADS = ("column", "type", "unit", "meaning")
+
+
 def tables() -> str:
     """Every table and column of a run's folder."""
     from skyrange.record.schema import TABLES, TELEMETRY
@@ -225,16 +229,31 @@ def pair_tables() -> str:
 
 
 def _tables(tables: Mapping[str, Sequence[Any]]) -> str:
+    """Tables with their columns; what follows the semicolon in the meanings of most columns of one stands before it.
+
+    A table with the columns of an earlier one refers to that.
+    """
     from skyrange.record.schema import arrow_schema
 
     parts = []
+    known: dict[tuple[Row, ...], str] = {}
     for name, columns in tables.items():
         types = [str(field.type).replace("item: ", "") for field in arrow_schema(name, columns)]
-        rows = [
-            (f"`{column.name}`", f"{kind}, nullable" if column.nullable else kind, column.unit, column.meaning)
+        remark, count = Counter(column.meaning.rpartition("; ")[2] for column in columns).most_common(1)[0]
+        remark = remark if 2 * count > len(columns) else ""
+        rows = tuple(
+            (
+                f"`{column.name}`",
+                f"{kind}, nullable" if column.nullable else kind,
+                column.unit,
+                column.meaning.removesuffix(f"; {remark}") if remark else column.meaning,
+            )
             for column, kind in zip(columns, types, strict=True)
-        ]
-        parts.append(f"### `{name}`\n\n{table(('column', 'type', 'unit', 'meaning'), rows)}")
+        )
+        said = f"{remark[0].upper()}{remark[1:]}.\n\n" if remark else ""
+        shown = f"The columns of `{known[rows]}`.\n" if rows in known else table(COLUMN_HEADS, rows)
+        known.setdefault(rows, name)
+        parts.append(f"### `{name}`\n\n{said}{shown}")
     return "\n".join(parts)
 
 
