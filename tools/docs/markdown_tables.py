@@ -46,9 +46,14 @@ def shared_rows(tables: Iterable[Sequence[Row]], least: int) -> list[Row]:
 def own_rows(heads: Sequence[str], rows: Sequence[Row], shared: Sequence[Row], where: str) -> str:
     """A table of the rows that are not `shared`, and a line that names the shared ones, which `where` links to."""
     own = [row for row in rows if row not in shared]
-    others = [row[0].partition(" ")[0].strip("`") for row in rows if row in shared]
-    named = f"{where}: {', '.join(f'`{name}`' for name in others)}\n" if others else ""
+    others = [_name(row[0]) for row in rows if row in shared]
+    named = f"{where}: {', '.join(others)}\n" if others else ""
     return "\n".join(part for part in (table(heads, own) if own else "", named) if part)
+
+
+def _name(cell: str) -> str:
+    """The name of a key or an option without its value; another text as it is."""
+    return f"{cell.partition(' ')[0].rstrip('`')}`" if cell.startswith("`") else cell
 
 
 def _choices(value: Mapping[str, Any]) -> list[Mapping[str, Any]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any, NamedTuple
@@ -40,14 +40,16 @@ def count_mechanisms() -> int:
 
 
 class _Section(NamedTuple):
-    """A kind on a page of several: its heading, its text, its facts, and its keys."""
+    """A kind on a page of several: its heading, its text, its facts, its keys, and what is modelled how."""
 
     heading: str
     text: str
-    facts: list[Row]
-    keys: list[Row]
+    facts: Sequence[Row]
+    keys: Sequence[Row]
+    models: Sequence[Row] = ()
 
 
+_MODEL_HEADS = ("modelled", "how")
 _LEAST = 3
 """Keys that so many kinds of a page have alike are described once."""
 
@@ -64,11 +66,15 @@ def _sections(kinds: Iterable[_Section], shared: list[Row] | None = None, place:
     if shared is None:
         shared = shared_rows([section.keys for section in sections], _LEAST)
         parts += [f"{level} Keys of several kinds\n", table(KEY_HEADS, shared)] if shared else []
+    models = shared_rows([section.models for section in sections], _LEAST)
+    parts += [f"{level} Models of several kinds\n", table(_MODEL_HEADS, models)] if models else []
     where = f"[Keys of several kinds]({place}#keys-of-several-kinds)"
+    of_models = "[Models of several kinds](#models-of-several-kinds)"
     for section in sections:
         parts.append(f"{section.heading}\n\n{section.text}\n")
         own = [row for row in section.facts if row not in facts]
         parts.append(table(("", ""), own) if own else "")
+        parts.append(own_rows(_MODEL_HEADS, section.models, models, of_models))
         parts.append(own_rows(KEY_HEADS, section.keys, shared, where))
     return "\n".join(part for part in parts if part)
 
@@ -118,7 +124,7 @@ def attacks_of(family: str) -> str:
     from skyrange.contracts.plugins.registry import ATTACKS
 
     return _sections(
-        _Section(f"## `{name}`", kind.about, _facts(kind), _keys_of(kind))
+        _Section(f"## `{name}`", kind.about, _facts(kind), _keys_of(kind), list(kind.realism.items()))
         for name, kind in _shipped(ATTACKS)
         if _family_of(name) == family
     )
@@ -148,7 +154,6 @@ def _facts(kind: Any) -> list[Row]:
         ("load control", controls.load),
         ("content control", controls.content),
         ("placement control", controls.placement),
-        *((f"{what} under attack", how) for what, how in kind.realism.items()),
     ]
 
 
@@ -165,9 +170,9 @@ def faults() -> str:
                 ("cause", kind.cause),
                 ("effect", kind.effect),
                 ("not modelled", kind.not_modelled),
-                *kind.realism.items(),
             ],
             _keys_of(kind),
+            list(kind.realism.items()),
         )
         for name, kind in _shipped(FAULTS)
     )
@@ -194,9 +199,8 @@ def defences_of(family: str) -> str:
             ("an adversary who knows it", kind.evasion),
             ("cost while nobody attacks", kind.cost),
             ("acts while nobody attacks", ", ".join(kind.nominal) or "none"),
-            *kind.realism.items(),
         ]
-        return _Section(f"## `{name}`", kind.about, facts, _keys_of(kind))
+        return _Section(f"## `{name}`", kind.about, facts, _keys_of(kind), list(kind.realism.items()))
 
     return _family(DEFENCES, family, "../defences.md", describe)
 

@@ -87,11 +87,11 @@ def make_page(report: dict[str, Any], monitoring: Path) -> str:
         automatic, by_hand = requirements(folder / SETS[role])
         found: dict[str, list[str]] = {"passed": [], "failed": [], "not tested": []}
         for name in automatic:
-            passed, failed = results.get((participant, PREFIX + name), (0, 0))
-            if failed:
-                found["failed"].append(f"{name} ({failed} of {passed + failed})")
-            elif passed:
-                found["passed"].append(f"{name} ({passed})")
+            good, bad = results.get((participant, PREFIX + name), (0, 0))
+            if bad:
+                found["failed"].append(f"{name} ({bad} of {good + bad})")
+            elif good:
+                found["passed"].append(f"{name} ({good})")
             else:
                 found["not tested"].append(name)
         if by_hand:
