@@ -152,7 +152,7 @@ def _late(case: AgentCase) -> None:
         check_notes(step.said)
 
 
-@AGENT.rule("copies", "A deep copy made midway continues like the original, and shares no state with it.")
+@AGENT.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: AgentCase) -> None:
     straight = case.friendly
     fork_at = straight[len(straight) // 2].now if straight else case.until // 2

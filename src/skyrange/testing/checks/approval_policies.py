@@ -162,7 +162,7 @@ def _pure(case: ApprovalCase) -> None:
     _ask(case.make(), case.requests, watched)
 
 
-@APPROVAL.rule("copies", "A deep copy made midway continues like the original, and shares no state with it.")
+@APPROVAL.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: ApprovalCase) -> None:
     straight = _ask(case.make(), case.requests)
     for middle in range(len(case.requests)):

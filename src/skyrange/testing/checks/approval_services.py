@@ -259,7 +259,7 @@ def _repeatable(case: ServiceCase) -> None:
     )
 
 
-@SERVICE.rule("copies", "A fork made midway continues like the original, and shares no state with it.")
+@SERVICE.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: ServiceCase) -> None:
     straight = _frames(case.run()[0])
     kernel, trunk, _ = case.kernel()

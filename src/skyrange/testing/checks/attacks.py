@@ -369,7 +369,7 @@ def _repeatable(case: AttackCase) -> None:
     _alike(case.fly(), case.trunk.flight, "a run alone and one beside another")
 
 
-@ATTACK.rule("copies", "A fork made while it acts continues like the original, and shares no state with it.")
+@ATTACK.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: AttackCase) -> None:
     _alike(case.fly(), case.trunk.fork(), "the straight run and the fork")
 
@@ -452,7 +452,7 @@ FAULT.rule("muted", "If muted, changes no frame, note or truth, except on its ow
 FAULT.rule("onset", "Before its start, changes nothing beyond what its muted twin does.")(_onset)
 FAULT.rule("acts", "Acts between its start and its stop, and not outside.")(_acts)
 FAULT.rule("repeatable", "Does the same in two new runs of one process, one of them beside a fork of it.")(_repeatable)
-FAULT.rule("copies", "A fork made while it acts continues like the original, and shares no state with it.")(_copies)
+FAULT.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")(_copies)
 
 
 @FAULT.rule("benign", "Is a fault in every label and event, never an attack, and has no radio.")

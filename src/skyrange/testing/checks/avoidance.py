@@ -222,7 +222,7 @@ def _pure(case: AvoidanceCase) -> None:
         fly_encounter(case.make(), others, call=watched)
 
 
-@AVOIDANCE.rule("copies", "A deep copy made midway continues like the original, and shares no state with it.")
+@AVOIDANCE.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: AvoidanceCase) -> None:
     for name, others in ENCOUNTERS.items():
         straight = fly_encounter(case.make(), others)

@@ -183,6 +183,6 @@ def _repeatable(case: DefenceCase) -> None:
     case.fly().same_as(Flight(case.trunk.flight.seen, frozenset()), "a run alone and one beside another")
 
 
-@DEFENCE.rule("copies", "A fork made while it acts continues like the original, and shares no state with it.")
+@DEFENCE.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: DefenceCase) -> None:
     case.fly().same_as(Flight(case.trunk.fork().seen, frozenset()), "the straight run and the fork")

@@ -241,7 +241,7 @@ def _late(case: MonitorCase) -> None:
     serve(case.make(), case.ports, case.frames(), case.until, paused=pause)
 
 
-@MONITOR.rule("copies", "A deep copy made midway continues like the original, and shares no state with it.")
+@MONITOR.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: MonitorCase) -> None:
     frames, middle = case.frames(), case.until // 2
     rest = [moment for moment in serve(case.make(), case.ports, frames, case.until) if moment[0] > middle]

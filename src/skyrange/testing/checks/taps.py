@@ -216,7 +216,7 @@ def _late(case: TapCase) -> None:
     watch(case.make(case.link), case.frames(), case.until, lag_ns=LATE_NS)
 
 
-@TAP.rule("copies", "A deep copy made midway continues like the original, and shares no state with it.")
+@TAP.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: TapCase) -> None:
     frames, middle = case.frames(), case.until // 2
     straight = watch(case.make(case.link), case.frames(), case.until)
