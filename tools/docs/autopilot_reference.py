@@ -44,10 +44,16 @@ def autopilot_commands() -> str:
 
 
 def mission_items() -> str:
-    """Mission items that are flown."""
-    from skyrange.vehicle.builtin.mission.command_ids import SUPPORTED
+    """Mission items that are flown, and the auxiliary functions that have an effect."""
+    from skyrange.vehicle.builtin.mission import command_ids as ids
+    from skyrange.vehicle.builtin.modes import Mode
 
-    return "".join(f"- `{_command(number)}` ({number})\n" for number in sorted(SUPPORTED))
+    items = "".join(f"- `{_command(number)}` ({number})\n" for number in sorted(ids.SUPPORTED))
+    modes = ", ".join(f"{function} `{Mode(mode).name}`" for function, mode in sorted(ids.MODE_FUNCTIONS.items()))
+    return (
+        f"{items}\nAuxiliary functions of `DO_AUX_FUNCTION` with an effect are modes in position 2 ({modes}), "
+        f"the fence ({ids.FENCE_FUNCTION}), and disarming ({ids.DISARM_FUNCTION}, {ids.ARM_DISARM_FUNCTION}).\n"
+    )
 
 
 def messages() -> str:
