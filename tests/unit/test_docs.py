@@ -327,7 +327,7 @@ def test_kinds_of_notes_are_described() -> None:
     for source in (ROOT / "src" / "skyrange").rglob("*.py"):
         if "testing" not in source.parts:
             said |= set(KINDS.findall(source.read_text(encoding="utf-8")))
-    page = (DOCS / "reference" / "run-folder.md").read_text(encoding="utf-8")
+    page = (DOCS / "reference" / "run-notes.md").read_text(encoding="utf-8")
     listed = set(re.findall(r"^\| `((?:event|decision)\.[a-z_]+)", page, re.MULTILINE))
     assert listed == said
 

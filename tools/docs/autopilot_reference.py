@@ -44,22 +44,39 @@ def autopilot_commands() -> str:
 
 
 def mission_items() -> str:
-    """Mission items that are flown."""
-    from skyrange.vehicle.builtin.mission.command_ids import SUPPORTED
+    """Mission items that are flown, and the auxiliary functions that have an effect."""
+    from skyrange.vehicle.builtin.mission import command_ids as ids
+    from skyrange.vehicle.builtin.modes import Mode
 
-    return "".join(f"- `{_command(number)}` ({number})\n" for number in sorted(SUPPORTED))
+    items = "".join(f"- `{_command(number)}` ({number})\n" for number in sorted(ids.SUPPORTED))
+    modes = ", ".join(f"{function} `{Mode(mode).name}`" for function, mode in sorted(ids.MODE_FUNCTIONS.items()))
+    return (
+        f"{items}\nAuxiliary functions of `DO_AUX_FUNCTION` with an effect are modes in position 2 ({modes}), "
+        f"the fence ({ids.FENCE_FUNCTION}), and disarming ({ids.DISARM_FUNCTION}, {ids.ARM_DISARM_FUNCTION}).\n"
+    )
 
 
 def messages() -> str:
-    """Messages that can be streamed or asked for, and the data stream that asks for each."""
+    """Messages that can be streamed or asked for, the data stream of each, and the rates of the stations' profiles."""
+    from skyrange.gcs.telemetry_streams import PROFILES
     from skyrange.vehicle.builtin.telemetry.schedule import STREAMS
     from skyrange.vehicle.builtin.telemetry.table import BUILDERS
 
     stream = {number: name for name, numbers in STREAMS.values() for number in numbers}
+    rates: dict[str, dict[int, float]] = {}
+    for name, profile in PROFILES.items():
+        of_streams = {number: float(rate) for one, rate in profile.streams for number in STREAMS[one][1]}
+        rates[name] = {**of_streams, **dict(profile.messages)}
     rows = [
-        (f"`{message_name(number)}`", number, f"`{stream[number]}`" if number in stream else "") for number in BUILDERS
+        (
+            f"`{message_name(number)}`",
+            number,
+            f"`{stream[number]}`" if number in stream else "",
+            *(f"{of_profile[number]:g}" if number in of_profile else "" for of_profile in rates.values()),
+        )
+        for number in BUILDERS
     ]
-    return table(("message", "id", "rate at boot"), rows)
+    return table(("message", "id", "rate at boot", *(f"Hz in `{name}`" for name in rates)), rows)
 
 
 def heard() -> str:

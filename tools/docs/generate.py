@@ -8,6 +8,7 @@ pages beside it and above it, and every number between `<!-- count: NAME -->` an
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
@@ -28,7 +29,7 @@ from tools.docs.autopilot_reference import (
     tuning,
 )
 from tools.docs.claims import claim_blocks
-from tools.docs.markdown_tables import keys, table
+from tools.docs.markdown_tables import Row, keys, own_rows, shared_rows, table
 from tools.docs.measurement_reference import (
     benchmark_format,
     benchmark_results,
@@ -44,13 +45,15 @@ from tools.docs.measurement_reference import (
 )
 from tools.docs.plugin_kinds import (
     approvals,
-    attack_families,
     attacks,
     attacks_of,
     count_mechanisms,
     count_shipped,
     defences,
+    defences_of,
     detectors,
+    detectors_of,
+    families,
     faults,
     firewall_profiles,
 )
@@ -89,23 +92,28 @@ def commands() -> dict[str, Any]:
 
 def cli() -> str:
     """Every command with its arguments and options, in the words of its `--help`."""
-    parts = []
+    heads = ("argument or option", "meaning", "default")
+    rows = {words: _parameter_rows(command) for words, command in commands().items()}
+    shared = shared_rows([[row for row in part if row[0].startswith("`--")] for part in rows.values()], 5)
+    parts = [f"### Options of several commands\n\n{table(heads, shared)}"]
+    where = "[Options of several commands](#options-of-several-commands)"
     for words, command in commands().items():
         arguments = [p for p in command.params if p.param_type_name == "argument"]
-        options = [p for p in command.params if p.param_type_name == "option"]
-        usage = " ".join(
-            ["skyrange", words, *(f"{_metavar(a)}" for a in arguments), *(["[OPTIONS]"] if options else [])]
-        )
+        usage = ["skyrange", words, *map(_metavar, arguments)]
+        usage += ["[OPTIONS]"] if len(rows[words]) > len(arguments) else []
         example = (command.epilog or "").removeprefix("Example: ")
-        rows = [
-            (f"`{_metavar(a)}`", a.help or "", "" if _metavar(a).startswith("[") else "required") for a in arguments
-        ]
-        rows += [(f"`{_spelling(o)}`", o.help or "", _default(o)) for o in options]
-        parts.append(f"### `skyrange {words}`\n\n{(command.help or '').strip()}\n\n```text\n{usage}\n```\n")
-        if rows:
-            parts.append(table(("argument or option", "meaning", "default"), rows))
+        parts.append(f"### `skyrange {words}`\n\n{(command.help or '').strip()}\n\n```text\n{' '.join(usage)}\n```\n")
+        parts.append(own_rows(heads, rows[words], shared, where))
         parts.append(f"Example: `{example}`\n" if example else "")
     return "\n".join(part for part in parts if part)
+
+
+def _parameter_rows(command: Any) -> list[Row]:
+    """The arguments of a command, then its options."""
+    arguments = [p for p in command.params if p.param_type_name == "argument"]
+    options = [p for p in command.params if p.param_type_name == "option"]
+    rows = [(f"`{_metavar(a)}`", a.help or "", "" if _metavar(a).startswith("[") else "required") for a in arguments]
+    return [*rows, *((f"`{_spelling(o)}`", o.help or "", _default(o)) for o in options)]
 
 
 def _metavar(argument: Any) -> str:
@@ -192,6 +200,9 @@ def scenario() -> str:
 # ---------------------------------------------------------------- run folder, links
 
 
+COLUMN_HEADS = ("column", "type", "unit", "meaning")
+
+
 def tables() -> str:
     """Every table and column of a run's folder."""
     from skyrange.record.schema import TABLES, TELEMETRY
@@ -221,16 +232,31 @@ def pair_tables() -> str:
 
 
 def _tables(tables: Mapping[str, Sequence[Any]]) -> str:
+    """Tables with their columns; what follows the semicolon in the meanings of most columns of one stands before it.
+
+    A table with the columns of an earlier one refers to that.
+    """
     from skyrange.record.schema import arrow_schema
 
     parts = []
+    known: dict[tuple[Row, ...], str] = {}
     for name, columns in tables.items():
         types = [str(field.type).replace("item: ", "") for field in arrow_schema(name, columns)]
-        rows = [
-            (f"`{column.name}`", f"{kind}, nullable" if column.nullable else kind, column.unit, column.meaning)
+        remark, count = Counter(column.meaning.rpartition("; ")[2] for column in columns).most_common(1)[0]
+        remark = remark if 2 * count > len(columns) else ""
+        rows = tuple(
+            (
+                f"`{column.name}`",
+                f"{kind}, nullable" if column.nullable else kind,
+                column.unit,
+                column.meaning.removesuffix(f"; {remark}") if remark else column.meaning,
+            )
             for column, kind in zip(columns, types, strict=True)
-        ]
-        parts.append(f"### `{name}`\n\n{table(('column', 'type', 'unit', 'meaning'), rows)}")
+        )
+        said = f"{remark[0].upper()}{remark[1:]}.\n\n" if remark else ""
+        shown = f"The columns of `{known[rows]}`.\n" if rows in known else table(COLUMN_HEADS, rows)
+        known.setdefault(rows, name)
+        parts.append(f"### `{name}`\n\n{said}{shown}")
     return "\n".join(parts)
 
 
@@ -328,7 +354,9 @@ GENERATED: dict[str, Callable[[], str]] = {
     "cli": cli,
     "scenario": scenario,
     "attacks": attacks,
-    **{f"attacks-{family}": partial(attacks_of, family) for family in attack_families()},
+    **{f"attacks-{family}": partial(attacks_of, family) for family in families("attacks")},
+    **{f"defences-{family}": partial(defences_of, family) for family in families("defences")},
+    **{f"detectors-{family}": partial(detectors_of, family) for family in families("detectors")},
     "faults": faults,
     "defences": defences,
     "detectors": detectors,
@@ -366,14 +394,20 @@ def renewed(text: str) -> str:
 
 
 def add_family_pages() -> None:
-    """Add the pages of families of attacks that have none."""
-    for family in attack_families():
-        page = DOCS / "reference" / "attacks" / f"{family}.md"
-        if not page.exists():
-            page.parent.mkdir(exist_ok=True)
-            head = f"# Attacks: `{family}`\n\n[All kinds](../attacks.md), and their [effects](../attack-effects.md).\n"
-            block = f"<!-- generated: attacks-{family} -->\n<!-- end: attacks-{family} -->\n"
-            page.write_text(f"{head}\n{block}", encoding="utf-8")
+    """Add the pages of families of attacks, defences and detectors that have none."""
+    more = {
+        "attacks": ", and their [effects](../attack-effects.md)",
+        "defences": ", and their [effects](../defence-effects.md)",
+        "detectors": "",
+    }
+    for kind, other in more.items():
+        for family in families(kind):
+            page = DOCS / "reference" / kind / f"{family}.md"
+            if not page.exists():
+                page.parent.mkdir(exist_ok=True)
+                head = f"# {kind.capitalize()}: `{family}`\n\n[All kinds](../{kind}.md){other}.\n"
+                block = f"<!-- generated: {kind}-{family} -->\n<!-- end: {kind}-{family} -->\n"
+                page.write_text(f"{head}\n{block}", encoding="utf-8")
 
 
 def main() -> None:

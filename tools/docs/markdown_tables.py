@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -13,14 +14,46 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     return "\n".join(lines) + "\n"
 
 
+Row = tuple[str, ...]
+
+KEY_HEADS = ("key", "type", "range", "default", "meaning")
+
+
 def keys(model: Mapping[str, Any], fields: Mapping[str, Any]) -> str:
     """The keys of one model as a table."""
+    return table(KEY_HEADS, key_rows(model, fields))
+
+
+def key_rows(model: Mapping[str, Any], fields: Mapping[str, Any]) -> list[Row]:
+    """The keys of one model as rows of a table."""
     required = set(model.get("required", ()))
-    rows = [
+    return [
         (f"`{key}`", _kind(value), _range(fields[key]), _filled(key, value, required), value.get("description", ""))
         for key, value in model["properties"].items()
     ]
-    return table(("key", "type", "range", "default", "meaning"), rows)
+
+
+def shared_rows(tables: Iterable[Sequence[Row]], least: int) -> list[Row]:
+    """Rows that are the same in `least` tables or more, one for each first cell, in the order in which they come."""
+    counts = Counter(row for rows in tables for row in rows)
+    chosen: dict[str, Row] = {}
+    for row, count in counts.items():
+        if count >= least and count > counts.get(chosen.get(row[0], ()), 0):
+            chosen[row[0]] = row
+    return list(chosen.values())
+
+
+def own_rows(heads: Sequence[str], rows: Sequence[Row], shared: Sequence[Row], where: str) -> str:
+    """A table of the rows that are not `shared`, and a line that names the shared ones, which `where` links to."""
+    own = [row for row in rows if row not in shared]
+    others = [_name(row[0]) for row in rows if row in shared]
+    named = f"{where}: {', '.join(others)}\n" if others else ""
+    return "\n".join(part for part in (table(heads, own) if own else "", named) if part)
+
+
+def _name(cell: str) -> str:
+    """The name of a key or an option without its value; another text as it is."""
+    return f"{cell.partition(' ')[0].rstrip('`')}`" if cell.startswith("`") else cell
 
 
 def _choices(value: Mapping[str, Any]) -> list[Mapping[str, Any]]:

@@ -28,30 +28,29 @@ CLUSTERS: Final = (5, 10, 20, 60)
 INTRODUCTION: Final = f"""\
 # Measured coverage
 
-A 95 % interval should contain the truth in 95 % of all studies. This page says how often those of skyrange do, on
-{REPLICATES:,} samples with a known truth for each number. `python -m tools.docs.measure_coverage` computes it anew. The
-tests in `tests/validation` hold intervals that claim to cover to it.
+How often the 95 % intervals of skyrange contain the truth, from {REPLICATES:,} samples with a known truth for each
+number. `python -m tools.docs.measure_coverage` computes this page.
 """
 MEANS: Final = """\
 ## Means over seeds
 
-[Means](../explanation/scoring.md#means-over-seeds) of studies, pairs and comparisons. The share of the samples whose
-interval contains the true mean; in parentheses the share that has an interval at all, if that is not every one.
-**Bold**: less than 93 %, so that the interval is too narrow for such data, and few samples do not show that it is. Of
-skewed data with few seeds read the single flights as well.
+The share of the samples whose interval contains the true mean ([means](../explanation/scoring.md#means-over-seeds) of
+studies, pairs and comparisons), and in parentheses the share that has an interval, if that is not every one. **Bold**:
+less than 93 %, too narrow for such data. Few samples do not show that. If data are skewed and seeds few, read the
+single flights too.
 """
 CLAIMS: Final = """\
 ## Claims of a false-alarm rate
 
-The true rate is the target, 1 per hour, over 60 hours. The share of the samples in which a claim of at most 1 per
-hour is made, which should be at most 5 %: by [the claim of
+The true rate is the target, 1 per hour, over 60 hours. The share of the samples with a false claim of at most 1 per
+hour, which should be at most 5 %: by [the claim of
 scores](../explanation/scoring.md#the-least-rate-that-can-be-claimed), and by Garwood's limit alone.
 """
 PROPORTIONS: Final = """\
 ## Recall of attacks that are alike within a cluster
 
-Six attacks in each cluster, a recall of 0.7. The share of the samples whose limits contain it: `clustered`, and
-`exact`, which takes attacks for independent.
+Six attacks in each cluster, a recall of 0.7. The share of the samples whose limits contain it: of `clustered` limits,
+and of `exact` ones, which assume that attacks are independent.
 """
 
 

@@ -1,4 +1,4 @@
-"""Measured attacks against DRIP, and measured shares of adopters: tables of `docs/reference/drip.md`.
+"""Measured attacks against DRIP, and measured shares of adopters: tables of `docs/reference/drip-effects.md`.
 
 `python -m tools.docs.measure_drip [attacks|adopters]` flies them and rewrites their sections of the page; without a
 name, both. Each attack of `ATTACKS` is flown with `SEEDS`, where the aircraft verifies and records verdicts only, and
@@ -26,7 +26,7 @@ from skyrange.remoteid.broadcast_profiles import sender_address
 from skyrange.scenario.toml_files import load_data
 from skyrange.study.runs import fly
 
-PAGE: Final = Path(__file__).parents[2] / "docs" / "reference" / "drip.md"
+PAGE: Final = Path(__file__).parents[2] / "docs" / "reference" / "drip-effects.md"
 SECTION: Final = "<!-- measured: {0} -->\n{1}<!-- end: {0} -->\n"
 SEEDS: Final = (1, 2, 3)
 ORIGIN: Final = {"lat": 40.7780, "lon": -73.9550, "alt_msl_m": 20, "geoid_m": -32.7}

@@ -69,43 +69,43 @@ def make_page(report: dict[str, Any], monitoring: Path) -> str:
             for requirement in check["requirements"]:
                 if passed or check["name"] != ACCEPTED:
                     results[participant, requirement][0 if passed else 1] += 1
+    commit = report["commit_hash"][:12].removesuffix("-dirty")
     lines = [
         "# Conformance of the UTM services to F3548-21",
         "",
-        "`uss_qualifier` of InterUSS has tested a USS and the DSS of skyrange, as [run the conformance suite]"
-        "(../how-to/run-the-conformance-suite.md) describes: the suite `suites.astm.utm.f3548_21` of",
-        f"interuss/monitoring at commit {report['commit_hash'][:12].removesuffix('-dirty')}. `mock_uss` of the same"
-        " checkout is the other USS.",
+        "`uss_qualifier` of InterUSS (suite `suites.astm.utm.f3548_21` of",
+        f"interuss/monitoring at commit {commit}) tested a USS and the DSS of skyrange, with `mock_uss` as the other",
+        "USS. There is one DSS, so checks that compare several instances do not apply.",
+        "[Run the conformance suite](../how-to/run-the-conformance-suite.md) repeats the test.",
         "",
-        "*Passed* is a requirement that at least one check has tested, and none has failed. *Not tested* is one that "
-        "no check of the suite tests with this configuration. Requirements that the suite lists for verification by "
-        "hand were not verified.",
+        "A requirement is *passed* if at least one check tested it and none failed, with the number of checks in",
+        "parentheses. It is *not tested* if no check of the suite tests it with this configuration.",
         "",
     ]
     for role, participant in PARTICIPANTS.items():
         folder = monitoring / "monitoring/uss_qualifier/requirements/astm/f3548/v21"
         automatic, by_hand = requirements(folder / SETS[role])
-        rows = []
-        totals: dict[str, int] = defaultdict(int)
+        found: dict[str, list[str]] = {"passed": [], "failed": [], "not tested": []}
         for name in automatic:
-            checks = results.get((participant, PREFIX + name), (0, 0))
-            verdict = "failed" if checks[1] else "passed" if checks[0] else "not tested"
-            totals[verdict] += 1
-            rows.append(f"| {name} | {verdict} | {checks[0]} | {checks[1]} |")
-        summary = ", ".join(f"{totals[verdict]} {verdict}" for verdict in ("passed", "failed", "not tested"))
-        lines += [f"## {role}", "", f"{len(automatic)} requirements: {summary}."]
-        lines += [f"To be verified by hand: {', '.join(by_hand)}.", ""] if by_hand else [""]
-        lines += ["| requirement | result | checks passed | checks failed |", "|---|---|---|---|", *rows, ""]
-    lines += ["## Scenarios", "", "Checks of all participants, those of `mock_uss` included.", ""]
+            good, bad = results.get((participant, PREFIX + name), (0, 0))
+            if bad:
+                found["failed"].append(f"{name} ({bad} of {good + bad})")
+            elif good:
+                found["passed"].append(f"{name} ({good})")
+            else:
+                found["not tested"].append(name)
+        if by_hand:
+            found["not verified: to be verified by hand"] = by_hand
+        lines += [f"## {role}", "", "| result | number | requirements |", "|---|---|---|"]
+        lines += [f"| {result} | {len(names)} | {'; '.join(names)} |" for result, names in found.items()]
+        lines += [""]
+    lines += ["## Scenarios", "", "Checks of all participants, `mock_uss` included.", ""]
     lines += ["| scenario | times | checks passed | checks failed |", "|---|---|---|---|"]
     counts = count_scenarios(report["report"])
     lines += [f"| {name} | {times} | {passed} | {failed} |" for name, (times, passed, failed) in counts.items()]
     lines += [
         "",
-        f"The check that failed is *{ACCEPTED}*: the DSS was on loopback. The configuration of InterUSS accepts it "
-        "too.",
-        "",
-        "There is one DSS, so checks that compare several instances of a pool do not apply.",
+        f"The failed check is *{ACCEPTED}*: the DSS was on loopback. The configuration of InterUSS accepts it.",
         "",
     ]
     return "\n".join(lines)

@@ -87,8 +87,8 @@ class Operator(Model):
     )
     color: Annotated[str, AfterValidator(_known_color)] = Field(
         default="",
-        description="Colour in figures, a name or '#rrggbb'; default: its id if that is a colour, else an unused "
-        "colour.",
+        description=f"Colour in figures, '#rrggbb' or a name: {', '.join(COLORS)}. Default: its id if that is a "
+        "colour, else an unused colour.",
         json_schema_extra={"default": None},
     )
     approval: Annotated[str, known(APPROVALS, "an approval service")] = Field(

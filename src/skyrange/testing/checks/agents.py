@@ -77,7 +77,7 @@ def check_agent(
     AGENT.check(f"agent {name or getattr(make(), 'name', make)}", AgentCase(make, mail, until))
 
 
-@AGENT.rule("declares", "Has a name, a service time of 0 ns or more, and ports, each once.")
+@AGENT.rule("declares", "Has a name, a service time of at least 0 ns, and each port once.")
 def _declares(case: AgentCase) -> None:
     agent = case.make()
     need(isinstance(agent.name, str) and bool(agent.name), f"name is {agent.name!r}", "text")
@@ -91,7 +91,7 @@ def _declares(case: AgentCase) -> None:
     need(not wrong, f"the mail of this check is for {wrong[0].port if wrong else None}", "mail for the agent's ports")
 
 
-@AGENT.rule("outbox", "Answers every step with a whole Outbox, never a generator, which later steps leave alone.")
+@AGENT.rule("outbox", "Answers every step with an Outbox, never a generator, and does not change it later.")
 def _outbox(case: AgentCase) -> None:
     steps = case.friendly
     ports = tuple(case.make().ports)
@@ -100,7 +100,7 @@ def _outbox(case: AgentCase) -> None:
         same(step.said, again, f"the outbox of {step.now} ns, handed over and now", "a new Outbox each step")
 
 
-@AGENT.rule("wakeups", "Asks for no wake-up, or for one later than now, in whole ns; asking twice changes nothing.")
+@AGENT.rule("wakeups", "Asks for no wake-up, or for one after now, in whole ns. Asking twice changes nothing.")
 def _wakeups(case: AgentCase) -> None:
     drive(case.make(), (), _BEFORE, case.until)
 
@@ -111,44 +111,48 @@ def _ends(case: AgentCase) -> tuple[Port, ...]:
     return (*agent.ports, *(agent.originates if isinstance(agent, OriginatingRouter) else ()))
 
 
-@AGENT.rule("departures", "Sends bytes of at most 1 MiB, from the ports it declares.")
+@AGENT.rule("departures", "Sends bytes, at most 1 MiB in a frame, from its declared ports.")
 def _departures(case: AgentCase) -> None:
     ports = _ends(case)
     for step in case.friendly:
         check_departures(step.said, ports)
 
 
-@AGENT.rule("notes", "Notes `decision.…` or `event.…` about an id, with finite scalars and texts of up to 4096.")
+@AGENT.rule(
+    "notes", "Notes `decision.…` or `event.…` about an id, with finite scalars and texts of at most 4096 characters."
+)
 def _notes(case: AgentCase) -> None:
     for step in case.friendly:
         check_notes(step.said)
 
 
-@AGENT.rule("causes", "Names as causes only frames that it has received.")
+@AGENT.rule("causes", "Names as causes only frames that it received.")
 def _causes(case: AgentCase) -> None:
     _check_causes(case.arrivals, case.friendly)
 
 
-@AGENT.rule("repeatable", "Says the same bytes at the same times in two fresh instances given the same mail.")
+@AGENT.rule("repeatable", "Two new instances with the same mail send the same bytes at the same times.")
 def _repeatable(case: AgentCase) -> None:
     again = drive(case.make(), case.arrivals, _BEFORE, case.until)
     same(rows(case.friendly), rows(again), "two instances differ", "the same from the same inputs")
 
 
-@AGENT.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
+@AGENT.rule(
+    "pure", "Reads no clock, draws no random numbers of its own, never sleeps, and opens no file, socket or thread."
+)
 def _pure(case: AgentCase) -> None:
     _ = case.friendly  # imports and compiles what a first run must
     drive(case.make(), case.arrivals, _BEFORE, case.until, call=watched)
 
 
-@AGENT.rule("late", "Survives being stepped 1.3 s after the time it asked for, with all the mail since in one box.")
+@AGENT.rule("late", "Survives a step 1.3 s late, with all mail since in one box.")
 def _late(case: AgentCase) -> None:
     for step in drive(case.make(), case.arrivals, _BEFORE, case.until, lag_ns=LATE_NS):
         check_departures(step.said, _ends(case))
         check_notes(step.said)
 
 
-@AGENT.rule("copies", "Deep-copied midway, goes on as it would have, and so does its copy: they share no state.")
+@AGENT.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: AgentCase) -> None:
     straight = case.friendly
     fork_at = straight[len(straight) // 2].now if straight else case.until // 2
@@ -165,7 +169,7 @@ def _copies(case: AgentCase) -> None:
     )
 
 
-@AGENT.rule("hostile", "Survives any bytes on any port, garbage and well-formed nonsense, and keeps its form.")
+@AGENT.rule("hostile", "Survives any bytes on any port, and keeps its form.")
 def _hostile(case: AgentCase) -> None:
     ports = _ends(case)
     for payloads in ([*garbage(), *spoiled(case.messages)], list(forged())):
@@ -176,7 +180,7 @@ def _hostile(case: AgentCase) -> None:
         _check_causes(arrivals, steps)
 
 
-@AGENT.rule("modest", "Answers garbage with at most 1 departure and 1 note a frame, at most 2 KiB longer than it.")
+@AGENT.rule("modest", "Answers each frame of garbage with at most 1 departure, at most 2 KiB longer, and 1 note.")
 def _modest(case: AgentCase) -> None:
     payloads, ports = short_garbage(), case.make().ports
     check_modest(_volume(case.friendly), _volume(case.drive_with_payloads(payloads)[1]), payloads, len(ports))

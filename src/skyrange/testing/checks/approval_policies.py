@@ -115,7 +115,7 @@ def _says_why(case: ApprovalCase) -> None:
             need(bool(decision.reason), f"rejected with {short(decision)}", "a reason")
 
 
-@APPROVAL.rule("alternatives", "Offers alternatives that can be asked for: on the globe, and not over before now.")
+@APPROVAL.rule("alternatives", "Offers only alternatives that can be requested: on the globe, and ending after now.")
 def _alternatives(case: ApprovalCase) -> None:
     for (now, _), decision in zip(case.requests, _ask(case.make(), case.requests), strict=True):
         for alternative in decision.alternatives:
@@ -127,7 +127,7 @@ def _alternatives(case: ApprovalCase) -> None:
             need(volume.end_ns > now, f"offered {volume.end_ns} ns as an end, at {now}", "a volume that is not over")
 
 
-@APPROVAL.rule("sendable", "Makes decisions that go over the approval link and come out as they were.")
+@APPROVAL.rule("sendable", "Makes decisions that the approval link carries unchanged.")
 def _sendable(case: ApprovalCase) -> None:
     for (_, intent), decision in zip(case.requests, _ask(case.make(), case.requests), strict=True):
         try:
@@ -139,13 +139,13 @@ def _sendable(case: ApprovalCase) -> None:
         same(decision.reason, back.reason, "the reason, said and sent, differs", "at most 256 characters")
 
 
-@APPROVAL.rule("repeatable", "Gives the same answers in two fresh instances asked the same in the same order.")
+@APPROVAL.rule("repeatable", "Two new instances with the same requests in the same order give the same answers.")
 def _repeatable(case: ApprovalCase) -> None:
     first, second = (_ask(case.make(), case.requests) for _ in range(2))
     same(first, second, "two instances differ", "the same from the same inputs")
 
 
-@APPROVAL.rule("idempotent", "Answers a request that comes again at once as before: an intent is not its own obstacle.")
+@APPROVAL.rule("idempotent", "Answers a repeated request as before: an intent does not conflict with itself.")
 def _idempotent(case: ApprovalCase) -> None:
     approval = case.make()
     for now, intent in case.requests:
@@ -154,13 +154,15 @@ def _idempotent(case: ApprovalCase) -> None:
         same(first, again, f"{intent.vehicle} asks twice and gets two answers", "the same answer")
 
 
-@APPROVAL.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
+@APPROVAL.rule(
+    "pure", "Reads no clock, draws no random numbers of its own, never sleeps, and opens no file, socket or thread."
+)
 def _pure(case: ApprovalCase) -> None:
     _ask(case.make(), case.requests)
     _ask(case.make(), case.requests, watched)
 
 
-@APPROVAL.rule("copies", "Deep-copied midway, goes on as it would have, and so does its copy: they share no state.")
+@APPROVAL.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: ApprovalCase) -> None:
     straight = _ask(case.make(), case.requests)
     for middle in range(len(case.requests)):
@@ -172,12 +174,12 @@ def _copies(case: ApprovalCase) -> None:
         same(rest, _ask(trunk, case.requests[middle:]), "the copy's life shows in the original", expected)
 
 
-@APPROVAL.rule("extreme", "Decides on every valid volume, however unlikely, and goes on deciding afterwards.")
+@APPROVAL.rule("extreme", "Decides on every valid volume, however unlikely, and on later requests.")
 def _extreme(case: ApprovalCase) -> None:
     _ask(case.make(), [*extreme(), *case.requests])
 
 
-@APPROVAL.rule("ends", "Ends an intent, known or not, and then decides as if it had never been.")
+@APPROVAL.rule("ends", "Ends any intent, known or not, and then decides as if it had never existed.")
 def _ends(case: ApprovalCase) -> None:
     fresh, used = case.make(), case.make()
     for now, intent in case.requests:

@@ -183,28 +183,28 @@ def _answers(observer: MemoryObserver) -> list[tuple[str, Time, bytes]]:
     return [(f.link.partition(":")[2], f.arrived_ns, f.payload) for f in sorted(answers, key=lambda f: f.arrived_ns)]
 
 
-@SERVICE.rule("described", "Describes each of its parameters, and says in a sentence what it does.")
+@SERVICE.rule("described", "Describes each of its parameters, and in one sentence what it does.")
 def _described(case: ServiceCase) -> None:
     for name, info in case.plugin.params.model_fields.items():
         need(bool(info.description), f"says nothing about its parameter {name}", "a description of each")
     need(case.plugin.about.endswith("."), f"says {case.plugin.about!r}", "a sentence")
 
 
-@SERVICE.rule("makes", "Makes a service of its parameters and a context; no two share an agent.")
+@SERVICE.rule("makes", "Makes a service from its parameters and a context. Two services share no agent.")
 def _makes(case: ServiceCase) -> None:
     (first, _), (second, _) = case.made(), case.made()
     for first_agent, second_agent in zip(first.agents, second.agents, strict=True):
         need(first_agent is not second_agent, f"gave {first_agent.name} to two services", "agents of its own for each")
 
 
-@SERVICE.rule("named", "Names its agents after its context's name, so that two approvals go together.")
+@SERVICE.rule("named", "Names its agents after its context's name.")
 def _named(case: ServiceCase) -> None:
     for agent in case.made()[0].agents:
         known = agent.name == NAME or agent.name.startswith(f"{NAME}.")
         need(known, f"has an agent {agent.name!r}", f"{NAME!r}, or {NAME + '.'!r} and more")
 
 
-@SERVICE.rule("ports", "Has one agent at the port of each operator, and all else at endpoints `approval.…` of its own.")
+@SERVICE.rule("ports", "Has one agent at each operator's port, and all others at endpoints `approval.…` of its own.")
 def _ports(case: ServiceCase) -> None:
     service, context = case.made()
     ports = [port for agent in service.agents for port in agent.ports]
@@ -234,7 +234,7 @@ def _answered(case: ServiceCase) -> None:
         need(at <= now + ANSWERED_NS, f"had nothing to say of {short(intent)}", "a decision within a minute")
 
 
-@SERVICE.rule("owners", "Accepts nothing that an operator asks in another's name.")
+@SERVICE.rule("owners", "Accepts no request that an operator makes in another's name.")
 def _owners(case: ServiceCase) -> None:
     thieves = [operator for operator in case.operators if operator != case.requests[0][1].operator]
     need(bool(thieves), f"is asked by {case.operators}", "requests of two operators, to check this")
@@ -248,7 +248,7 @@ def _owners(case: ServiceCase) -> None:
             need(body.decision != "Accepted", f"accepted {short(stolen)} for {operator}", "a refusal")
 
 
-@SERVICE.rule("repeatable", "Says the same bytes at the same times in two fresh runs.")
+@SERVICE.rule("repeatable", "Two new runs send the same bytes at the same times.")
 def _repeatable(case: ServiceCase) -> None:
     kernel, observer, _ = case.kernel()
     same(
@@ -259,7 +259,7 @@ def _repeatable(case: ServiceCase) -> None:
     )
 
 
-@SERVICE.rule("copies", "Forked midway, goes on as it would have, and so does the fork: they share no state.")
+@SERVICE.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: ServiceCase) -> None:
     straight = _frames(case.run()[0])
     kernel, trunk, _ = case.kernel()

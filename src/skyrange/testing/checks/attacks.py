@@ -300,21 +300,21 @@ def _case(
     return AttackCase(kind, params, scenario(duration_s), *times, acts)
 
 
-@ATTACK.rule("described", "Describes each of its parameters, and says in a sentence what it does.")
+@ATTACK.rule("described", "Describes each of its parameters, and in one sentence what it does.")
 def _described(case: AttackCase) -> None:
     for name, info in case.kind.params.model_fields.items():
         need(bool(info.description), f"says nothing about its parameter {name}", "a description of each")
     need(case.kind.about.endswith("."), f"says {case.kind.about!r}", "a sentence")
 
 
-@ATTACK.rule("makes", "Makes an Attack of its parameters and a setting; no two share anything.")
+@ATTACK.rule("makes", "Makes an Attack from its parameters and a setting. Two attacks share nothing.")
 def _makes(case: AttackCase) -> None:
     (first, _), (second, _) = case.made(), case.made()
     for first_agent, second_agent in zip(first.agents, second.agents, strict=True):
         need(first_agent is not second_agent, f"gave {first_agent.name} to two attacks", "agents of its own for each")
 
 
-@ATTACK.rule("named", "Names its agents and links after its id, so that two attacks of a kind go together.")
+@ATTACK.rule("named", "Names its agents and links after its id.")
 def _named(case: AttackCase) -> None:
     attack, _ = case.made()
     names = [agent.name for agent in attack.agents]
@@ -324,12 +324,12 @@ def _named(case: AttackCase) -> None:
         need(name == ID or name.startswith(f"{ID}."), f"is called {name!r}", f"{ID!r} or {ID + '.'!r} and more")
 
 
-@ATTACK.rule("forces", "Acts on no bodies: it has no body faults, which nature has.")
+@ATTACK.rule("forces", "Has no body faults.")
 def _forces(case: AttackCase) -> None:
     need(not case.made()[0].body_hooks, "has body faults", "agents, taps, sensor faults, links and radios")
 
 
-@ATTACK.rule("muted", "Muted, leaves every frame, note and truth as without it, but on links of its own.")
+@ATTACK.rule("muted", "If muted, changes no frame, note or truth, except on its own links.")
 def _muted(case: AttackCase) -> None:
     nominal, muted = case.nominal, case.fly(muted=True)
     expected = "a run that is the same to the byte"
@@ -339,7 +339,7 @@ def _muted(case: AttackCase) -> None:
     same([], muted.labels(), "labels while it is muted", "none")
 
 
-@ATTACK.rule("onset", "Until it starts, leaves everything as its muted twin does.")
+@ATTACK.rule("onset", "Before its start, changes nothing beyond what its muted twin does.")
 def _onset(case: AttackCase) -> None:
     live, muted = case.fly(), case.fly(muted=True)
     for table, rows, muted_rows in (
@@ -364,20 +364,19 @@ def _acts(case: AttackCase) -> None:
         need(case.start_ns <= label[0] < case.stop_ns, f"acted at {label[0]}", f"{case.start_ns}…{case.stop_ns}")
 
 
-@ATTACK.rule("repeatable", "Does the same in two fresh runs of one process, of which one flies beside a fork of it.")
+@ATTACK.rule("repeatable", "Does the same in two new runs of one process, one of them beside a fork of it.")
 def _repeatable(case: AttackCase) -> None:
     _alike(case.fly(), case.trunk.flight, "a run alone and one beside another")
 
 
-@ATTACK.rule("copies", "Forked while it acts, goes on as it would have, and so does the fork: they share no state.")
+@ATTACK.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: AttackCase) -> None:
     _alike(case.fly(), case.trunk.fork(), "the straight run and the fork")
 
 
 @ATTACK.rule(
     "sham",
-    "As a sham, acts as often, at the same times, on the same links, with as many bytes, as long as what it sees there "
-    "is the same.",
+    "Its sham acts as often, at the same times, on the same links, with as many bytes, if it sees the same frames.",
 )
 def _sham(case: AttackCase) -> None:
     live, sham = case.fly(), case.fly(sham=True)
@@ -389,8 +388,7 @@ def _sham(case: AttackCase) -> None:
 
 @ATTACK.rule(
     "silent",
-    "If it alters readings of sensors alone and its counterfactual is muted, its sham leaves every frame and truth as "
-    "without it.",
+    "If it alters sensor readings alone and its counterfactual is muted, its sham changes no frame and no truth.",
 )
 def _silent(case: AttackCase) -> None:
     assert isinstance(case.kind, AttackPlugin)
@@ -405,8 +403,8 @@ def _silent(case: AttackCase) -> None:
 
 @ATTACK.rule(
     "honest",
-    "If its kind is honest, names the aircraft that it claims, as `claims` (an attack on somebody's link may name "
-    "none), and its honest arm has a radio of its own for each; if not, names none.",
+    "An honest kind names the aircraft that it claims (`claims`; none if it is on somebody's link), with "
+    "a radio for each in its honest arm. Other kinds name none.",
 )
 def _honest(case: AttackCase) -> None:
     assert isinstance(case.kind, AttackPlugin)
@@ -447,21 +445,17 @@ def _alike(first: Flight, second: Flight, what: str) -> None:
         same(rows, getattr(second, name)(), f"{name} of {what}", "the same to the byte")
 
 
-FAULT.rule("described", "Describes each of its parameters, and says in a sentence what it does.")(_described)
-FAULT.rule("makes", "Makes FaultParts of its parameters and a setting; no two share anything.")(_makes)
-FAULT.rule("named", "Names its agents and links after its id, so that two faults of a kind go together.")(_named)
-FAULT.rule("muted", "Muted, leaves every frame, note and truth as without it, but on links of its own.")(_muted)
-FAULT.rule("onset", "Until it starts, leaves everything as its muted twin does.")(_onset)
+FAULT.rule("described", "Describes each of its parameters, and in one sentence what it does.")(_described)
+FAULT.rule("makes", "Makes FaultParts from its parameters and a setting. Two faults share nothing.")(_makes)
+FAULT.rule("named", "Names its agents and links after its id.")(_named)
+FAULT.rule("muted", "If muted, changes no frame, note or truth, except on its own links.")(_muted)
+FAULT.rule("onset", "Before its start, changes nothing beyond what its muted twin does.")(_onset)
 FAULT.rule("acts", "Acts between its start and its stop, and not outside.")(_acts)
-FAULT.rule("repeatable", "Does the same in two fresh runs of one process, of which one flies beside a fork of it.")(
-    _repeatable
-)
-FAULT.rule("copies", "Forked while it acts, goes on as it would have, and so does the fork: they share no state.")(
-    _copies
-)
+FAULT.rule("repeatable", "Does the same in two new runs of one process, one of them beside a fork of it.")(_repeatable)
+FAULT.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")(_copies)
 
 
-@FAULT.rule("benign", "Is called a fault in every label and event, never an attack, and has no radio.")
+@FAULT.rule("benign", "Is a fault in every label and event, never an attack, and has no radio.")
 def _benign(case: AttackCase) -> None:
     parts, _ = case.made()
     need(not parts.radios, "has a radio", "taps, agents, sensor faults, body faults and links")

@@ -155,7 +155,7 @@ def _check(now: Time, tracks: Tracks, decision: Any) -> None:
         raise Broken(f"says at {now} that it begins at {episode.begun_ns}", "an episode that has begun", "episodes")
 
 
-@AVOIDANCE.rule("described", "Describes each of its parameters, and says in a sentence what it does.")
+@AVOIDANCE.rule("described", "Describes each of its parameters, and in one sentence what it does.")
 def _described(case: AvoidanceCase) -> None:
     if case.plugin is None:
         return
@@ -164,31 +164,33 @@ def _described(case: AvoidanceCase) -> None:
     need(case.plugin.about.endswith("."), f"says {case.plugin.about!r}", "a sentence")
 
 
-@AVOIDANCE.rule("limits", "Has the limits that it was made of: companions look for conflicts by them.")
+@AVOIDANCE.rule("limits", "Has the limits that it was made with.")
 def _limits(case: AvoidanceCase) -> None:
     limits = getattr(case.make(), "limits", None)
     need(isinstance(limits, AvoidanceLimits), f"limits are {short(limits)}", "Limits, or a subclass of it")
 
 
-@AVOIDANCE.rule("decides", "Answers with a Decision: a waypoint of finite metres with GO alone, rows of the tracks.")
+@AVOIDANCE.rule(
+    "decides", "Answers with a Decision: a waypoint of finite metres with GO alone, and rows of the tracks."
+)
 def _decides(case: AvoidanceCase) -> None:
     for others in ENCOUNTERS.values():
         fly_encounter(case.make(), others)
 
 
-@AVOIDANCE.rule("episodes", "Hands back an Episode with STOP and GO, and none with KEEP, RESUME and RETURN.")
+@AVOIDANCE.rule("episodes", "Returns an Episode with STOP and GO, and none with KEEP, RESUME and RETURN.")
 def _episodes(case: AvoidanceCase) -> None:
     for others in ENCOUNTERS.values():
         fly_encounter(case.make(), others)
 
 
-@AVOIDANCE.rule("alone", "Flies on where it hears nobody.")
+@AVOIDANCE.rule("alone", "Flies on if it receives nobody.")
 def _alone(case: AvoidanceCase) -> None:
     for now, _, decision in fly_encounter(case.make(), ()):
         need(decision.action is AvoidanceAction.KEEP, f"said {decision.action} at {now}", "KEEP")
 
 
-@AVOIDANCE.rule("ends", "Ends every episode: when all others are gone, or a minute after its longest at the latest.")
+@AVOIDANCE.rule("ends", "Ends every episode when all others are gone, or a minute after its longest time.")
 def _ends(case: AvoidanceCase) -> None:
     for name, others in ENCOUNTERS.items():
         avoidance = case.make()
@@ -197,7 +199,7 @@ def _ends(case: AvoidanceCase) -> None:
         need(last.episode is None, f"({name}) still says {last.action} after {until / NS_PER_S:g} s", "an end")
 
 
-@AVOIDANCE.rule("repeatable", "Decides the same from the same, asked twice or in a fresh instance: it keeps no state.")
+@AVOIDANCE.rule("repeatable", "Decides the same from the same input, twice or in a new instance: it keeps no state.")
 def _repeatable(case: AvoidanceCase) -> None:
     for name, others in ENCOUNTERS.items():
         once, twice = case.make(), case.make()
@@ -211,14 +213,16 @@ def _repeatable(case: AvoidanceCase) -> None:
         )
 
 
-@AVOIDANCE.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
+@AVOIDANCE.rule(
+    "pure", "Reads no clock, draws no random numbers of its own, never sleeps, and opens no file, socket or thread."
+)
 def _pure(case: AvoidanceCase) -> None:
     for others in ENCOUNTERS.values():
         fly_encounter(case.make(), others)
         fly_encounter(case.make(), others, call=watched)
 
 
-@AVOIDANCE.rule("copies", "Deep-copied midway, goes on as it would have, and so does its copy: they share no state.")
+@AVOIDANCE.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: AvoidanceCase) -> None:
     for name, others in ENCOUNTERS.items():
         straight = fly_encounter(case.make(), others)

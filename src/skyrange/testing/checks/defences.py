@@ -126,7 +126,9 @@ def check_defence(
     DEFENCE.check(f"defence {name}", case)
 
 
-@DEFENCE.rule("described", "Describes each parameter, and its place, effect, evasion and cost; `about` is a sentence.")
+@DEFENCE.rule(
+    "described", "Describes each parameter, its place, effect, evasion and cost, and in one sentence what it does."
+)
 def _described(case: DefenceCase) -> None:
     for name, info in case.kind.params.model_fields.items():
         need(bool(info.description), f"says nothing about its parameter {name}", "a description of each")
@@ -135,20 +137,20 @@ def _described(case: DefenceCase) -> None:
         need(bool(getattr(case.kind, what)), f"does not say its {what}", "a phrase")
 
 
-@DEFENCE.rule("defaults", "Needs no parameters, or the ones given: with defaults alone it can be declared.")
+@DEFENCE.rule("defaults", "Can be declared with default parameters, or the given ones, alone.")
 def _defaults(case: DefenceCase) -> None:
     missing = [name for name, info in case.kind.params.model_fields.items() if info.is_required()]
     need(not missing, f"requires {', '.join(missing)}", "a default of each parameter")
 
 
-@DEFENCE.rule("muted", "Muted, leaves every frame, note, truth and alert as without it, attacked or not.")
+@DEFENCE.rule("muted", "If muted, changes no frame, note, truth or alert, attacked or not.")
 def _muted(case: DefenceCase) -> None:
     for attacked in (False, True):
         without = case.fly(present=False) if attacked else case.nominal
         without.same_as(case.fly(attacked=attacked, muted=True), "the run without it and of that with it muted")
 
 
-@DEFENCE.rule("nominal", "Without an attack, does nothing but what it declares as `nominal`, and raises no alarm.")
+@DEFENCE.rule("nominal", "Without an attack, does only what it declares as `nominal`, and raises no alarm.")
 def _nominal(case: DefenceCase) -> None:
     flight = case.fly(attacked=False)
     same([], [row[3:5] for row in flight.alerts()], "alerts without an attack", "none")
@@ -160,7 +162,7 @@ def _nominal(case: DefenceCase) -> None:
         same(without.truth(), flight.truth(), "truth without it and with it, nominal", "the same to the byte")
 
 
-@DEFENCE.rule("acts", "Acts and raises alarms when it is attacked, as the case says, and labels nothing.")
+@DEFENCE.rule("acts", "Acts and raises alarms when it is attacked, as the case says, and writes no label.")
 def _acts(case: DefenceCase) -> None:
     flight = case.fly()
     acts = set(flight.acts()) - set(case.kind.nominal)
@@ -176,11 +178,11 @@ def _acts(case: DefenceCase) -> None:
     need(not labels, f"has {len(labels)} labels", "none: labels are of attacks and faults")
 
 
-@DEFENCE.rule("repeatable", "Does the same in two fresh runs of one process, of which one flies beside a fork of it.")
+@DEFENCE.rule("repeatable", "Does the same in two new runs of one process, one of them beside a fork of it.")
 def _repeatable(case: DefenceCase) -> None:
     case.fly().same_as(Flight(case.trunk.flight.seen, frozenset()), "a run alone and one beside another")
 
 
-@DEFENCE.rule("copies", "Forked while it acts, goes on as it would have, and so does the fork: they share no state.")
+@DEFENCE.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: DefenceCase) -> None:
     case.fly().same_as(Flight(case.trunk.fork().seen, frozenset()), "the straight run and the fork")

@@ -173,8 +173,8 @@ def check_engine(
 
 @ENGINE.rule(
     "declares",
-    "Has every member of Engine: a name, a clock (and a pace, if it is the wall's), a repeatability, a pre-roll of 0 "
-    "ns or more, and moves none but its own vehicles.",
+    "Has every member of Engine: a name, a clock (and a pace, if that is the wall's), a repeatability, "
+    "and a pre-roll of at least 0 ns. Moves its own vehicles alone.",
 )
 def _declares(case: EngineCase) -> None:
     engine = case.make()
@@ -198,7 +198,7 @@ def _declares(case: EngineCase) -> None:
     need(not strange, f"moves {strange}", "vehicles of its own")
 
 
-@ENGINE.rule("vehicles", "Lists the vehicles it was made for, in that order, and ports of theirs, each once.")
+@ENGINE.rule("vehicles", "Lists the vehicles that it was made for, in that order, and each of their ports once.")
 def _vehicles(case: EngineCase) -> None:
     for specs in filter(None, (case.specs, case.specs[1:], case.specs[:1])):
         engine = case.make(specs)
@@ -211,39 +211,39 @@ def _vehicles(case: EngineCase) -> None:
         need(owners == set(wanted), f"ports belong to {sorted(owners)}", "at least one port of each vehicle, no other")
 
 
-@ENGINE.rule("service", "Serves its ports at a whole multiple of the world's quantum, as mail comes only then.")
+@ENGINE.rule("service", "Serves its ports at a whole multiple of the world's quantum.")
 def _service(case: EngineCase) -> None:
     service, quantum = case.make().service_ns, case.world(case.specs).quantum_ns
     whole = isinstance(service, int) and service > 0 and service % quantum == 0
     need(whole, f"service_ns is {service!r}", f"a multiple of the quantum, {quantum} ns")
 
 
-@ENGINE.rule("finishes", "Answers every tick with a Finished that holds a whole Outbox.")
+@ENGINE.rule("finishes", "Answers every tick with a Finished that has an Outbox.")
 def _finishes(case: EngineCase) -> None:
     _ = case.plain
 
 
-@ENGINE.rule("outbox", "Puts departures and notes in lists, never a generator.")
+@ENGINE.rule("outbox", "Gives departures and notes as lists, never as a generator.")
 def _outbox(case: EngineCase) -> None:
     case.plain.keeps("outbox")
 
 
 @ENGINE.rule(
-    "actuators", "Commands motors by a float64 row per vehicle, every number finite and in 0…1, always as many."
+    "actuators", "Commands motors by a float64 row per vehicle, of constant length, with finite numbers from 0 to 1."
 )
 def _actuators(case: EngineCase) -> None:
     shapes = case.plain.shapes
     need(len(shapes) == 1, f"actuators had the shapes {sorted(shapes)}", "one shape")
 
 
-@ENGINE.rule("poses", "Imposes none but poses that a body can have, on vehicles that it says it moves.")
+@ENGINE.rule("poses", "Imposes possible poses only, and only on vehicles that it declares to move.")
 def _poses(case: EngineCase) -> None:
     case.plain.keeps("poses")
 
 
 @ENGINE.rule(
     "status",
-    "Tells the state of each vehicle (booting, ready, silent, dead), and has all of them ready after its pre-roll.",
+    "Reports the state of each vehicle (booting, ready, silent, dead). All are ready after its pre-roll.",
 )
 def _status(case: EngineCase) -> None:
     flight = case.flight().fly(0)
@@ -262,30 +262,31 @@ def _status(case: EngineCase) -> None:
         )
 
 
-@ENGINE.rule("departures", "Sends bytes of at most 1 MiB, from the ports it declares.")
+@ENGINE.rule("departures", "Sends bytes, at most 1 MiB in a frame, from its declared ports.")
 def _departures(case: EngineCase) -> None:
     case.plain.keeps("departures")
 
 
 @ENGINE.rule(
-    "notes", "Notes `decision.…` or `event.…` about its vehicles, with finite scalars and texts of up to 4096."
+    "notes",
+    "Notes `decision.…` or `event.…` about its vehicles, with finite scalars and texts of at most 4096 characters.",
 )
 def _notes(case: EngineCase) -> None:
     case.plain.keeps("notes")
 
 
-@ENGINE.rule("causes", "Names as causes only frames that it has received.")
+@ENGINE.rule("causes", "Names as causes only frames that it received.")
 def _causes(case: EngineCase) -> None:
     case.plain.keeps("causes")
 
 
-@ENGINE.rule("repeatable", "Repeats to the byte, where it says so: the same mail and sensors, the same answers.")
+@ENGINE.rule("repeatable", "If declared: the same mail and sensor readings give the same bytes.")
 def _repeatable(case: EngineCase) -> None:
     if case.repeats:
         _same(case.flown(), case.flight().fly(case.until), "two instances differ", "the same from the same inputs")
 
 
-@ENGINE.rule("split", "Says and does the same for each aircraft whether the fleet is in one engine or in two.")
+@ENGINE.rule("split", "Does the same for each aircraft whether one engine or two have the fleet.")
 def _split(case: EngineCase) -> None:
     if case.repeats:
         for cut in sorted({1, len(case.specs) // 2} - {0, len(case.specs)}):
@@ -297,7 +298,7 @@ def _split(case: EngineCase) -> None:
             )
 
 
-@ENGINE.rule("order", "Keeps begin and finish apart: engines may be finished in any order once all have begun.")
+@ENGINE.rule("order", "Separates begin and finish: engines may finish in any order after all have begun.")
 def _order(case: EngineCase) -> None:
     cut = len(case.specs) // 2
     forward, backward = case.flown(cut), case.flight(cut).fly(case.until, backwards=True)
@@ -305,7 +306,7 @@ def _order(case: EngineCase) -> None:
         _same(forward, backward, "finishing in the other order changes it", "engines that share nothing")
 
 
-@ENGINE.rule("sensors", "Reads the sensors of a tick only until it has finished it, and never writes to them.")
+@ENGINE.rule("sensors", "Reads the sensors of a tick only until it has finished the tick, and never writes to them.")
 def _sensors(case: EngineCase) -> None:
     kept, spoilt = case.flown(), case.flight().fly(case.until, scramble=True)
     if case.repeats:
@@ -314,8 +315,8 @@ def _sensors(case: EngineCase) -> None:
 
 @ENGINE.rule(
     "pure",
-    "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread. Not asked of one that "
-    "runs programs.",
+    "Reads no clock, draws no random numbers of its own, never sleeps, and opens no file, socket or "
+    "thread. Not checked of engines that run programs.",
 )
 def _pure(case: EngineCase) -> None:
     if case.repeats and not case.runs_programs:
@@ -325,8 +326,8 @@ def _pure(case: EngineCase) -> None:
 
 @ENGINE.rule(
     "copies",
-    "Deep-copied midway, goes on as it would have, and so does its copy: they share no state. One that runs programs "
-    "refuses to be copied.",
+    "A deep copy made midway continues like the original, and shares no state with it. An engine that "
+    "runs programs refuses to be copied.",
 )
 def _copies(case: EngineCase) -> None:
     if case.runs_programs:
@@ -342,7 +343,7 @@ def _copies(case: EngineCase) -> None:
     _same(straight, trunk.fly(case.until), "the copy's life shows in the original", expected)
 
 
-@ENGINE.rule("hostile", "Survives any bytes on any port, garbage and well-formed nonsense, and keeps its form.")
+@ENGINE.rule("hostile", "Survives any bytes on any port, and keeps its form.")
 def _hostile(case: EngineCase) -> None:
     systems = sorted({0, *(spec.system_id for spec in case.specs)})
     for payloads in ([*garbage(), *spoiled(case.friendly)], list(forged(systems))):
@@ -356,7 +357,7 @@ def _hostile(case: EngineCase) -> None:
         flight.fly(case.until, look=look)
 
 
-@ENGINE.rule("modest", "Answers garbage with at most 1 departure and 1 note a frame, at most 2 KiB longer than it.")
+@ENGINE.rule("modest", "Answers each frame of garbage with at most 1 departure, at most 2 KiB longer, and 1 note.")
 def _modest(case: EngineCase) -> None:
     payloads, ports = short_garbage(), case.make().ports
     quiet, loud = case.flown(), case.fly_with_payloads(payloads).fly(case.until)

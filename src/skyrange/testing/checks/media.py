@@ -170,7 +170,9 @@ def list_rows(medium: Medium, answers: Sequence[OnAir]) -> tuple[list[Row], list
     return sorted(rows[0], key=repr), rows[1]
 
 
-@MEDIUM.rule("declares", "Has its radios sorted by name, each once, a look-ahead of 0 ns or more, a repeatability.")
+@MEDIUM.rule(
+    "declares", "Has its radios sorted by name, each once, a look-ahead of at least 0 ns, and a repeatability."
+)
 def _declares(case: MediumCase) -> None:
     medium = case.make(radios()[::-1])
     names = [radio.name for radio in medium.radios]
@@ -187,7 +189,7 @@ def _declares(case: MediumCase) -> None:
     need(isinstance(medium.manifest, Mapping), f"manifest is {short(medium.manifest)}", "a mapping")
 
 
-@MEDIUM.rule("answers", "Tells of each step what happened in it: rows that are there, ends within it, in their order.")
+@MEDIUM.rule("answers", "Reports what happened in each step: existing rows, with ends in the step, in order.")
 def _answers(case: MediumCase) -> None:
     medium = case.make(radios())
     begin = 0
@@ -205,7 +207,7 @@ def _answers(case: MediumCase) -> None:
         begin = end
 
 
-@MEDIUM.rule("tells", "Tells of every frame what became of it, within two seconds, and then is quiet.")
+@MEDIUM.rule("tells", "Reports the fate of every frame within two seconds, and nothing after it.")
 def _tells(case: MediumCase) -> None:
     medium = case.make(radios())
     offered_ns = {request[4]: request[1] for request in requests()}
@@ -227,7 +229,7 @@ def _tells(case: MediumCase) -> None:
     need(medium.quiet, "is not quiet when all is over", "quiet")
 
 
-@MEDIUM.rule("hears", "Lets radios in sight of each other hear one another, and never themselves.")
+@MEDIUM.rule("hears", "Lets radios in sight receive each other, and never themselves.")
 def _hears(case: MediumCase) -> None:
     medium = case.make(radios())
     senders = {request[4]: request[0] for request in requests()}
@@ -237,7 +239,7 @@ def _hears(case: MediumCase) -> None:
         need(senders[row[0]] != row[1], f"{row[1]} heard itself", "receivers other than the sender")  # type: ignore[index]
 
 
-@MEDIUM.rule("cut", "Answers the same whether time is cut into 1 ms or 10 ms.")
+@MEDIUM.rule("cut", "Answers the same in steps of 1 ms and of 10 ms.")
 def _cut(case: MediumCase) -> None:
     if not case.repeats:
         return
@@ -248,7 +250,7 @@ def _cut(case: MediumCase) -> None:
     same(a[0], b[0], "transmissions in cuts of 1 and 10 ms differ", expected)
 
 
-@MEDIUM.rule("company", "Answers the same for radios whoever else there is, as long as they are out of reach.")
+@MEDIUM.rule("company", "Answers the same for radios whatever others are out of reach.")
 def _company(case: MediumCase) -> None:
     if not case.repeats:
         return
@@ -258,7 +260,7 @@ def _company(case: MediumCase) -> None:
     same(a[0], b[0], "two radios 90 km off change transmissions", "chance by names, not by rows")
 
 
-@MEDIUM.rule("repeatable", "Answers the same in two fresh instances, where it says so.")
+@MEDIUM.rule("repeatable", "If declared: two new instances give the same answers.")
 def _repeatable(case: MediumCase) -> None:
     if not case.repeats:
         return
@@ -270,8 +272,8 @@ def _repeatable(case: MediumCase) -> None:
 
 @MEDIUM.rule(
     "pure",
-    "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread. Not asked of one that "
-    "runs programs.",
+    "Reads no clock, draws no random numbers of its own, never sleeps, and opens no file, socket or "
+    "thread. Not checked of media that run programs.",
 )
 def _pure(case: MediumCase) -> None:
     if case.runs_programs:
@@ -282,7 +284,7 @@ def _pure(case: MediumCase) -> None:
 
 @MEDIUM.rule(
     "copies",
-    "Deep-copied midway, goes on as it would have, and so does its copy: they share no state. One that runs "
+    "A deep copy made midway continues like the original, and shares no state with it. A medium that runs "
     "programs may refuse with a ComponentError.",
 )
 def _copies(case: MediumCase) -> None:
@@ -307,7 +309,7 @@ def _copies(case: MediumCase) -> None:
         same(rest[0], later[0], "transmissions of the straight run and of a copy differ", expected)
 
 
-@MEDIUM.rule("refuses", "Refuses a frame that cannot be, whatever its numbers, and goes on.")
+@MEDIUM.rule("refuses", "Refuses an impossible frame, whatever its numbers, and continues.")
 def _refuses(case: MediumCase) -> None:
     medium = case.make(radios())
     sizes = (0, -5, 10**12, -(2**62))

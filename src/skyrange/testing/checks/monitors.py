@@ -173,7 +173,7 @@ def _scalars(alert: Alert) -> Mapping[str, object]:
     return alert.data
 
 
-@MONITOR.rule("declares", "Has a service time above 0 ns, which never changes.")
+@MONITOR.rule("declares", "Has a constant service time above 0 ns.")
 def _declares(case: MonitorCase) -> None:
     monitor = case.make()
     service = monitor.service_ns
@@ -185,14 +185,14 @@ def _declares(case: MonitorCase) -> None:
 
 @MONITOR.rule(
     "alerts",
-    "Answers with a list or tuple of Alerts: not about times to come, of a dotted kind, with a finite score, finite "
-    "scalars and texts of up to 4096.",
+    "Answers with a list or tuple of Alerts: not about the future, of a dotted kind, with a finite score, "
+    "finite scalars and texts of at most 4096 characters.",
 )
 def _alerts(case: MonitorCase) -> None:
     serve(case.make(), case.ports, case.frames(), case.until)
 
 
-@MONITOR.rule("hands-off", "Leaves what it is handed as it is.")
+@MONITOR.rule("hands-off", "Does not change its input.")
 def _hands_off(case: MonitorCase) -> None:
     handed: list[tuple[ObservedFrames, list[ObservedFrame]]] = []
 
@@ -205,18 +205,18 @@ def _hands_off(case: MonitorCase) -> None:
         same(before, list(frames.take(np.arange(len(before)))), "what it was handed, before and after", "no change")
 
 
-@MONITOR.rule("idle", "Survives being served when nothing was seen.")
+@MONITOR.rule("idle", "Survives service without any frames.")
 def _idle(case: MonitorCase) -> None:
     serve(case.make(), case.ports, [], case.until)
 
 
-@MONITOR.rule("repeatable", "Raises the same alerts in two new instances that see the same.")
+@MONITOR.rule("repeatable", "Two new instances with the same input raise the same alerts.")
 def _repeatable(case: MonitorCase) -> None:
     first, second = (serve(case.make(), case.ports, case.frames(), case.until) for _ in range(2))
     same(first, second, "two instances differ", "the same from the same frames")
 
 
-@MONITOR.rule("names", "Reads claimed names as names: how they are numbered in one batch means nothing in the next.")
+@MONITOR.rule("names", "Uses claimed names, not their numbers, which hold for one batch alone.")
 def _names(case: MonitorCase) -> None:
     def renumbered(frames: ObservedFrames) -> ObservedFrames:
         return collect_frames(frames.ports, list(frames), ["unseen", *reversed(frames.names)])
@@ -226,20 +226,22 @@ def _names(case: MonitorCase) -> None:
     same(straight, other, "other numbers for the same names change its alerts", "the same alerts")
 
 
-@MONITOR.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
+@MONITOR.rule(
+    "pure", "Reads no clock, draws no random numbers of its own, never sleeps, and opens no file, socket or thread."
+)
 def _pure(case: MonitorCase) -> None:
     serve(case.make(), case.ports, case.frames(), case.until)
     serve(case.make(), case.ports, case.frames(), case.until, call=watched)
 
 
-@MONITOR.rule("late", "Survives not being served for 1.3 s, with all that was seen since in one batch.")
+@MONITOR.rule("late", "Survives service 1.3 s late, with all frames since in one batch.")
 def _late(case: MonitorCase) -> None:
     middle = case.until // 2
     pause = (middle, middle + max(LATE_NS, 2 * case.make().service_ns))
     serve(case.make(), case.ports, case.frames(), case.until, paused=pause)
 
 
-@MONITOR.rule("copies", "Deep-copied midway, goes on as it would have, and so does its copy: they share no state.")
+@MONITOR.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: MonitorCase) -> None:
     frames, middle = case.frames(), case.until // 2
     rest = [moment for moment in serve(case.make(), case.ports, frames, case.until) if moment[0] > middle]
@@ -256,7 +258,7 @@ def _hostile(case: MonitorCase) -> None:
     serve(case.make(), case.ports, case.frames([*garbage(), *forged()]), case.until)
 
 
-@MONITOR.rule("modest", "Raises at most 1 alert for each frame of garbage, beyond those that it raises without.")
+@MONITOR.rule("modest", "Raises at most 1 alert for each frame of garbage, beyond those that it raises without it.")
 def _modest(case: MonitorCase) -> None:
     payloads = garbage()
     quiet, loud = (

@@ -143,7 +143,7 @@ def check_tap(
 
 
 @TAP.rule(
-    "verdicts", "Answers a frame with a sequence of verdicts, never a generator, and a wake-up with Injects only."
+    "verdicts", "Answers a frame with a sequence of verdicts, never a generator, and a wake-up with Injects alone."
 )
 def _verdicts(case: TapCase) -> None:
     watch(case.make(case.link), case.frames(), case.until)
@@ -158,14 +158,16 @@ def _one_fate(case: TapCase) -> None:
         need(once, f"said {short(verdicts)} of {frame} at {now}", "at most one fate")
 
 
-@TAP.rule("values", "Delays to an int time not before now; sends bytes of at most 1 MiB; injects fwd or rev.")
+@TAP.rule(
+    "values", "Delays to a time in whole ns not before now, sends bytes of at most 1 MiB, and injects fwd or rev."
+)
 def _values(case: TapCase) -> None:
     for now, _, verdicts, _ in watch(case.make(case.link), case.frames(), case.until):
         for verdict in verdicts:
             _check_values(now, verdict)
 
 
-@TAP.rule("parents", "Names as an Inject's parent only a frame that it has seen.")
+@TAP.rule("parents", "Names as an Inject's parent only a frame that it received.")
 def _parents(case: TapCase) -> None:
     seen: set[FrameId] = set()
     for now, frame, verdicts, _ in watch(case.make(case.link), case.frames(), case.until):
@@ -176,23 +178,23 @@ def _parents(case: TapCase) -> None:
             need(parent is None or parent in seen, f"replayed {parent} at {now}", "a frame that it has seen")
 
 
-@TAP.rule("wakeups", "Asks for no wake-up, or for one later than now, in whole ns; asking twice changes nothing.")
+@TAP.rule("wakeups", "Asks for no wake-up, or for one after now, in whole ns. Asking twice changes nothing.")
 def _wakeups(case: TapCase) -> None:
     watch(case.make(case.link), [], case.until)
 
 
-@TAP.rule("hands-off", "Leaves frames as they are: what it wants changed, it says in verdicts.")
+@TAP.rule("hands-off", "Does not change frames: its verdicts say what is to change.")
 def _hands_off(case: TapCase) -> None:
     watch(case.make(case.link), case.frames(), case.until)
 
 
-@TAP.rule("repeatable", "Says the same in two fresh instances that see the same frames at the same times.")
+@TAP.rule("repeatable", "Two new instances with the same frames at the same times give the same verdicts.")
 def _repeatable(case: TapCase) -> None:
     first, second = (watch(case.make(case.link), case.frames(), case.until) for _ in range(2))
     _same(first, second, "two instances differ", "the same from the same inputs")
 
 
-@TAP.rule("muted", "Does the same whether its verdicts count or not: it does not learn a frame's fate from the frame.")
+@TAP.rule("muted", "Acts in the same way whether its verdicts take effect or not.")
 def _muted(case: TapCase) -> None:
     alone = watch(case.make(case.link), case.frames(), case.until)
     muted = watch(case.make(case.link), case.frames(), case.until, fate=Fate.DELIVERED)
@@ -201,18 +203,20 @@ def _muted(case: TapCase) -> None:
         _same(alone, other, "verdicts depend on what becomes of earlier frames", "the same acts, muted or not")
 
 
-@TAP.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
+@TAP.rule(
+    "pure", "Reads no clock, draws no random numbers of its own, never sleeps, and opens no file, socket or thread."
+)
 def _pure(case: TapCase) -> None:
     watch(case.make(case.link), case.frames(), case.until)
     watch(case.make(case.link), case.frames(), case.until, call=watched)
 
 
-@TAP.rule("late", "Survives a wake-up 1.3 s after the time it asked for.")
+@TAP.rule("late", "Survives a wake-up 1.3 s late.")
 def _late(case: TapCase) -> None:
     watch(case.make(case.link), case.frames(), case.until, lag_ns=LATE_NS)
 
 
-@TAP.rule("copies", "Deep-copied midway, goes on as it would have, and so does its copy: they share no state.")
+@TAP.rule("copies", "A copy or fork made midway continues like the original, and shares no state with it.")
 def _copies(case: TapCase) -> None:
     frames, middle = case.frames(), case.until // 2
     straight = watch(case.make(case.link), case.frames(), case.until)
@@ -233,7 +237,7 @@ def _hostile(case: TapCase) -> None:
             _check_values(now, verdict)
 
 
-@TAP.rule("modest", "Injects at most 64 frames in answer to one frame or one wake-up.")
+@TAP.rule("modest", "Injects at most 64 frames for one frame or wake-up.")
 def _modest(case: TapCase) -> None:
     for now, _, verdicts, _ in watch(case.make(case.link), case.frames(), case.until):
         count = sum(isinstance(verdict, Inject) for verdict in verdicts)
