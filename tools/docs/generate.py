@@ -50,6 +50,7 @@ from tools.docs.plugin_kinds import (
     detectors,
     faults,
     firewall_profiles,
+    radio_engine,
 )
 from tools.docs.public_api import described as describe_api
 
@@ -345,6 +346,8 @@ GENERATED: dict[str, Callable[[], str]] = {
     "airframes": airframes,
     "part89": part89,
     "avoidance": avoidance,
+    "radio-engine-ns3": partial(radio_engine, "ns3"),
+    "radio-engine-omnetpp": partial(radio_engine, "omnetpp"),
 }
 
 
