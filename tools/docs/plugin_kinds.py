@@ -184,8 +184,10 @@ def approvals() -> str:
 
 def radio_engine(name: str) -> str:
     """The parameters of a radio engine that is a program, whether its package is installed or not."""
+    from skyrange.contracts.params import Params
     from skyrange.radio.external.ns3 import Ns3Params
     from skyrange.radio.external.omnetpp import OmnetppParams
 
-    params = {"ns3": Ns3Params, "omnetpp": OmnetppParams}[name]
+    engines: dict[str, type[Params]] = {"ns3": Ns3Params, "omnetpp": OmnetppParams}
+    params = engines[name]
     return keys(params.model_json_schema(), params.model_fields)
