@@ -56,6 +56,7 @@ from tools.docs.plugin_kinds import (
     families,
     faults,
     firewall_profiles,
+    radio_engine,
 )
 from tools.docs.public_api import described as describe_api
 
@@ -378,6 +379,8 @@ GENERATED: dict[str, Callable[[], str]] = {
     "part89": part89,
     "avoidance": avoidance,
     **claim_blocks(),
+    "radio-engine-ns3": partial(radio_engine, "ns3"),
+    "radio-engine-omnetpp": partial(radio_engine, "omnetpp"),
 }
 
 

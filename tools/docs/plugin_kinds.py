@@ -246,3 +246,14 @@ def approvals() -> str:
         if kind.params.model_fields:
             parts.append(keys(kind.params.model_json_schema(), kind.params.model_fields))
     return "\n".join(parts)
+
+
+def radio_engine(name: str) -> str:
+    """The parameters of a radio engine that is a program, whether its package is installed or not."""
+    from skyrange.contracts.params import Params
+    from skyrange.radio.external.ns3 import Ns3Params
+    from skyrange.radio.external.omnetpp import OmnetppParams
+
+    engines: dict[str, type[Params]] = {"ns3": Ns3Params, "omnetpp": OmnetppParams}
+    params = engines[name]
+    return keys(params.model_json_schema(), params.model_fields)
