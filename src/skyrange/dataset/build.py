@@ -166,8 +166,8 @@ def build_dataset(
     windows = SplitHashes()
     with begin_build(out, _plan(ordered, records, settings, described)) as progress:
         for block, group in groupby(zip(ordered, records, strict=True), key=lambda pair: pair[0].block):
-            block_rows = progress.read_block(block)
             runs = list(group)
+            block_rows = progress.read_block(block, [member.run for member, _ in runs])
             if block_rows is None:
                 block_rows = _write_block(out, block, runs, settings, windows)
                 progress.finish_block(block, block_rows)

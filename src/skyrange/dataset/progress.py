@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,13 +34,16 @@ class BuildProgress:
 
     folder: Path
 
-    def read_block(self, block: str) -> RowCounts | None:
-        """The rows of a block that is whole, None of another."""
+    def read_block(self, block: str, runs: Sequence[str]) -> RowCounts | None:
+        """The rows of a block that is whole, None of another. Raises `InputError` if they are not those of its runs."""
         path = self._path(block)
         if not path.is_file():
             return None
         who, where = str(self.folder), f"{BUILDING}/{_BLOCKS}/{path.name}"
         rows: RowCounts = check_type(read_object(path, who, where), dict[str, dict[str, Count]], who, where)
+        if rows.keys() != {*runs}:
+            hint = "Delete it and build again."
+            raise InputError.one(who, where, ascii(list(rows))[:80], f"the rows of {', '.join(runs)}", hint)
         return rows
 
     def finish_block(self, block: str, rows: RowCounts) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import pyarrow as pa
 
-from skyrange.core.parquet_files import read_table
+from skyrange.core.parquet_files import name_damaged_file, read_table
 from skyrange.dataset.columns import view_schema
 from skyrange.dataset.contents import RUNS
 
@@ -35,6 +35,7 @@ def read_runs(folder: Path) -> list[dict[str, Any]]:
     table = read_table(folder / RUNS, str(folder), RUNS, _RUN_COLUMNS)
     every = read_table(folder / RUNS, str(folder), RUNS)
     if "flight" in every.column_names:
-        table = table.append_column("flight", every.column("flight").cast(pa.string()))
+        with name_damaged_file(str(folder), RUNS):
+            table = table.append_column("flight", every.column("flight").cast(pa.string()))
     rows: list[dict[str, Any]] = table.to_pylist()
     return rows

@@ -92,8 +92,13 @@ def round_step(span: float, about: int) -> float:
     return next(power * factor for factor in (1.0, 2.0, 5.0, 10.0) if power * factor >= rough * 0.999)
 
 
+_MAX_SPAN: Final = 1e15
+
+
 def ticks(low: float, high: float, about: int = 5) -> tuple[list[float], float]:
-    """Round values in [low, high] and the step between them."""
+    """Round values in [low, high] and the step between them; none between limits that cannot be drawn."""
+    if not abs(high - low) < _MAX_SPAN or not abs(low) < _MAX_SPAN:
+        return [], 1.0
     step = round_step(high - low, about)
     first, last = math.ceil(low / step - 1e-6), math.floor(high / step + 1e-6)
     return [index * step for index in range(first, last + 1)], step

@@ -196,7 +196,7 @@ class RunManifest(TypedDict, total=False):
     spooled: bool
 
 
-Corner = Annotated[list[Finite], Field(min_length=2, max_length=3)]
+Corner = Annotated[list[Finite], Field(min_length=2, max_length=2)]
 """East and north in metres."""
 
 

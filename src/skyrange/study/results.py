@@ -84,7 +84,7 @@ def _array(values: list[Any]) -> pa.Array:
     """A column: numbers are floats where any is; what has several types is text."""
     kinds = {type(value) for value in values if value is not None}
     if kinds <= {int, float} and float in kinds:
-        return pa.array(values, pa.float64())
+        return pa.array([None if value is None else float(value) for value in values], pa.float64())
     if len(kinds) > 1 or kinds & {list, dict}:
         return pa.array([None if value is None else str(value) for value in values], pa.string())
     return pa.array(values)

@@ -176,8 +176,8 @@ def draw_memory(memory: Memory, title: str, old: Memory | None = None) -> Figure
     """Resident memory of a case's processes over its wall time, that of the old results dashed."""
     width, height, left, above, below = 440.0, 172.0, 52.0, 22.0, 34.0
     kept = [series for series in (memory, old) if series is not None and series.resident_mb]
-    last = max((len(series.resident_mb) * series.every_s for series in kept), default=1.0)
-    top = max((max(series.resident_mb) for series in kept), default=1.0) * 1.08
+    last = max((len(series.resident_mb) * series.every_s for series in kept), default=0.0) or 1.0
+    top = (max((max(series.resident_mb) for series in kept), default=0.0) or 1.0) * 1.08
     x_scale, y_scale = (width - left - 12) / last, (height - above - below) / top
     foot = height - below
     body: list[Element] = []

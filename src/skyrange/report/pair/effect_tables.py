@@ -222,7 +222,7 @@ def render_attribution(subject: Subject, rows: Sequence[Mapping[str, Any]]) -> M
 
 def _describe_relation(row: Mapping[str, Any]) -> Mapping[str, str]:
     shift_s = row["shift_s"]
-    shift = f"{row['shift']} by {abs(shift_s):.1f} s" if row["shift"] is not None else ""
+    shift = f"{row['shift']} by {abs(shift_s):.1f} s" if None not in (row["shift"], shift_s) else ""
     return {"relation": row["relation"] if row["shown"] else "not enough placebos", "shift": shift}
 
 

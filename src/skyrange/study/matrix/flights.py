@@ -250,6 +250,10 @@ class MatrixPlan(RunPlan):
             blocks = [_read_block(store, cell.block_name(seed)) for seed in cell.seeds(self.matrix.seeds)]
             seed_data = [data for data in blocks if data is not None]  # all, because none has a failed run
             joined = join_seeds([data["cell"] for data in seed_data])
+            if not cell.candidate and len(joined.nominal) != len(seed_data):
+                where, value = f"{BLOCKS}: {cell.row.id}/{cell.name}", f"nominal runs of {len(joined.nominal)} seeds"
+                hint = "Delete its blocks and resume."
+                raise InputError.one(str(store.path), where, value, f"those of {len(seed_data)}", hint)
             for run in joined.nominal:
                 if len(run.complete) != aircraft.setdefault(cell.row.id, len(run.complete)):
                     where, value = f"{BLOCKS}: {cell.row.id}", f"{len(run.complete)} aircraft in a block"
