@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import is_dataclass
 from enum import Enum
@@ -22,13 +23,21 @@ FACADE = ("skyrange", "skyrange.scenario", "skyrange.plugin", "skyrange.analysis
 """The public modules."""
 BLOCK = re.compile(r"^```api (\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
+_SHARED_TEXT = """Several of the classes above have the members of these classes, which are not exported."""
 _CODE = re.compile(r"`([^`]+)`")
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*")
 _STANDARD = {"Any", "Path"}
 """Names that signatures use for types of Python, and that a public module gives to others as well."""
 _PROTOCOLS: set[type] = set()
-_HIDDEN = ("model_config", "model_post_init", "faults_between")
+_HIDDEN = {"model_config", "model_post_init", "faults_between"}
+_HIDDEN |= {"own_params", "own_state", "declared_params", "declared_state", "params_model", "plugin"}
+"""Members that only this project calls."""
+_SHARING = 3
+"""A private base of at least so many exported classes has an entry; members of others stand in each class."""
 
+
+for _module in FACADE:
+    importlib.import_module(_module)  # for `exports_of`
 
 # ---------------------------------------------------------------- names
 
@@ -36,10 +45,10 @@ _HIDDEN = ("model_config", "model_post_init", "faults_between")
 @cache
 def _homes() -> dict[str, str]:
     """By each full name of an object, public ones and that in its own module, the one under which it is described."""
-    for module in FACADE:
-        importlib.import_module(module)
     exported = [(module, name, exports_of(module)[name]) for module in reversed(FACADE) for name in exports_of(module)]
     homes = {f"{home}.{original}": f"{module}.{name}" for module, name, (home, original) in exported}
+    homes |= {f"{home}.{name}": f"{module}.{name}" for module, name, (home, _) in exported}  # once `_rename` was there
+    homes |= {full: full for full in _shared_bases()}
     return homes | {f"{module}.{name}": homes[f"{home}.{original}"] for module, name, (home, original) in exported}
 
 
@@ -68,6 +77,21 @@ def _short_names() -> dict[str, set[str]]:
     return found
 
 
+@cache
+def _shared_bases() -> dict[str, str]:
+    """By the full name of a private base that exported classes share, the public module that has most of these."""
+    users: dict[str, Counter[str]] = {}
+    for module in FACADE:
+        exported = [_value(f"{module}.{name}") for name in exports_of(module)]
+        bases = [base for value in exported if inspect.isclass(value) for base in value.__mro__[1:]]
+        for base in bases:
+            if base.__module__.startswith("skyrange."):
+                users.setdefault(f"{base.__module__}.{base.__qualname__}", Counter())[module] += 1
+    homes = {".".join(home) for module in FACADE for home in exports_of(module).values()}
+    shared = {full: count for full, count in users.items() if full not in homes and count.total() >= _SHARING}
+    return {full: count.most_common(1)[0][0] for full, count in shared.items()}
+
+
 def _value(public: str) -> Any:
     module, _, name = public.rpartition(".")
     return getattr(importlib.import_module(module), name)
@@ -93,7 +117,13 @@ def find_public(target: str, module: str | None) -> str | None:
 
 def expand_blocks(text: str) -> str:
     """A page with directives in place of its blocks `api`."""
-    return BLOCK.sub(lambda block: _entries(block[1], block[2].split()), text)
+    modules = {block[1] for block in BLOCK.finditer(text)}
+    shared = [full for full, module in _shared_bases().items() if module in modules] if modules else []
+    text = BLOCK.sub(lambda block: _entries(block[1], block[2].split()), text)
+    if not shared:
+        return text
+    entries = "\n\n".join(_class_entry(_value(full), full) for full in shared)
+    return f"{text}\n## Shared bases\n\n{_SHARED_TEXT}\n\n```{{eval-rst}}\n{entries}\n```\n"
 
 
 def _entries(module: str, names: Sequence[str]) -> str:
@@ -114,17 +144,31 @@ def _entry(module: str, name: str) -> str:
         return f".. autofunction:: {full}"
     if inspect.isclass(value) and value.__module__.startswith("skyrange."):
         _rename(value, name)
-        _forget_protocol(value)
-        options = [":members:", ":undoc-members:", f":inherited-members: {', '.join(_ends(value))}"]
-        options += [":show-inheritance:"] if [*_public_bases(value)] else []
-        return "\n   ".join([f".. autoclass:: {full}", *options]) + "\n"
+        return _class_entry(value, full)
     doc = f"The module ``{value.__name__}``." if inspect.ismodule(value) else "\n".join(_value_doc(home, original))
     shown = f"\n   :value: {value!r}" if isinstance(value, (int, tuple)) and len(repr(value)) < 80 else ""
     return f".. py:data:: {name}{shown}\n\n" + indent(doc, "   ")
 
 
+def _class_entry(value: type, full: str) -> str:
+    _forget_protocol(value)
+    options = [
+        ":members:",
+        *([":undoc-members:"] if _has_fields(value) or value in _PROTOCOLS else []),
+        f":inherited-members: {', '.join(_ends(value))}",
+    ]
+    options += [":show-inheritance:"] if [*_public_bases(value)] else []
+    return "\n   ".join([f".. autoclass:: {full}", *options]) + "\n"
+
+
+def _has_fields(value: type) -> bool:
+    """Whether the attributes of a class are what it is made of."""
+    fields = is_dataclass(value) or hasattr(value, "model_fields") or hasattr(value, "_fields")
+    return fields or issubclass(value, Enum)
+
+
 def _public_bases(value: type) -> Iterator[type]:
-    """The nearest public ancestors."""
+    """The nearest ancestors that have entries."""
     covered: set[type] = set()
     for base in value.__mro__[1:]:
         if base not in covered and id(base) in _described():
@@ -213,10 +257,8 @@ def _on_signature(app: Any, what: str, name: str, value: Any, *others: Any) -> A
     """No signature where the attributes say the same, or where nobody calls the class."""
     if what != "class" or not inspect.isclass(value):
         return None
-    repeated = is_dataclass(value) or hasattr(value, "model_fields") or hasattr(value, "_fields")
-    uncalled = value in _PROTOCOLS or issubclass(value, Enum)
     _, args, _ = others
-    return ("", None) if repeated or uncalled or args == "(*args, **kwargs)" else None
+    return ("", None) if _has_fields(value) or value in _PROTOCOLS or args == "(*args, **kwargs)" else None
 
 
 def _on_bases(app: Any, name: str, value: type, options: Any, bases: list[Any]) -> None:
