@@ -6,7 +6,6 @@ A page `x.md` has the pages of the folder `x` beside it as children, and a page 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -50,13 +49,3 @@ def children_of(page: Path) -> tuple[Path, ...]:
     found = {child for ending in ENDINGS for child in folder.glob(f"*{ending}") if child.name != "README.md"}
     found |= {child for child in folder.glob("*/README.md") if not folder.joinpath(child.parent.name + ".md").exists()}
     return tuple(sorted(found - {page}))
-
-
-def all_pages() -> Iterator[Path]:
-    """Every page of the navigation once, the index first."""
-    yield INDEX
-    waiting = [page for section in reversed(read_sections()) for page in reversed(section.pages)]
-    while waiting:
-        page = waiting.pop()
-        yield page
-        waiting.extend(reversed(children_of(page)))
