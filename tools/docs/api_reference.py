@@ -48,7 +48,6 @@ def _homes() -> dict[str, str]:
     exported = [(module, name, exports_of(module)[name]) for module in reversed(FACADE) for name in exports_of(module)]
     homes = {f"{home}.{original}": f"{module}.{name}" for module, name, (home, original) in exported}
     homes |= {f"{home}.{name}": f"{module}.{name}" for module, name, (home, _) in exported}  # once `_rename` was there
-    homes |= {full: full for full in _shared_bases()}
     return homes | {f"{module}.{name}": homes[f"{home}.{original}"] for module, name, (home, original) in exported}
 
 
@@ -61,7 +60,7 @@ def _publics() -> frozenset[str]:
 def _described() -> dict[int, str]:
     """By the identity of an object, the public name under which it is described."""
     found: dict[int, str] = {}
-    for public in _publics():
+    for public in (*_publics(), *_shared_bases()):
         value = _value(public)
         if id(value) not in found or public.endswith(f".{getattr(value, '__name__', '')}"):
             found[id(value)] = public
@@ -103,6 +102,8 @@ def find_public(target: str, module: str | None) -> str | None:
     for end in range(len(parts), 0, -1):
         head, tail = ".".join(parts[:end]), parts[end:]
         names = {_homes()[full] for full in (head, f"skyrange.{head}") if full in _homes()}
+        if not names and head.startswith("skyrange.") and head in _shared_bases():
+            names = {head}
         if not names and end == 1:
             names = {*_short_names().get(head, ())}
             here = {name for name in names if name == f"{module}.{head}"}
