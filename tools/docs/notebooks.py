@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from typing import Any
 
@@ -26,6 +27,7 @@ def _output(output: dict[str, Any]) -> str:
         if kind in data:
             return f'<img src="data:{kind};base64,{"".join(data[kind]).strip()}" alt="output">'
     if "image/svg+xml" in data:
-        return "".join(data["image/svg+xml"])
+        drawn = base64.b64encode("".join(data["image/svg+xml"]).encode()).decode()
+        return f'<img src="data:image/svg+xml;base64,{drawn}" alt="output">'
     plain = "".join(output.get("text", data.get("text/plain", "")))
     return f"```text\n{plain}\n```" if plain else ""

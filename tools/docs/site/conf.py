@@ -47,6 +47,7 @@ html_show_copyright = False
 html_permalinks_icon = "#"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_js_files = [("site.js", {"defer": "defer"})]
 templates_path = ["templates"]
 html_additional_pages = {"index": "front.html"}
 html_favicon = "static/icon.svg"
