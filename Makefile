@@ -23,7 +23,7 @@ PYTEST := $(BIN)/python -m pytest -rsfE
 TIMES := .pytest_cache/processor-times
 FAST := not slow and not realtime and not external
 
-.PHONY: help demo test test-all test-fast test-virtual test-realtime fuzz check check-quick audit setup engines kernels contexts faults test-changed clean
+.PHONY: help demo test test-all test-fast test-virtual test-realtime fuzz check check-quick audit setup engines kernels contexts faults test-changed docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -95,6 +95,11 @@ $(VENV)/.tested: pyproject.toml requirements-dev.txt | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 	@touch $@ $(VENV)/.installed
 
+$(VENV)/.documented: pyproject.toml requirements-image.txt requirements-docs.txt | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-image.txt -r requirements-docs.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@touch $@
+
 $(VENV)/.engines: requirements-engines.txt $(wildcard engines/*/*) | $(VENV)/.tested
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r requirements-engines.txt \
 		|| echo "ns-3 cannot be installed from the package index"
@@ -108,6 +113,10 @@ faults: $(VENV)/.tested ## plant faults in copies of the code, and print which o
 
 test-changed: $(VENV)/.tested ## the fast tests that executed what differs from BASE
 	$(BIN)/python -m tools.test_changed $(BASE) --workers $(WORKERS)
+
+docs: $(VENV)/.documented ## fly two pairs, and build the documentation site in build/site
+	$(BIN)/skyrange install kernels
+	$(BIN)/python -m tools.docs.build_site
 
 clean: ## remove .venv and all caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .contexts

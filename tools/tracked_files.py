@@ -23,6 +23,7 @@ EXPLAINED = {
     "C and C++ that tests compile": ("tests/*.c", "tests/*.cc"),
     "pages": ("*.md", "docs/tutorials/*.ipynb"),
     "pictures of pages": ("docs/images/*.png", "docs/images/*.svg", "docs/reference/*.svg"),
+    "the documentation site": tuple(f"tools/docs/site/*.{end}" for end in ("css", "html", "js", "svg")),
     "measured results in pages": ("docs/data/*.json",),
     "scenarios, studies and schemas": ("src/skyrange/*.toml", "docs/reference/*.toml"),
     "rows of pages": ("tools/docs/*.toml",),

@@ -27,6 +27,9 @@ DECORATORS = (
 """Decorators that hand a function or a class to what calls it: of the command line, of skyrange.testing, of pydantic
 and of kinds of plugins."""
 
+SETTINGS = "conf.py"
+"""Name of the files whose variables Sphinx reads."""
+
 DELIBERATE = {
     "Python calls them": ("__call__", "__dir__", "__getattr__", "_repr_html_", "_repr_svg_"),
     "PettingZoo's interface": ("action_space", "observation_space"),
@@ -37,6 +40,7 @@ DELIBERATE = {
         "_filename_base", "_lineno", "_locator", "_py_file", "get_cache_path", "get_disambiguator", "get_source_stamp",
     ),
     "the interface of numba's events": ("on_end",),
+    "the interface of Python's html.parser": ("handle_starttag",),
     "Alembic's interface": ("down_revision", "downgrade", "revision"),
     "asyncio's interface": ("data_received", "datagram_received"),
     "frames that a slow peer costs, which a test counts": ("unsent",),
@@ -75,7 +79,9 @@ def _scan(paths: Sequence[Path]) -> Vulture:
 
 
 def _is_sought(item: Item) -> bool:
-    """Whether an item is no attribute of another's object, no field of a class and no local variable."""
+    """Whether an item is no attribute of another's object, no field of a class, no local variable and no setting."""
+    if item.typ == "variable" and item.filename.name == SETTINGS:
+        return False
     with item.filename.open(encoding="utf-8") as lines:
         line: str = next(islice(lines, item.first_lineno - 1, None))
     if item.typ == "attribute":

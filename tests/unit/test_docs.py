@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, cast
 import pytest
 
 from tests.cases import each_case
-from tools.docs import generate
+from tools.docs import api_reference, generate, navigation
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -34,7 +34,7 @@ LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 KINDS = re.compile(r'"((?:event|decision)\.[a-z_]+)')
 
 
-FACADE = {"skyrange", "skyrange.scenario", "skyrange.plugin", "skyrange.analysis", "skyrange.env", "skyrange.testing"}
+FACADE = set(api_reference.FACADE)
 """The public modules."""
 
 
@@ -124,7 +124,7 @@ def test_blocks_are_closed_and_known(page: Path) -> None:
         "toml file",
         "toml scenario",
     }
-    assert {" ".join(block.words[:2]) for block in blocks(page)} <= known
+    assert {" ".join(block.words[:2]) for block in blocks(page)} <= known | {f"api {module}" for module in FACADE}
 
 
 def skyrange_imports(code: str) -> set[str]:
@@ -188,6 +188,15 @@ def test_every_page_is_reached_from_the_index() -> None:
                 reached.add(there)
                 waiting.append(there)
     assert {page for page in PAGES if page.is_relative_to(DOCS)} <= reached
+
+
+def test_every_page_is_in_the_navigation_of_the_site_once() -> None:
+    listed, waiting = [navigation.INDEX], [page for section in navigation.read_sections() for page in section.pages]
+    while waiting:
+        listed.append(waiting.pop())
+        waiting.extend(navigation.children_of(listed[-1]))
+    pages = {*DOCS.rglob("*.md"), *DOCS.rglob("*.ipynb"), ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md"}
+    assert sorted(listed) == sorted(pages), "list the page in docs/README.md, or put it in the folder of a page"
 
 
 def test_pictures_are_small() -> None:
@@ -332,28 +341,14 @@ def test_kinds_of_notes_are_described() -> None:
     assert listed == said
 
 
-def test_root_exports_are_described() -> None:
-    import skyrange
-
-    page = (DOCS / "reference" / "python-api.md").read_text(encoding="utf-8")
-    assert not [name for name in skyrange.__all__ if not name.startswith("_") and f"`skyrange.{name}`" not in page]
-    named = re.findall(r"`(skyrange(?:\.[A-Za-z_]+)+)[`(]", page)
-    assert len(named) > 20
-    assert not [name for name in named if not _is_there(name)]
-
-
-def _is_there(dotted: str) -> bool:
-    """Whether a dotted name is a module, or something in one."""
-    parts = dotted.split(".")
-    found: Any = importlib.import_module(parts[0])
-    for place, part in enumerate(parts[1:], start=2):
-        if not hasattr(found, part):
-            try:
-                importlib.import_module(".".join(parts[:place]))
-            except ImportError:
-                return False
-        found = getattr(found, part)
-    return True
+def test_exports_are_listed_once_on_the_pages_of_their_modules() -> None:
+    pages = (DOCS / "reference" / "api").glob("*.md")
+    listed: dict[str, list[str]] = {}
+    for block in (block for page in pages for block in blocks(page) if block.words[:1] == ("api",)):
+        listed.setdefault(block.words[1], []).extend(block.text.split())
+    for module in FACADE:
+        public = [name for name in importlib.import_module(module).__all__ if not name.startswith("_")]
+        assert sorted(listed[module]) == sorted(public), module
 
 
 def test_decisions_are_numbered_once_and_without_a_gap_that_the_index_does_not_name() -> None:

@@ -58,7 +58,6 @@ from tools.docs.plugin_kinds import (
     firewall_profiles,
     radio_engine,
 )
-from tools.docs.public_api import described as describe_api
 
 DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n)(.*?)(<!-- end: \2 -->)", re.DOTALL)
@@ -309,14 +308,6 @@ def _ms(time_ns: int) -> str:
     return f"{time_ns / 1e6:g} ms"
 
 
-# ---------------------------------------------------------------- the Python API
-
-
-def python_api() -> str:
-    """Every public name with its signature and docstring."""
-    return describe_api()
-
-
 # ---------------------------------------------------------------- the packages
 
 
@@ -351,7 +342,6 @@ GENERATED: dict[str, Callable[[], str]] = {
     "learned-features": learned_features,
     "score-tables": score_tables,
     "score-format": score_format,
-    "python-api": python_api,
     "cli": cli,
     "scenario": scenario,
     "attacks": attacks,
