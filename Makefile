@@ -16,14 +16,21 @@ MINUTES ?= 10
 # What `make test-changed` compares with.
 BASE ?= HEAD
 
+# What `make try-dist` installs: the wheel, or the sdist with TRIED=sdist.
+TRIED ?= wheel
+
 # Python keeps its bytecode, wherever that is switched off: hundreds of processes of the tests import the same modules.
 export PYTHONDONTWRITEBYTECODE :=
+
+# The tools that make a release have an environment of their own.
+RELEASE := .venv-release
+MATERIALS := build/materials
 
 PYTEST := $(BIN)/python -m pytest -rsfE
 TIMES := .pytest_cache/processor-times
 FAST := not slow and not realtime and not external
 
-.PHONY: help demo test test-all test-fast test-virtual test-realtime fuzz check check-quick audit setup engines kernels contexts faults test-changed docs clean
+.PHONY: help demo test test-all test-fast test-virtual test-realtime fuzz check check-quick audit setup engines kernels contexts faults test-changed docs changes dist check-dist try-dist sbom clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -86,11 +93,11 @@ $(VENV)/bin/python:
 		|| { echo "Python's venv module is missing; on Debian: sudo apt-get install python3-venv" >&2; exit 2; }
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.installed: pyproject.toml | $(VENV)/bin/python
+$(VENV)/.installed: pyproject.toml src/skyrange/__init__.py | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	@touch $@
 
-$(VENV)/.tested: pyproject.toml requirements-dev.txt | $(VENV)/bin/python
+$(VENV)/.tested: pyproject.toml src/skyrange/__init__.py requirements-dev.txt | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-dev.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 	@touch $@ $(VENV)/.installed
@@ -118,5 +125,35 @@ docs: $(VENV)/.documented ## fly two pairs, and build the documentation site in 
 	$(BIN)/skyrange install kernels
 	$(BIN)/python -m tools.docs.build_site
 
-clean: ## remove .venv and all caches
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .contexts
+changes: $(VENV)/.tested ## print the next entry of CHANGELOG.md, from the fragments in changes/
+	$(BIN)/towncrier build --draft --version Unreleased
+
+dist: $(RELEASE)/.installed ## build the sdist, and from it the wheel, in dist/
+	rm -rf dist
+	SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) $(RELEASE)/bin/python -m build --no-isolation
+
+check-dist: dist ## check what the archives in dist/ contain, and their page on the package index; with TAG, their version
+	$(RELEASE)/bin/twine check --strict dist/*
+	$(RELEASE)/bin/python -m tools.check_distributions $(if $(TAG),--tag $(TAG))
+
+try-dist: dist ## install the wheel in an empty environment of PYTHON, and fly the demo; with TRIED=sdist, the sdist
+	$(PYTHON) -m tools.try_distribution dist/*$(if $(filter sdist,$(TRIED)),.tar.gz,.whl)
+
+sbom: dist ## list what an installation has, in build/materials/: a CycloneDX bill of materials, and the licences
+	rm -rf $(MATERIALS)
+	$(RELEASE)/bin/python -m venv $(MATERIALS)/environment
+	$(MATERIALS)/environment/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-image.txt
+	$(MATERIALS)/environment/bin/python -m pip install --quiet --disable-pip-version-check --no-deps dist/*.whl
+	$(MATERIALS)/environment/bin/python -m pip uninstall --quiet --yes pip setuptools
+	$(RELEASE)/bin/cyclonedx-py environment --output-reproducible --validate --output-file $(MATERIALS)/skyrange.cdx.json \
+		$(MATERIALS)/environment
+	$(RELEASE)/bin/pip-licenses --python $(MATERIALS)/environment/bin/python --with-system --from=mixed --with-urls \
+		--format=markdown --output-file=$(MATERIALS)/licences.md
+
+$(RELEASE)/.installed: requirements-release.txt | $(VENV)/bin/python
+	$(PYTHON) -m venv $(RELEASE)
+	$(RELEASE)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-release.txt
+	@touch $@
+
+clean: ## remove the environments, all caches, and what was built
+	rm -rf $(VENV) $(RELEASE) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .contexts

@@ -16,6 +16,8 @@ from pre_commit_hooks import check_added_large_files, check_merge_conflict
 EXPLAINED = {
     "settings of tools": (".ci/run", ".dockerignore", ".gitignore", ".pre-commit-config.yaml", "Makefile"),
     "packaging": ("LICENSE", "engines/*/LICENSE", "pyproject.toml", "requirements-*.txt", "src/skyrange/py.typed"),
+    "citation": ("CITATION.cff",),
+    "workflows and forms of the forge": (".github/*.yml",),
     "containers": ("Dockerfile", "compose.yaml", "containers/*.py", "containers/*.sh"),
     "programs": ("tools/*.py", "src/skyrange/*.py", "tests/*.py"),
     "lists of tests": ("tests/dear_tests.toml",),

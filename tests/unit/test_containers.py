@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 import yaml
 
+import skyrange
 from skyrange.assembly.build import build
 from skyrange.io.zeromq.curve_keys import load_member, load_range
 from skyrange.runtime.live.deployment import assign_components
@@ -156,7 +157,7 @@ def test_nothing_but_what_is_copied_reaches_the_builder() -> None:
 
 def test_the_label_has_the_version() -> None:
     labels = re.findall(r"image\.version=\"([^\"]+)\"", DOCKERFILE)
-    assert labels == [PYPROJECT["project"]["version"]]
+    assert labels == [skyrange.__version__]
 
 
 def test_each_context_is_copied_by_a_target_and_nothing_is_downloaded() -> None:
