@@ -69,7 +69,7 @@ def check_distributions(folder: Path, tracked: Sequence[str], tag: str | None) -
     yield from compare_files(wheel.name, names, files_of_wheel(tracked))
     if metadata["Version"] != version:
         yield f"{wheel.name}: its metadata have the version {metadata['Version']}"
-    for link in find_relative_links(metadata.get_payload()):
+    for link in find_relative_links(str(metadata.get_payload())):
         yield f"{wheel.name}: the page of the package index has the relative link {link}"
     for archive, most_mb in ((sdist, MAX_SDIST_MB), (wheel, MAX_WHEEL_MB)):
         if archive.stat().st_size > most_mb * 1e6:

@@ -46,7 +46,7 @@ SCHEMAS = {
 }
 
 
-class WithoutDates(yaml.SafeLoader):
+class WithoutDates(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
     """YAML as JSON: a date is a string, and `on` is no truth value."""
 
 
