@@ -189,6 +189,9 @@ def mavlink(record: RunRecord, path: Path | None = None) -> Capture:
 
     def packets() -> Iterator[tuple[str, bytes]]:
         for frame in sort_in_window(_delivered(record), lambda delivered: delivered.at_ns):
+            if frame.link not in aircraft:
+                expected = f"a link of {', '.join(list(aircraft)[:10]) or 'no aircraft'}, as in the manifest"
+                raise InputError.one(str(record.path), "frames: link", ascii(frame.link)[:80], expected)
             station, vehicle = ends[frame.link], aircraft[frame.link]
             path = (station, vehicle) if frame.direction == "fwd" else (vehicle, station)
             comment = frame.link if frame.sender == frame.src else f"{frame.link}, sent by {frame.sender}"

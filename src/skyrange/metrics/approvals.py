@@ -103,7 +103,9 @@ def _approval_frames(record: Record) -> list[dict[str, Any]]:
     for batch in record.batches("frames", ["link", "direction", "fate", "payload_id", "arrived_ns"]):
         keep = pc.and_(
             pc.starts_with(batch.column("link"), "approval:"),
-            pc.equal(batch.column("fate"), str(Fate.DELIVERED)),
+            pc.and_(
+                pc.equal(batch.column("fate"), str(Fate.DELIVERED)), pc.is_valid(batch.column("arrived_ns"))
+            ),  # a damaged record may lack the time
         )
         rows += batch.filter(keep).to_pylist()
     if not rows:
