@@ -26,7 +26,7 @@ EXPLAINED = {
     "pages": ("*.md", "docs/tutorials/*.ipynb"),
     "pictures of pages": ("docs/images/*.png", "docs/images/*.svg", "docs/reference/*.svg"),
     "the documentation site": tuple(f"tools/docs/site/*.{end}" for end in ("css", "html", "js", "svg")),
-    "measured results in pages": ("docs/data/*.json",),
+    "measured results in pages": ("docs/data/*.json", "docs/data/*.tar.xz"),
     "scenarios, studies and schemas": ("src/skyrange/*.toml", "docs/reference/*.toml"),
     "rows of pages": ("tools/docs/*.toml",),
     "tables that are data": tuple(
