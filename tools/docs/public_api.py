@@ -93,7 +93,7 @@ TOPICS: dict[str, dict[str, str]] = {
         "Data sets": """DatasetMember read_dataset_members list_dataset_members
             HeldOut assign_splits check_held_out ViewSettings SensorPlace
             build_dataset audit_dataset LeakFinding require_no_leak""",
-        "Figures": "Figure trajectories_3d plan_view altitude track_deviation",
+        "Figures": "Figure trajectories_3d plan_view altitude track_deviation pair_plan_view",
         "Captures": "Capture export_mavlink export_remote_id",
         "Files for other tools": "Export export_mcap export_kml export_tables",
     },
