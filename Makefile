@@ -30,7 +30,10 @@ PYTEST := $(BIN)/python -m pytest -rsfE
 TIMES := .pytest_cache/processor-times
 FAST := not slow and not realtime and not external
 
-.PHONY: help demo test test-all test-fast test-virtual test-realtime fuzz check check-quick audit setup engines kernels contexts faults test-changed docs changes dist check-dist try-dist sbom clean
+# What `make reproduce` makes.
+WHAT ?=
+
+.PHONY: help demo test test-all test-fast test-virtual test-realtime fuzz check check-quick audit setup engines kernels contexts faults reproduce test-changed docs changes dist check-dist try-dist sbom clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -117,6 +120,9 @@ contexts: $(VENV)/.tested ## record which lines each fast test executes, for `ma
 
 faults: $(VENV)/.tested ## plant faults in copies of the code, and print which of them the fast tests find
 	$(BIN)/python -m tools.plant_faults --jobs $(WORKERS) $(FAULTS)
+
+reproduce: $(VENV)/.tested ## make WHAT, a figure or a measured table of the documentation, anew; without WHAT, list them
+	@$(BIN)/python -m tools.docs.reproduce $(WHAT)
 
 test-changed: $(VENV)/.tested ## the fast tests that executed what differs from BASE
 	$(BIN)/python -m tools.test_changed $(BASE) --workers $(WORKERS)

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from skyrange.parity.flights import compare as compare_autopilots
     from skyrange.record import RaisedAlert, RecordedFrame, RunRecord, load, replay_monitor
     from skyrange.report import write_report
+    from skyrange.report.pair.page import draw_pair_plan as pair_plan_view
     from skyrange.scoring.leaderboard import LeaderboardRow, rank_detectors
     from skyrange.scoring.result_file import ScoreFile, ScoreSettings, read_scores, write_scores
     from skyrange.statistics.means import Interval, estimate_mean
@@ -104,6 +105,7 @@ __all__ = [
     "load",
     "load_pair",
     "name_mavlink",
+    "pair_plan_view",
     "plan_view",
     "rank_detectors",
     "read_dataset_members",
@@ -159,6 +161,7 @@ if not TYPE_CHECKING:
             "skyrange.parity.flights": "Parity compare_rates compare=compare_autopilots",
             "skyrange.record": "RaisedAlert RecordedFrame RunRecord load replay_monitor",
             "skyrange.report": "write_report",
+            "skyrange.report.pair.page": "draw_pair_plan=pair_plan_view",
             "skyrange.scoring.leaderboard": "LeaderboardRow rank_detectors",
             "skyrange.scoring.result_file": "ScoreFile ScoreSettings read_scores write_scores",
             "skyrange.statistics.means": "Interval estimate_mean",

@@ -58,6 +58,7 @@ from tools.docs.plugin_kinds import (
     firewall_profiles,
     radio_engine,
 )
+from tools.docs.reproduce import describe as describe_results
 
 DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n)(.*?)(<!-- end: \2 -->)", re.DOTALL)
@@ -335,6 +336,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "benchmark-results": benchmark_results,
     "benchmark-sizes": benchmark_sizes,
     "gazebo-benchmark": gazebo_benchmark,
+    "reproducible": describe_results,
     **parity_tables(),
     "benchmark-format": benchmark_format,
     "study-file": study_file,

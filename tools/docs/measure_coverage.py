@@ -29,7 +29,7 @@ INTRODUCTION: Final = f"""\
 # Measured coverage
 
 How often the 95 % intervals of skyrange contain the truth, from {REPLICATES:,} samples with a known truth for each
-number. `python -m tools.docs.measure_coverage` computes this page.
+number. `make reproduce WHAT=coverage` (`python -m tools.docs.measure_coverage`) computes this page.
 """
 MEANS: Final = """\
 ## Means over seeds
