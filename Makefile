@@ -97,7 +97,7 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.installed: pyproject.toml src/skyrange/__init__.py | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[view,live]'
 	@touch $@
 
 $(VENV)/.tested: pyproject.toml src/skyrange/__init__.py requirements-dev.txt | $(VENV)/bin/python

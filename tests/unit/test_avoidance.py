@@ -21,7 +21,7 @@ from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.city.downtown import downtown_grid
 from skyrange.contracts.plugins.registry import AVOIDANCE
-from skyrange.core.errors import ComponentError
+from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.avoidance.conflicts import entry_s, find_conflicts, velocity_towards
 from skyrange.vehicle.avoidance.contract import (
@@ -261,7 +261,7 @@ def test_kinds_are_plugins_and_bad_parameters_are_named() -> None:
         module, name = value.split(":")
         plugin = getattr(importlib.import_module(module), name)
         assert isinstance(plugin, AvoidancePlugin)
-        with suppress(ComponentError):  # orca, where pyrvo is not installed
+        with suppress(InputError):  # orca, where pyrvo is not installed
             made: Any = plugin(AvoidanceLimits(), AvoidanceContext())
             assert made.kind == kind
     assert Orca.kind == "orca"

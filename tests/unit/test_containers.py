@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from itertools import chain
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -132,7 +133,9 @@ def test_every_package_from_the_index_is_one_of_a_file_with_hashes() -> None:
 def test_what_images_install_is_what_is_tested() -> None:
     image, tested = _pins("requirements-image.txt"), _pins("requirements-dev.txt")
     assert image.items() <= tested.items()
-    named = {re.split(r"[><=\[]", text)[0].lower() for text in PYPROJECT["project"]["dependencies"]}
+    project = PYPROJECT["project"]
+    extras = [project["optional-dependencies"][extra] for extra in ("view", "live")]
+    named = {re.split(r"[><=\[]", text)[0].lower() for text in [*project["dependencies"], *chain(*extras)]}
     assert named <= set(image)
     assert "hatchling" in _pins("requirements-build.txt")
 

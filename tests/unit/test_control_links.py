@@ -18,6 +18,7 @@ from skyrange.codec.wifi_management import (
     unpack_request,
 )
 from skyrange.contracts.frames import Fate
+from skyrange.contracts.medium import Waveform
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time
@@ -25,8 +26,15 @@ from skyrange.radio.control_link.cellular_link import EFFICIENCY, MIN_SNIR_DB, C
 from skyrange.radio.control_link.interference import BurstAtReceiver, Interference
 from skyrange.radio.control_link.params import BaseStation, CellularParams, WifiParams
 from skyrange.radio.control_link.wifi_link import Transmitter, WifiLink
-from skyrange.radio.control_link.wifi_rates import MAX_RETRIES, RATES_MBPS, airtime_ns, success_probability
+from skyrange.radio.control_link.wifi_rates import (
+    MAX_RETRIES,
+    RATES_MBPS,
+    REFERENCE_DB,
+    airtime_ns,
+    success_probability,
+)
 from skyrange.radio.control_link.wifi_rates import MIN_SNIR_DB as WIFI_SNIR_DB
+from skyrange.radio.phy import packet_error
 from skyrange.scenario import Link, Scenario
 
 NOISE_DBM = -94.0
@@ -55,6 +63,14 @@ def test_a_tenth_of_long_frames_is_lost_at_the_least_snir() -> None:
     for rate, snir_db in enumerate(WIFI_SNIR_DB):
         assert success_probability(rate, snir_db, 8000.0 + 24) == pytest.approx(0.9, abs=0.003)
     assert pytest.approx(WIFI_SNIR_DB[0], abs=0.1) == 4.0  # -82 dBm without 10 dB of noise figure and 5 dB of margin
+
+
+def test_the_reference_of_the_curves_is_where_the_model_of_6_mbps_loses_a_tenth() -> None:
+    low, high = -5.0, 20.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if packet_error(Waveform.OFDM_6M, middle, 1000) > 0.1 else (low, middle)
+    assert pytest.approx(high, abs=1e-12) == REFERENCE_DB
 
 
 def test_airtimes_are_those_of_the_standard() -> None:

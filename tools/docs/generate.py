@@ -29,6 +29,7 @@ from tools.docs.autopilot_reference import (
     tuning,
 )
 from tools.docs.claims import claim_blocks
+from tools.docs.install_reference import extras, install_sizes
 from tools.docs.markdown_tables import Row, keys, own_rows, shared_rows, table
 from tools.docs.measurement_reference import (
     benchmark_format,
@@ -333,6 +334,8 @@ def packages() -> str:
 
 GENERATED: dict[str, Callable[[], str]] = {
     "packages": packages,
+    "extras": extras,
+    "install-sizes": install_sizes,
     "benchmark-results": benchmark_results,
     "benchmark-sizes": benchmark_sizes,
     "gazebo-benchmark": gazebo_benchmark,

@@ -17,6 +17,7 @@ from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.city.reading import Reading
 from skyrange.core.errors import InputError
+from skyrange.core.extras import describe_install
 from skyrange.core.geodesy import Origin, wrap_longitude
 
 WGS84 = "WGS 84 degrees"
@@ -26,8 +27,6 @@ _DEGREES = re.compile(r"CRS:?84|OGC:1\.3:CRS84|EPSG:{1,2}(?:4326|4979)$|^$", re.
 
 _FILES = re.compile(r"PARAMETERFILE|grids\s*=\s*(?!@null\b)|\binit\s*=", re.IGNORECASE)
 """What names a file or URL in the text (WKT) of a coordinate system; `nadgrids=@null` names none."""
-
-INSTALL_HINT = "Install it with `pip install 'skyrange[city]'`."
 
 
 class Projection:
@@ -52,7 +51,7 @@ class Projection:
             from pyproj.network import set_network_enabled  # type: ignore[attr-defined]
         except ImportError as error:
             expected = "pyproj, which reprojects it to degrees"
-            raise InputError.one(name, "coordinate system", f"{crs:.60}", expected, INSTALL_HINT) from error
+            raise InputError.one(name, "coordinate system", f"{crs:.60}", expected, describe_install("city")) from error
         match = _EPSG.search(crs)
         known = f"EPSG:{match[1]}" if match and "[" not in crs else crs
         hint = f"Convert it: `ogr2ogr -f GeoJSON -s_srs EPSG:… -t_srs EPSG:4326 city.geojson {name}`."

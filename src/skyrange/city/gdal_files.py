@@ -19,9 +19,10 @@ import shapely
 
 from skyrange.city.building_heights import BASE_KEYS, KEYS
 from skyrange.city.city import City
-from skyrange.city.footprints import BUILDING_KEYS, INSTALL_HINT, Feature, Projection, choose_buildings, make_city
+from skyrange.city.footprints import BUILDING_KEYS, Feature, Projection, choose_buildings, make_city
 from skyrange.city.reading import Reading
 from skyrange.core.errors import InputError
+from skyrange.core.extras import describe_install
 from skyrange.core.geodesy import Origin
 
 DRIVERS: Final[Mapping[str, str]] = {
@@ -66,7 +67,7 @@ def read_gdal(path: Path, origin: Origin | None) -> tuple[City, Origin]:
         from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, FieldError, GeometryError
     except ImportError as error:
         expected = "pyogrio, which reads it"
-        hint = f"{INSTALL_HINT} Or convert it: `ogr2ogr -f GeoJSON -t_srs EPSG:4326 city.geojson {name}`."
+        hint = f"{describe_install('city')}. Or convert it: `ogr2ogr -f GeoJSON -t_srs EPSG:4326 city.geojson {name}`."
         raise InputError.one(name, "format", path.suffix, expected, hint) from error
     driver = DRIVERS[path.suffix.lower()]
     try:

@@ -40,6 +40,7 @@ from skyrange.cli.output.run_summary import print_summary
 from skyrange.cli.output.viewer_notices import print_open_ports, print_viewer_counts, tell_when_up
 from skyrange.cli.output.warnings import print_interlock_notice
 from skyrange.cli.watching import ViewAddress, show_range
+from skyrange.core.extras import require_extra
 
 commands = typer.Typer()
 
@@ -122,6 +123,7 @@ def live(
     as_json: AsJson = False,
 ) -> None:
     """Run a scenario in real time, with its components as separate processes on real sockets."""
+    require_extra("live", "live")
     from skyrange.cli.output.progress import compile_if_cold
     from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
     from skyrange.io.zeromq.curve_keys import load_range
@@ -220,6 +222,7 @@ def node(
     ] = 60.0,
 ) -> None:
     """Join this machine to a live range, and run the components that `hosts` in the scenario assigns to it."""
+    require_extra("live", "node")
     from skyrange.io.zeromq.curve_keys import load_member
     from skyrange.runtime.live.node.host_agent import join_range
     from skyrange.runtime.live.range import CONTROL_PORT
@@ -272,6 +275,7 @@ def keys(
     ] = None,
 ) -> None:
     """Create the keys with which other machines join a live range."""
+    require_extra("live", "keys")
     from skyrange.io.zeromq.curve_keys import RANGE, make_range_keys
 
     made = make_range_keys(folder, names or [])
@@ -319,6 +323,7 @@ def tap(
     as_json: AsJson = False,
 ) -> None:
     """Connect your own program to a link of a live range, to alter, drop, delay and inject frames."""
+    require_extra("live", "tap")
     from pydantic import ValidationError
 
     from skyrange.core.errors import InputError

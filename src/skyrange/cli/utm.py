@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from skyrange.cli.output.console import print_notice, print_text
-from skyrange.runtime.utm import check_installed
+from skyrange.core.extras import require_extra
 
 utm_app = typer.Typer(
     help="Run UTM services as processes: USSs and a DSS after ASTM F3548-21, or an approval authority.\n\n"
@@ -52,7 +52,7 @@ def init(
 
 def _init_federation(folder: Path, uss: Sequence[str], port: int, *, tests: bool) -> None:
     """`skyrange utm init`."""
-    check_installed()
+    require_extra("utm", "utm")
     from skyrange.core.errors import InputError
     from skyrange.runtime.utm.initial_files import write_federation
 
@@ -69,7 +69,7 @@ def _init_federation(folder: Path, uss: Sequence[str], port: int, *, tests: bool
 
 def _init_authority(folder: Path, operators: str, port: int) -> None:
     """`skyrange utm init --authority`."""
-    check_installed()
+    require_extra("utm", "utm")
     from skyrange.runtime.utm.initial_files import write_authority
 
     path = write_authority(folder, [operator for operator in operators.split(",") if operator], port)
@@ -85,7 +85,7 @@ def serve(
     ],
 ) -> None:
     """Run services until they are interrupted; each file is one service, and all of them share this process."""
-    check_installed()
+    require_extra("utm", "utm")
     from skyrange.runtime.utm.config import load_config
     from skyrange.runtime.utm.service import serve as serve_all
 

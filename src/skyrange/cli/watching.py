@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from skyrange.cli.options import parse_ip_address
 from skyrange.cli.output.console import print_notice, print_text
 from skyrange.core.errors import InputError
+from skyrange.core.extras import require_extra
 from skyrange.core.files import expand_user
 from skyrange.runtime.interrupt import Interruptible
 
@@ -52,6 +53,7 @@ class ViewAddress(NamedTuple):
     def check(self, *, wanted: bool) -> None:
         """Raise `InputError` for an address that cannot be served, and for one without a viewer."""
         if wanted:
+            require_extra("view", "--view")
             self.open_access()
         elif self != ViewAddress():
             expected = "--view with --view-host, --view-port, --certificate and --key"
@@ -71,6 +73,7 @@ class WatchOptions(NamedTuple):
 
 def watch(options: WatchOptions) -> None:
     """`skyrange watch`."""
+    require_extra("view", "watch")
     from skyrange.view.opening import find_opening_s
     from skyrange.view.record_queries import RecordQueries
     from skyrange.view.server import LiveStream, RecordedStream, make_application, serve_beside

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError
+from skyrange.core.extras import missing_module
 from skyrange.env.episode import Episode
 from skyrange.env.outcomes import Rewards
 from skyrange.env.task import WHO, Infos, Observations, Seeds, StepResult, Task, check_seed
@@ -19,8 +20,7 @@ try:
     from gymnasium.spaces import Space
     from pettingzoo import ParallelEnv
 except ImportError as error:
-    _hint = "Install it with: pip install 'skyrange[env]'"
-    raise InputError.one("skyrange.env", "import", error.name or "pettingzoo", "an installed package", _hint) from error
+    raise missing_module(error.name or "pettingzoo", "env", "skyrange.env") from error
 
 
 class HoldTheMission(ParallelEnv):  # type: ignore[misc] # PettingZoo has no type information

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.core.extras import missing_module
 from skyrange.core.ids import hash64, operator_of, vehicle_id
 from skyrange.core.time import Time, from_seconds, to_seconds
 from skyrange.env.acts import RED, BlueAct, RedAct, blue_agent
@@ -25,8 +26,7 @@ from skyrange.scenario.shipped import load as load_scenario
 try:
     from gymnasium.spaces import Box, Discrete, MultiDiscrete, Space
 except ImportError as error:
-    _hint = "Install it with: pip install 'skyrange[env]'"
-    raise InputError.one("skyrange.env", "import", error.name or "gymnasium", "an installed package", _hint) from error
+    raise missing_module(error.name or "gymnasium", "env", "skyrange.env") from error
 
 Observations = dict[str, NDArray[np.float32]]
 Infos = dict[str, dict[str, Any]]

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from skyrange.core.errors import InputError
+from skyrange.core.extras import missing_module
 from skyrange.core.files import MAX_RECORD_BYTES, atomic_write, read_input
 from skyrange.export import Export, require_origin
 from skyrange.export.foxglove_messages import TOPICS, TimedMessage, building_messages, log_messages, pose_messages
@@ -115,6 +116,5 @@ def _load_mcap_writer() -> Any:
     try:
         import mcap.writer
     except ImportError as error:
-        hint = "Install it with: pip install 'skyrange[export]'"
-        raise InputError.one("export", "mcap", "not installed", "the package mcap", hint) from error
+        raise missing_module("mcap", "export", "export") from error
     return mcap.writer

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError
+from skyrange.core.extras import describe_install
 from skyrange.core.files import atomic_write
 
 Floats = NDArray[np.float64]
@@ -178,5 +179,5 @@ def load_converter() -> Any:
         return import_module("cairosvg")
     except (ImportError, OSError) as error:  # OSError: the system has no library cairo
         reason = str(error).splitlines()[0]
-        hint = "Install it with: pip install 'skyrange[study]', and cairo by the system's packages (libcairo2)."
+        hint = f"{describe_install('study')}, and cairo by the system's packages (libcairo2)."
         raise InputError.one("study", "pdf", reason, "the packages CairoSVG and cairo", hint) from error

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from skyrange.city.city import City
 from skyrange.core.errors import InputError
+from skyrange.core.extras import describe_install
 from skyrange.planning.limits import AROUND_M, Costs, Limits, NoRouteError, Place
 
 Point3 = tuple[float, float, float]
@@ -43,8 +44,8 @@ def load_ompl(who: str = "ompl") -> Any:
         import ompl.geometric
         import ompl.util
     except ImportError as error:
-        hint = "Install it with: pip install 'skyrange[planning]'"
-        raise InputError.one(who, "planner", "ompl", "an installed package ompl", hint) from error
+        expected = "an installed package ompl"
+        raise InputError.one(who, "planner", "ompl", expected, describe_install("planning")) from error
     return ompl
 
 

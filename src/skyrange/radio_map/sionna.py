@@ -14,7 +14,6 @@ has them; no ray passes through a building.
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import re
 from collections.abc import Mapping
@@ -27,6 +26,7 @@ from numpy.typing import NDArray
 
 from skyrange.city.city import City
 from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.extras import describe_install, require_extra
 from skyrange.radio.propagation.loss_table import LossGrid, free_space_of
 from skyrange.radio_map.city_mesh import Mesh, city_mesh, ground_mesh
 
@@ -42,7 +42,6 @@ GROUND_MARGIN_M: Final = 2_000.0
 SEED: Final = 1
 _LLVM: Final = "DRJIT_LIBLLVM_PATH"
 _FOLDERS: Final = ("/usr/lib", "/usr/lib64", "/usr/local/lib", "/opt/homebrew/opt/llvm/lib", "/usr/local/opt/llvm/lib")
-_INSTALL: Final = "Install it: `pip install 'skyrange[sionna]'`."
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,13 +83,7 @@ def _version(file: Path) -> int | None:
 
 def check_installed() -> None:
     """Raise `InputError` with the command that helps if Sionna RT is missing, or the LLVM library that it needs."""
-    for module, package in (("sionna.rt", "sionna-rt"), ("mitsuba", "mitsuba")):
-        try:
-            is_installed = importlib.util.find_spec(module) is not None
-        except ImportError:
-            is_installed = False
-        if not is_installed:
-            raise InputError.one("radio map", package, "not installed", "Sionna RT, which traces the rays", _INSTALL)
+    require_extra("sionna", "radio map")
     if find_llvm() is None:
         value = os.environ.get(_LLVM) or "not found"
         hint = f"Install it: `apt-get install libllvm19`, or set {_LLVM} to its file."
@@ -108,7 +101,9 @@ class SionnaTracer:
             import mitsuba
             import sionna.rt as rt
         except (ImportError, RuntimeError, OSError) as error:
-            raise ComponentError("Sionna RT", f"cannot start: {str(error).splitlines()[0]}", _INSTALL) from error
+            raise ComponentError(
+                "Sionna RT", f"cannot start: {str(error).splitlines()[0]}", describe_install("sionna")
+            ) from error
         self._rt, self._mitsuba = rt, mitsuba
         self._settings = settings
         west, south, east, north = city.bounds

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.core.errors import InputError
+from skyrange.core.extras import missing_module
 
 Limits = tuple[float, float]
 """Lower and upper limit; the upper one may be infinite."""
@@ -65,6 +65,5 @@ def load_special() -> Any:
     try:
         import scipy.special
     except ImportError as error:
-        hint = "Install it with: pip install 'skyrange[study]'"
-        raise InputError.one("scoring", "intervals", "scipy", "an installed package scipy", hint) from error
+        raise missing_module("scipy", "study", "scoring") from error
     return scipy.special

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError
+from skyrange.core.extras import missing_module
 from skyrange.detect.learned.model_file import (
     GRADIENT_BOOSTING,
     ISOLATION_FOREST,
@@ -26,7 +27,6 @@ from skyrange.detect.series import Floats
 from skyrange.detect.window_features import NAMES
 from skyrange.study.feature_windows import ATTACKED, BENIGN
 
-HINT: Final = "Install it: pip install 'skyrange[study]'."
 FOREST_SETTINGS: Final[Mapping[str, Any]] = {"n_estimators": 200, "max_samples": 256, "n_jobs": 1}
 """256 samples and 100 trees suffice in Liu, Ting and Zhou (2008), section 4; twice the trees are steadier."""
 BOOSTING_SETTINGS: Final[Mapping[str, Any]] = {
@@ -77,7 +77,7 @@ def _train_forest(features: Floats, seed: int, window_s: float) -> ModelFile:
     try:
         from sklearn.ensemble import IsolationForest
     except ImportError as error:
-        raise InputError.one("study", "learned", ISOLATION_FOREST, "a system with scikit-learn", HINT) from error
+        raise missing_module("sklearn", "study", "study") from error
     known = np.where(np.isfinite(features), features, np.nan)
     empty = np.isnan(known).all(axis=0)
     fill = np.where(empty, 0.0, np.nanmedian(np.where(empty, 0.0, known), axis=0))
@@ -121,7 +121,7 @@ def _train_boosting(features: Floats, attacked: NDArray[np.bool_], seed: int, wi
     try:
         import lightgbm
     except ImportError as error:
-        raise InputError.one("study", "learned", GRADIENT_BOOSTING, "a system with LightGBM", HINT) from error
+        raise missing_module("lightgbm", "study", "study") from error
     values = np.where(np.isfinite(features), features, np.nan)
     model = lightgbm.LGBMClassifier(**BOOSTING_SETTINGS, random_state=seed % 2**31).fit(values, attacked)
     columns: dict[str, list[Any]] = {name: [] for name in TreeTable.model_fields}

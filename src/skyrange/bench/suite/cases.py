@@ -16,7 +16,7 @@ from skyrange.bench.fleet import FleetOptions
 from skyrange.bench.isolation import run_in_process
 from skyrange.bench.suite.results import Better, Measure
 from skyrange.core.errors import InputError, nearest
-from skyrange.runtime.utm import check_installed
+from skyrange.core.extras import require_extra
 
 __all__ = ["BENCHMARKS", "Benchmark", "Case", "find_benchmarks"]
 
@@ -368,7 +368,7 @@ BENCHMARKS: Final = (
         _ANSWERS,
         _services(300),
         _services(50)[:2],
-        require=partial(check_installed, "bench utm"),
+        require=partial(require_extra, "utm", "bench utm"),
     ),
     Benchmark(
         "planning",

@@ -8,6 +8,7 @@ import typer
 
 from skyrange.cli.memory_limit import OUT_OF_MEMORY
 from skyrange.core.errors import SkyrangeError
+from skyrange.core.extras import find_extra, missing_module
 
 _BAD_INPUT, _FAILED = 2, 3
 _NO_MEMORY_SIGNS = (
@@ -26,6 +27,8 @@ def describe_error(error: Exception) -> tuple[str, int]:
         return _describe_usage(error, str(usage())), int(getattr(error, "exit_code", _BAD_INPUT))
     if isinstance(error, SkyrangeError):
         return "\n".join([f"skyrange: {error}", *getattr(error, "__notes__", ())]), error.exit_code
+    if isinstance(error, ModuleNotFoundError) and error.name and (extra := find_extra(error.name)):
+        return f"skyrange: {missing_module(error.name, extra, 'import')}", _BAD_INPUT
     if _is_out_of_memory(error):
         return f"skyrange: {OUT_OF_MEMORY}", _FAILED
     if isinstance(error, OSError):  # for example, a full disk when a report or redirected output is written

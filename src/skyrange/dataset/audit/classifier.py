@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError, Problem
+from skyrange.core.extras import missing_module
 from skyrange.statistics.exact_intervals import proportion_interval
 from skyrange.statistics.means import CONFIDENCE, LEVEL, adjust_by_holm, sign_test
 
@@ -357,8 +358,7 @@ def _out_of_fold(rows: _Rows, seed: int) -> tuple[Floats, list[_Model]]:
     try:
         from sklearn.ensemble import RandomForestClassifier
     except ImportError as error:
-        hint = "Install it with: pip install 'skyrange[study]'"
-        raise InputError.one("dataset", "audit", "sklearn", "an installed package scikit-learn", hint) from error
+        raise missing_module("sklearn", "study", "dataset audit") from error
     scores = np.empty(len(rows.values))
     models: list[_Model] = []
     leaf = max(2, min(20, len(rows.values) // 40))

@@ -18,6 +18,7 @@ from typing import Any, Final, Literal
 
 from skyrange.codec.mavlink.deframer import Deframer, Piece
 from skyrange.core.errors import InputError, nearest
+from skyrange.core.extras import describe_install
 from skyrange.core.whole_numbers import parse_whole
 
 Kind = Literal["tcp", "udpin", "udpout", "serial"]
@@ -345,13 +346,8 @@ def make_connection(address: Address) -> MavlinkConnection:
         try:
             import serial  # noqa: F401
         except ImportError:
-            raise InputError.one(
-                "wire",
-                str(address),
-                "no pyserial",
-                "pyserial, which serial devices need",
-                "pip install skyrange[serial]",
-            ) from None
+            expected = "pyserial, which serial devices need"
+            raise InputError.one("wire", str(address), "no pyserial", expected, describe_install("serial")) from None
     return _KINDS[address.kind](address)
 
 

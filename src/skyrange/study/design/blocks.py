@@ -12,6 +12,7 @@ from typing import Any, Final
 from skyrange.assembly.build import build
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem
+from skyrange.core.extras import describe_install
 from skyrange.core.ids import hash64
 from skyrange.scenario.model.defences import DefenceTable
 from skyrange.scenario.model.scenario import Scenario
@@ -99,8 +100,9 @@ def _unit_points(study: Study, count: int, dimensions: int) -> Iterator[list[flo
         try:
             from scipy.stats import qmc
         except ImportError as error:
-            hint = "Install scipy: pip install 'skyrange[study]'."
-            raise InputError.one("study", "sampling", study.sampling, "grid or random without scipy", hint) from error
+            expected = "grid or random without scipy"
+            hint = describe_install("study")
+            raise InputError.one("study", "sampling", study.sampling, expected, hint) from error
         kind = qmc.LatinHypercube if study.sampling == "latin-hypercube" else qmc.Sobol
         yield from kind(dimensions, rng=study.first_seed).random(count).tolist()
 

@@ -23,6 +23,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any, Final, NamedTuple, Protocol
 
 from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
+from skyrange.core.extras import describe_install
 from skyrange.io.processes.program import end_with_parent
 from skyrange.runtime.cores.division import available_cpus
 from skyrange.runtime.event_reports import EventReport
@@ -404,7 +405,7 @@ class RayPool:
         try:
             ray: Any = import_module("ray")
         except ImportError as error:
-            hint = "Install it: pip install 'skyrange[scale]'."
+            hint = describe_install("scale")
             raise InputError.one("study", "--on", address, "ray, which is not installed", hint) from error
         self._ray = ray
         try:

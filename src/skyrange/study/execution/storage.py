@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.extras import describe_install
 from skyrange.core.files import atomic_write
 from skyrange.study.execution.store import BLOCKS, MANIFEST
 
@@ -99,7 +100,7 @@ def _connect(url: str) -> tuple[Any, str]:
     try:
         from fsspec.core import url_to_fs
     except ImportError as error:
-        hint = "Install it: pip install 'skyrange[scale]'."
+        hint = describe_install("scale")
         raise InputError.one("study", "--storage", url, "fsspec, which is not installed", hint) from error
     try:
         system, root = url_to_fs(url)

@@ -10,7 +10,8 @@ from pydantic import Field
 
 from skyrange.contracts.components import Agent
 from skyrange.contracts.links import Channel, LinkSpec
-from skyrange.core.errors import ComponentError, InputError, Problem, nearest
+from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.core.extras import require_extra
 from skyrange.core.ids import ID_PATTERN, Port, link_name
 from skyrange.core.time import NS_PER_MS
 from skyrange.utm.authority import AlternativeParams
@@ -32,17 +33,16 @@ class FederatedParams(AlternativeParams):
 
 
 def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
-    """The DSS, the USSs and their links. Raises `InputError` for services that do not fit the scenario."""
+    """The DSS, the USSs and their links. Raises `InputError` for services that do not fit the scenario, and
+    without the packages of the extra.
+    """
     services = _assign(params, context)
-    try:
-        from skyrange.utm.federated.constraint_manager import ConstraintManager
-        from skyrange.utm.federated.dss.service import Dss
-        from skyrange.utm.federated.exchanges import KnownPeers, Peer
-        from skyrange.utm.federated.tokens import TokenChecker, TokenStore, public_of
-        from skyrange.utm.federated.uss.service import Uss
-    except ImportError as error:
-        hint = "pip install 'skyrange[utm]'"
-        raise ComponentError(context.name, f"{error.name} is not installed", hint) from error
+    require_extra("utm", context.name)
+    from skyrange.utm.federated.constraint_manager import ConstraintManager
+    from skyrange.utm.federated.dss.service import Dss
+    from skyrange.utm.federated.exchanges import KnownPeers, Peer
+    from skyrange.utm.federated.tokens import TokenChecker, TokenStore, public_of
+    from skyrange.utm.federated.uss.service import Uss
 
     names = [DSS, *services, *([AIRSPACE] if context.constraints else [])]
     links = {

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from skyrange.city.city import City
-from skyrange.core.errors import ComponentError
+from skyrange.core.extras import missing_module
 from skyrange.core.time import Time
 from skyrange.vehicle.avoidance.conflicts import velocity_towards
 from skyrange.vehicle.avoidance.contract import AvoidanceLimits, AvoidancePlugin, Episode, Own, Tracks, Vector
@@ -34,7 +34,7 @@ class Orca(EpisodicAvoidance):
     kind = "orca"
 
     def __init__(self, city: City | None = None, limits: AvoidanceLimits | None = None) -> None:
-        """Raises `ComponentError` where pyrvo is not installed."""
+        """Raises `InputError` where pyrvo is not installed."""
         super().__init__(city, limits)
         _library()
 
@@ -90,5 +90,5 @@ def _library() -> Any:
     try:
         import pyrvo
     except ImportError as error:
-        raise ComponentError("avoidance orca", "pyrvo is not installed", "pip install 'skyrange[orca]'") from error
+        raise missing_module("pyrvo", "orca", "avoidance orca") from error
     return pyrvo
