@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import pytest
 
 from skyrange.study.design.blocks import check_blocks, list_blocks
-from tools.docs.run_notebooks import DIGEST, code_cells, count_figures, digest_code, execute, list_notebooks, read_texts
+from tools.docs.run_notebooks import DIGEST, code_cells, count_figures, digest_code, execute, list_notebooks
 
 nbformat = pytest.importorskip("nbformat", reason="nbformat is not installed: pip install 'skyrange[dev]'")
 pytest.importorskip("nbclient", reason="nbclient is not installed: pip install 'skyrange[dev]'")
@@ -24,6 +25,19 @@ STUDY = TUTORIALS / "a-study.ipynb"
 MAX_BYTES = 300_000
 
 each_notebook = pytest.mark.parametrize("path", list_notebooks(), ids=lambda path: path.stem)
+
+
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
+
+
+def read_texts(notebook: Any) -> list[tuple[str, list[float]]]:
+    """The text that each cell printed or returned, without spaces and with `#` for each number; and the numbers."""
+    texts = []
+    for cell in code_cells(notebook):
+        shown = [output.get("text") or output.get("data", {}).get("text/plain", "") for output in cell.outputs]
+        text = "".join("".join(shown).split())
+        texts.append((_NUMBER.sub("#", text), [float(number) for number in _NUMBER.findall(text)]))
+    return texts
 
 
 @each_notebook

@@ -9,7 +9,6 @@ skyrange, is not run. A figure is stored as SVG alone. The notebook keeps the di
 from __future__ import annotations
 
 import hashlib
-import re
 import sys
 import tempfile
 from collections.abc import Iterable
@@ -24,7 +23,6 @@ DIGEST: Final = "code_of_outputs"
 """The key of the digest in the metadata of a notebook."""
 SVG: Final = "image/svg+xml"
 TIMEOUT_S: Final = 600
-_NUMBER: Final = re.compile(r"[-+]?\d+(?:\.\d+)?")
 
 
 def list_notebooks() -> list[Path]:
@@ -74,16 +72,6 @@ def _join_streams(outputs: Iterable[Any]) -> list[Any]:
         else:
             joined.append(output)
     return joined
-
-
-def read_texts(notebook: Any) -> list[tuple[str, list[float]]]:
-    """The text that each cell printed or returned, without spaces and with `#` for each number; and the numbers."""
-    texts = []
-    for cell in code_cells(notebook):
-        shown = [output.get("text") or output.get("data", {}).get("text/plain", "") for output in cell.outputs]
-        text = "".join("".join(shown).split())
-        texts.append((_NUMBER.sub("#", text), [float(number) for number in _NUMBER.findall(text)]))
-    return texts
 
 
 def count_figures(notebook: Any) -> int:
