@@ -110,6 +110,7 @@ def _describe_columns(columns: Iterable[tuple[str, pa.Field]]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("table", "column", "type", "unit", "meaning"))
     for table, field in columns:
-        metadata = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
+        texts = (field.metadata or {}).items()
+        metadata = {key.decode(errors="replace"): value.decode(errors="replace") for key, value in texts}  # if damaged
         writer.writerow((table, field.name, str(field.type), metadata.get("unit", ""), metadata.get("meaning", "")))
     return text.getvalue()

@@ -228,7 +228,7 @@ def _plotted(schema: pa.Schema) -> list[pa.Field]:
 
 def _unit_of(field: pa.Field) -> str:
     metadata: Mapping[bytes, bytes] = field.metadata or {}
-    return metadata.get(b"unit", b"").decode()
+    return metadata.get(b"unit", b"").decode(errors="replace")
 
 
 def _thin(times: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -394,6 +394,6 @@ def encoded_schema(schema: pa.Schema) -> pa.Schema:
 
 def _column(schema: pa.Schema, name: str) -> Column:
     """The declaration of a column; a string column that is not declared counts as free text."""
-    table = (schema.metadata or {}).get(b"skyrange.table", b"").decode()
+    table = (schema.metadata or {}).get(b"skyrange.table", b"").decode(errors="replace")
     declared = {column.name: column for column in columns_of(table)}
     return declared.get(name, Column(name, TEXT, "", ""))
