@@ -19,6 +19,8 @@ from tests.catalogue import draw
 from tests.integration.live_agrees import FLIGHTS, RACES, TOLERANCE_S, Both, fly_both, virtual
 from tests.integration.live_virtual import fly_virtual, prepared
 
+pytestmark = pytest.mark.rotating
+
 BRIEF = """
 name = "brief"
 seed = 4

@@ -31,6 +31,8 @@ from skyrange.study.execution.flight import fly_runs
 from skyrange.study.execution.plan import PlannedRun
 from skyrange.study.runs import fly
 
+pytestmark = pytest.mark.rotating
+
 TEXT = """
 name = "street"
 seed = 3

@@ -34,6 +34,8 @@ from skyrange.study.runs import fly
 from skyrange.study.study_run import StudyPlan, create_folder, list_failures, run_blocks, run_study
 from skyrange.study.summary import summarise_study
 
+pytestmark = pytest.mark.rotating
+
 TEXT = """
 name = "jumps"
 scenario = "gnss.jump"

@@ -24,7 +24,7 @@ _KINDS = {
     ".json": "json", ".geojson": "json", ".plan": "json", ".toml": "toml", ".waypoints": "words",
     ".parquet": "parquet", ".arrows": "arrows",
 }  # fmt: skip
-_MOST = 12
+_MOST = 4
 """Examples of the profile `full` for each file."""
 
 

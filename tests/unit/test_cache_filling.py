@@ -26,6 +26,8 @@ from skyrange.runtime.compilation import (
     write_list,
 )
 
+pytestmark = pytest.mark.rotating
+
 types: Any = numba_types  # numba has no annotations
 typeof: Any = numba_typeof.typeof
 RECORD = np.dtype({"names": ["a", "b"], "formats": ["int8", "float64"], "offsets": [0, 4], "itemsize": 16})

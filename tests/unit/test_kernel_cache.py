@@ -14,6 +14,8 @@ import pytest
 
 from skyrange.core.compiled import compiled
 
+pytestmark = pytest.mark.rotating
+
 # one kernel for two types of arrays: code made for neighbouring numbers reads wrong ones of every second
 KERNEL = """
 import json, sys, time

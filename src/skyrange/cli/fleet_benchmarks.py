@@ -12,6 +12,7 @@ import typer
 from skyrange.cli.options import AsJson, Grouping, Load, PortOffset, Rates, Telemetry
 from skyrange.cli.output.console import print_json, print_notice, print_text, terminal
 from skyrange.cli.output.progress import progress
+from skyrange.core.extras import require_extra
 from skyrange.core.time import NS_PER_S
 
 if TYPE_CHECKING:
@@ -229,6 +230,7 @@ def live_bench(
     as_json: AsJson = False,
 ) -> None:
     """Measure the frame rate and added latency of each transport, and whether N aircraft run in real time."""
+    require_extra("live", "bench live")
     from skyrange.bench.live import measure
     from skyrange.bench.transports import TRANSPORTS
     from skyrange.bench.transports import measure as measure_transport

@@ -12,6 +12,7 @@ import resource
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Final
 
 OUT_OF_MEMORY: Final = "memory: the system gave no more. Use a smaller input, or raise the limit (`ulimit -v`)"
@@ -33,7 +34,7 @@ def run_within_limit(command: Callable[[], int]) -> int:
         return command()
     if limit < LEAST_BYTES:
         expected = f"expected at least {LEAST_BYTES / 1e6:,.0f} MB of address space. Raise the limit (`ulimit -v`)"
-        print(f"skyrange: memory: {limit / 1e6:,.0f} MB — {expected}", file=sys.stderr, flush=True)
+        _tell(f"memory: {limit / 1e6:,.0f} MB — {expected}")
         return BAD_INPUT
     signals = {*_FORWARDED, signal.SIGCHLD}
     before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
@@ -45,9 +46,15 @@ def run_within_limit(command: Callable[[], int]) -> int:
     code = os.waitstatus_to_exitcode(_wait_for(child, signals))
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
     if code in (_NOT_OF_SKYRANGE, -signal.SIGABRT, -signal.SIGSEGV):
-        print(f"skyrange: {OUT_OF_MEMORY}", file=sys.stderr, flush=True)
+        _tell(OUT_OF_MEMORY)
         return FAILED
     return 128 - code if code < 0 else code
+
+
+def _tell(text: str) -> None:
+    """Print without the modules of the console, for which the memory may not be enough."""
+    with suppress(OSError):
+        os.write(2, f"skyrange: {text}\n".encode())
 
 
 def _wait_for(child: int, signals: set[signal.Signals]) -> int:
