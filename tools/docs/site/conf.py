@@ -26,8 +26,12 @@ author = "the authors of skyrange"
 root_doc = "docs/README"
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 source_suffix = {".md": "markdown", ".ipynb": "markdown"}
-_SOURCES = {"docs", "CHANGELOG.md", "CONTRIBUTING.md"}
-exclude_patterns = sorted({path.name for path in ROOT.iterdir()} - _SOURCES)
+_SOURCES = {
+    "docs",
+    "changes",
+    *(f"{name}.md" for name in ("CHANGELOG", "CODE_OF_CONDUCT", "CONTRIBUTING", "RELEASE", "SECURITY")),
+}
+exclude_patterns = [*sorted({path.name for path in ROOT.iterdir()} - _SOURCES), "changes/[!R]*"]
 nitpicky = True
 suppress_warnings = ["myst.header"]  # a generated part begins with headings of the third level
 
