@@ -196,7 +196,8 @@ def test_every_page_is_in_the_navigation_of_the_site_once() -> None:
     while waiting:
         listed.append(waiting.pop())
         waiting.extend(navigation.children_of(listed[-1]))
-    pages = {*DOCS.rglob("*.md"), *DOCS.rglob("*.ipynb"), ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md"}
+    names = ("CHANGELOG", "CODE_OF_CONDUCT", "CONTRIBUTING", "RELEASE", "SECURITY", "changes/README")
+    pages = {*DOCS.rglob("*.md"), *DOCS.rglob("*.ipynb"), *(ROOT / f"{name}.md" for name in names)}
     assert sorted(listed) == sorted(pages), "list the page in docs/README.md, or put it in the folder of a page"
 
 
