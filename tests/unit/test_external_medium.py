@@ -444,4 +444,4 @@ def test_a_stopped_engine_is_reported_and_killed() -> None:
 
 def test_protocol_versions_agree_with_the_page() -> None:
     page = Path(__file__).parents[2] / "docs" / "reference" / "medium-protocol.md"
-    assert f"The version of this page is **{protocol.VERSION}**" in page.read_text()
+    assert f"This is version **{protocol.VERSION}**" in page.read_text()
