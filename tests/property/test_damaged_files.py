@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 from pathlib import Path
+from zlib import crc32
 
 import pytest
 from hypothesis import Phase, given, settings
@@ -24,7 +25,7 @@ _KINDS = {
     ".json": "json", ".geojson": "json", ".plan": "json", ".toml": "toml", ".waypoints": "words",
     ".parquet": "parquet", ".arrows": "arrows",
 }  # fmt: skip
-_MOST = 4
+_MOST = 12
 """Examples of the profile `full` for each file."""
 
 
@@ -49,6 +50,7 @@ def test_what_reads_a_damaged_file_says_so(name: str, work: Path, number: int) -
     file = FILES[name]
     path = next(work.glob(file.path.replace("SPLIT", "*")))
     data = path.read_bytes()
+    number = crc32(f"{name} {number}".encode())  # hypothesis tries small numbers first, and the same for all files
     reader = file.read[number % len(file.read)]
     try:
         path.write_bytes(mutate(data, _KINDS[path.suffix], number))

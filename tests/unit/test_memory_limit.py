@@ -34,7 +34,7 @@ def test_a_library_that_ends_the_process_is_explained(command: str) -> None:
     assert (ended.returncode, told) == (3, f"skyrange: {OUT_OF_MEMORY}\n")
 
 
-@pytest.mark.parametrize("code", [0, 2, 3, 4])
+@pytest.mark.parametrize("code", [0, 1, 2, 3, 4])
 def test_other_exit_codes_are_those_of_the_command(code: int) -> None:
     ended = _start(f"return {code}")
     assert ended.communicate(timeout=30) == ("", "")
@@ -44,20 +44,26 @@ def test_other_exit_codes_are_those_of_the_command(code: int) -> None:
 def test_a_limit_below_what_libraries_need_is_refused() -> None:
     ended = _start("return 0", 1_000_000_000)
     assert ended.communicate(timeout=30)[1] == (
-        "skyrange: memory: 1,000 MB — expected at least 1,500 MB of address space. Raise the limit (`ulimit -v`)\n"
+        "skyrange: memory: limit: 1,000 MB — expected at least 1,500 MB of address space. Raise it (`ulimit -v`).\n"
     )
     assert ended.returncode == 2
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_reach_the_command(number: signal.Signals) -> None:
-    handler = f"signal.signal({int(number)}, lambda *_: os._exit(7)); print('ready', flush=True); time.sleep(30)"
-    started = _start(handler)
+    waiting = f"signal.pthread_sigmask(signal.SIG_BLOCK, {{{int(number)}}}); print('ready', flush=True)"
+    started = _start(f"{waiting}; return 7 * (signal.sigwait({{{int(number)}}}) == {int(number)})")
     assert started.stdout is not None
     assert started.stdout.readline() == "ready\n"
     started.send_signal(number)
     started.communicate(timeout=30)
     assert started.returncode == 7
+
+
+def test_a_command_that_is_killed_is_not_called_out_of_memory() -> None:
+    ended = _start("os.kill(os.getpid(), signal.SIGKILL)")
+    assert ended.communicate(timeout=30)[1] == ""
+    assert ended.returncode == 128 + signal.SIGKILL
 
 
 def test_a_killed_command_leaves_no_process_behind() -> None:

@@ -35,7 +35,7 @@ def test_free_space_is_p525s() -> None:
 
 
 def test_two_rays_over_ground() -> None:
-    """P.1411-10 4.1.2's median to 0.02 dB; far out that is 20·log10(π) above the plane-earth loss of two ideal rays."""
+    """P.1411-12 4.1.2's median to 0.02 dB; far out that is 20·log10(π) above the plane-earth loss of two ideal rays."""
     h1, h2 = 1.5, 2.0
     far = 5_000.0
     assert open_ground_db(far, h1, h2, LAMBDA) == pytest.approx(

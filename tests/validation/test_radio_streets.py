@@ -1,4 +1,4 @@
-"""Do streets guide signals as was measured? Against ITU-R P.1411-10, 3GPP's tables, and Herring et al. 2010 at 2.4 GHz.
+"""Do streets guide signals as was measured? Against ITU-R P.1411, 3GPP's tables, and Herring et al. 2010 at 2.4 GHz.
 
 Formulas are written out here from their sources, apart from those of the model, and the tolerance of each comparison is
 the standard deviation that the source gives, unless the test says otherwise.
@@ -49,7 +49,7 @@ CORNER = [(x1, x2) for x1 in (30.0, 60.0, 100.0, 200.0, 300.0) for x2 in (30.0, 
 @pytest.mark.parametrize("distance_m", [30.0, 100.0, 200.0, 400.0, 660.0])
 def test_along_a_walled_street(distance_m: float) -> None:
     """P.1411-10 4.1.1 LoS, 21.2·log10 d + 29.2 + 21.1·log10 f, σ 5.06 dB; TR 37.885 table 6.2.1-1, urban LOS, σ 3 dB,
-    here 4 dB; P.1411-10 4.3.1, between terminals near street level, has the median of free space: 0.1 dB.
+    here 4 dB; P.1411-12 4.3.1, between terminals near street level, has the median of free space: 0.1 dB.
     """
     got = _total_db(WALLED, (0.0, 0.5, 1.5), (distance_m, 0.5, 1.5))
     assert got == pytest.approx(21.2 * math.log10(distance_m) + 29.2 + 21.1 * LOG_GHZ, abs=5.06)
@@ -74,7 +74,7 @@ def test_exponent_by_the_gaps_of_a_street(gap: float) -> None:
 
 
 def test_no_walls_no_guiding() -> None:
-    """A wall on one side only, an avenue wider than 50 m and roofs below the antennas leave P.1411-10 4.1.2's."""
+    """A wall on one side only, an avenue wider than 50 m and roofs below the antennas leave P.1411-12 4.1.2's."""
     a, b = (0.0, 0.5, 1.5), (400.0, 0.5, 1.5)
     one_side = _index((-50.0, 10.0, 900.0, 20.0, 20.0))
     avenue = _index((-50.0, 30.0, 900.0, 40.0, 20.0), (-50.0, -40.0, 900.0, -25.0, 20.0))
@@ -87,7 +87,7 @@ def test_no_walls_no_guiding() -> None:
 
 
 def _one_turn_db(x1: float, x2: float, height_m: float) -> float:
-    """P.1411-10 4.3.2.2, one turn, for x2 of 30 m or more: 0.43 to 4.86 GHz, terminals 1.5 to 4 m high, up to 1 km."""
+    """P.1411-12 4.3.2.2, one turn, for x2 of 30 m or more: 0.43 to 4.86 GHz, terminals 1.5 to 4 m high, up to 1 km."""
     breakpoint_m = 4.0 * height_m**2 / LAMBDA
     level = abs(20.0 * math.log10(LAMBDA**2 / (8.0 * math.pi * height_m**2))) + 6.0
     share = (x1 + x2) / breakpoint_m
@@ -112,7 +112,7 @@ def _umi_nlos_db(x1: float, x2: float) -> float:
 
 def test_round_street_corners() -> None:
     """Over 25 pairs round a corner, 30 to 300 m from it: mean within 3 dB and each within 9 dB of three other models:
-    P.1411-10 4.3.2.2, TR 37.885 table 6.2.1-1 NLOS, TR 38.901 table 7.4.1-1 UMi NLOS. 4.1.1's own standard deviation
+    P.1411-12 4.3.2.2, TR 37.885 table 6.2.1-1 NLOS, TR 38.901 table 7.4.1-1 UMi NLOS. 4.1.1's own standard deviation
     is 7.6 dB.
     """
     table = np.array(
@@ -154,7 +154,7 @@ Pairs = list[tuple[float, float]]
 
 @cache
 def _over_the_roofs(height_m: float) -> tuple[Pairs, Pairs]:
-    """Losses of pairs of a street and a place at a height over a downtown, 260 to 430 m apart, and what P.1411-10 4.2.1
+    """Losses of pairs of a street and a place at a height over a downtown, 260 to 430 m apart, and what P.1411-12 4.2.1
     has for one station above and one below the roofs in a high-rise city: without line of sight 43.9·log10 d - 6.27 +
     23.0·log10 f, with it 22.9·log10 d + 28.6 + 19.6·log10 f.
     """
@@ -179,7 +179,7 @@ def _over_the_roofs(height_m: float) -> tuple[Pairs, Pairs]:
 
 @pytest.mark.parametrize("height_m", [40.0, 60.0, 90.0, 120.0])
 def test_from_above_the_roofs_into_streets(height_m: float) -> None:
-    """P.1411-10 4.2.1, 260 to 1200 m: the median difference is within σ, 6.89 dB out of sight and 3.48 dB in sight."""
+    """P.1411-12 4.2.1, 260 to 1200 m: the median difference is within σ, 6.89 dB out of sight and 3.48 dB in sight."""
     hidden, seen = _over_the_roofs(height_m)
     assert len(hidden) > 1000
     assert len(seen) > 10

@@ -6,11 +6,9 @@ While they are loaded, OpenBLAS may even try for ever, so a limit below `LEAST_B
 
 from __future__ import annotations
 
-import ctypes
 import os
 import resource
 import signal
-import sys
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
@@ -18,13 +16,10 @@ from typing import Final
 OUT_OF_MEMORY: Final = "memory: the system gave no more. Use a smaller input, or raise the limit (`ulimit -v`)"
 LEAST_BYTES: Final = 1_500_000_000
 """The address space that a command needs for its libraries and a small run: 1.2 GB with four threads of OpenBLAS."""
-FAILED: Final = 3
-BAD_INPUT: Final = 2
-_NOT_OF_SKYRANGE: Final = 1
-"""An exit code that no command has: a library called `exit`, or Python could not even report its `MemoryError`."""
 _FORWARDED: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_OF_LIBRARIES: Final = (signal.SIGABRT, signal.SIGBUS, signal.SIGSEGV)
+"""Signals that end a process for want of memory; others were sent to it."""
 _SI_USER: Final = 0
-_PR_SET_PDEATHSIG: Final = 1
 
 
 def run_within_limit(command: Callable[[], int]) -> int:
@@ -32,23 +27,35 @@ def run_within_limit(command: Callable[[], int]) -> int:
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit == resource.RLIM_INFINITY or not hasattr(signal, "sigwaitinfo"):
         return command()
+    from skyrange.core.errors import ComponentError, InputError
+
     if limit < LEAST_BYTES:
-        expected = f"expected at least {LEAST_BYTES / 1e6:,.0f} MB of address space. Raise the limit (`ulimit -v`)"
-        _tell(f"memory: {limit / 1e6:,.0f} MB — {expected}")
-        return BAD_INPUT
+        expected = f"at least {LEAST_BYTES / 1e6:,.0f} MB of address space"
+        _tell(str(InputError.one("memory", "limit", f"{limit / 1e6:,.0f} MB", expected, "Raise it (`ulimit -v`).")))
+        return InputError.exit_code
+    ended, returned = os.pipe()  # only a command that returns writes to it
     signals = {*_FORWARDED, signal.SIGCHLD}
     before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    parent = os.getpid()
     child = os.fork()
     if child == 0:
-        _end_with_parent()
+        from skyrange.io.processes.program import end_with_parent
+
+        end_with_parent(parent)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        return command()
+        code = command()
+        os.write(returned, b"\0")
+        return code
     code = os.waitstatus_to_exitcode(_wait_for(child, signals))
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    if code in (_NOT_OF_SKYRANGE, -signal.SIGABRT, -signal.SIGSEGV):
+    os.set_blocking(ended, False)
+    with suppress(BlockingIOError):  # nothing is there, and a process that outlives the child has its end open
+        if os.read(ended, 1):
+            return code
+    if code > 0 or -code in _OF_LIBRARIES:
         _tell(OUT_OF_MEMORY)
-        return FAILED
-    return 128 - code if code < 0 else code
+        return ComponentError.exit_code
+    return 128 - code
 
 
 def _tell(text: str) -> None:
@@ -71,12 +78,3 @@ def _wait_for(child: int, signals: set[signal.Signals]) -> int:
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended == child:
             return status
-
-
-def _end_with_parent() -> None:
-    """A killed command leaves no process behind."""
-    parent = os.getppid()
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(FAILED)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, NotRequired
+from typing import Any, Final, NotRequired, get_args
 
 import pyarrow as pa
 from pydantic import ConfigDict, with_config
@@ -19,11 +19,11 @@ from skyrange.core.typed_json import Finite, Int64, read_formatted, require_type
 from skyrange.record import RunRecord, load
 from skyrange.statistics.means import Interval, estimate_mean
 from skyrange.twins.arms import ATTACKED, NOMINAL, SHAM
-from skyrange.twins.attribution import attribution_table
+from skyrange.twins.attribution import Relation, attribution_table
 from skyrange.twins.effects import CHANGES, MEASURES, NAMES, effects_table
 from skyrange.twins.failed_missions import FailedMissions, find_failed_missions
 from skyrange.twins.lie_and_truth import lie_and_truth_table
-from skyrange.twins.propagation import propagation_table
+from skyrange.twins.propagation import PHASES, propagation_table
 
 FORMAT: Final = "skyrange.pair/4"
 """The format of a pair's folder, and the only one that is read."""
@@ -116,43 +116,44 @@ class Pair:
     @property
     def effects(self) -> pa.Table:
         """The table of `effects.parquet`. As those below, it raises `InputError` for a damaged file."""
-        return self._read(EFFECTS, effects_table([]).schema)
+        return self._read(EFFECTS, effects_table([]).schema, {"vehicle": self._fleet, "against": self.twins})
 
     @property
     def attribution(self) -> pa.Table:
         """The table of `attribution.parquet`: how each attack relates to each effect."""
-        table = self._read(ATTRIBUTION, attribution_table([]).schema)
-        self._require_known(table, ATTRIBUTION, "outcome", NAMES)
-        return table
+        return self._read(
+            ATTRIBUTION,
+            attribution_table([]).schema,
+            {"vehicle": self._fleet, "outcome": NAMES, "relation": get_args(Relation)},
+        )
 
     @property
     def propagation(self) -> pa.Table:
         """The table of `propagation.parquet`: every hostile act and its consequences."""
-        return self._read(PROPAGATION, propagation_table([]).schema)
+        return self._read(PROPAGATION, propagation_table([]).schema, {"phase": PHASES})
 
     @property
     def lie_and_truth(self) -> pa.Table:
         """The table of `honest.parquet`: reactions to the claimed aircraft and to real ones. Empty without that arm."""
         empty = lie_and_truth_table([])
-        return self._read(LIE_AND_TRUTH, empty.schema) if (self.path / LIE_AND_TRUTH).exists() else empty
+        if not (self.path / LIE_AND_TRUTH).exists():
+            return empty
+        return self._read(LIE_AND_TRUTH, empty.schema, {"vehicle": self._fleet})
 
-    def _read(self, name: str, declared: pa.Schema) -> pa.Table:
+    def _read(self, name: str, declared: pa.Schema, known: Mapping[str, Sequence[str]]) -> pa.Table:
+        """A table; `known` are the values that some of its columns may have."""
         table = read_table(self.path / name, str(self.path), name, declared)
-        if name != PROPAGATION:
-            self._require_known(table, name, "vehicle", [str(one["id"]) for one in self._fleet])
+        for column, values in known.items():
+            unknown = next((value for value in table.column(column).unique().to_pylist() if value not in values), None)
+            if unknown is not None:
+                hint = "The file was changed by hand or is damaged."
+                expected = f"one of {', '.join(values[:20])}" + (" …" if len(values) > 20 else "")
+                raise InputError.one(str(self.path), f"{name}: {column}", ascii(unknown)[:80], expected, hint)
         return table
 
     @cached_property
-    def _fleet(self) -> Sequence[Mapping[str, Any]]:
-        fleet: Sequence[Mapping[str, Any]] = self.run(ATTACKED).manifest["vehicles"]
-        return fleet
-
-    def _require_known(self, table: pa.Table, where: str, column: str, known: Sequence[str]) -> None:
-        unknown = next((value for value in table.column(column).unique().to_pylist() if value not in known), None)
-        if unknown is not None:
-            hint = "The file was changed by hand or is damaged."
-            expected = f"one of {', '.join(known[:20])}" + (" …" if len(known) > 20 else "")
-            raise InputError.one(str(self.path), f"{where}: {column}", ascii(unknown)[:80], expected, hint)
+    def _fleet(self) -> list[str]:
+        return [str(vehicle["id"]) for vehicle in self.run(ATTACKED).manifest["vehicles"]]
 
     @cached_property
     def failed_missions(self) -> list[FailedMissions]:

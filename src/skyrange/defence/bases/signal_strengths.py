@@ -1,6 +1,6 @@
 """Base of kinds that judge signal strengths: parameters of channel and map, and a test of strengths against a claim.
 
-The defaults are those of standards and measurements, and an exact map. ITU-R P.1411-10 (4.1.1, table 4) and TR 38.901
+The defaults are those of standards and measurements, and an exact map. ITU-R P.1411-11 (4.1.1, table 2) and TR 38.901
 state other spreads for other streets; a footprint of OpenStreetMap is off by about 4 m (H. Fan, A. Zipf, Q. Fu and P.
 Neis, "Quality assessment for building footprints data on OpenStreetMap", IJGIS 28/4, 2014: Munich).
 

@@ -43,7 +43,7 @@ def ground_excess_db(distance_m: float, height_a_m: float, height_b_m: float, wa
 def open_ground_db(distance_m: float, height_a_m: float, height_b_m: float, wavelength: float) -> float:
     """Median loss over unobstructed ground: free space up to the distance 4·h1·h2/λ, 40 dB per decade beyond.
 
-    ITU-R P.1411-10 4.1.2 (site-specific, line of sight, UHF; 4.3.2.1 has the same between terminals 1.5 to 4 m high):
+    ITU-R P.1411-12 4.1.2 (site-specific, line of sight, UHF; 4.3.2.1 has the same between terminals 1.5 to 4 m high):
     its median L_bp + 6 + 20·log10(d/R_bp), or 40·log10 beyond R_bp; this is the envelope of a direct and a
     ground-reflected ray. High up, R_bp is beyond the range.
     """

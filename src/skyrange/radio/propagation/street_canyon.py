@@ -23,7 +23,7 @@ from skyrange.radio.propagation.obstacle_grid import Obstacles, start_traversal
 from skyrange.radio.propagation.path_loss import SPEED_OF_LIGHT_MPS, ground_excess_db, open_ground_db
 
 MAX_WIDTH_M: Final = 50.0
-"""The widest street: the default separation of building rows is 20 to 50 m (P.1411-10 4.4, after COST 231)."""
+"""The widest street: the default separation of building rows is 20 to 50 m (P.1411-12 4.4, after COST 231)."""
 MIN_EXCESS_DB: Final = 6.0
 """The least loss round obstacles above that of an unobstructed line: that of an edge on the line (P.526-15, 4.1)."""
 SAMPLES: Final = 32
@@ -56,7 +56,7 @@ def aerial_loss_db(distance_m: float, height_m: float, wavelength: float) -> flo
     """Median loss between an antenna in a street and one above, without line of sight, by their distance in space.
 
     3GPP TR 36.777 table B-2, UMi-AV, NLOS: 32.4 + (43.2 - 7.6·log10(h/m))·log10(d/m) + 20·log10(f/GHz); h is the height
-    of the upper antenna, 22.5 to 300 m. ITU-R P.1411-10 4.2.1 has 43.9·log10(d/m) - 6.27 + 23·log10(f/GHz) for all
+    of the upper antenna, 22.5 to 300 m. ITU-R P.1411-12 4.2.1 has 43.9·log10(d/m) - 6.27 + 23·log10(f/GHz) for all
     heights: at 400 m and h = 60 m, both are within 1 dB.
     """
     frequency_ghz = SPEED_OF_LIGHT_MPS / wavelength * 1e-9

@@ -159,13 +159,7 @@ class Tables:
         """
         self.require(name)
         full_schema = self.schema(name)
-        schema = full_schema
-        if columns is not None:
-            missing = next((column for column in columns if column not in full_schema.names), None)
-            if missing is not None:
-                expected = f"one of {', '.join(full_schema.names)}"
-                raise InputError.one(str(self.folder), f"{name}: column", missing, expected)
-            schema = pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
+        schema = self._select(name, full_schema, columns)
         shards, key = self._shards(name), time_key(full_schema)
         if len(shards) < 2 or key is None:
             for shard in shards:
@@ -175,6 +169,16 @@ class Tables:
         streams = [_tabled(self._decoded(shard, name, keyed, encoded=encoded)) for shard in shards]
         for table in interleave(streams, key):
             yield from table.select(schema.names).combine_chunks().to_batches()
+
+    def _select(self, name: str, schema: pa.Schema, columns: Sequence[str] | None) -> pa.Schema:
+        """The fields of some columns, in their order, or of all. Raises `InputError` for one that is not there."""
+        if columns is None:
+            return schema
+        missing = next((column for column in columns if column not in schema.names), None)
+        if missing is not None:
+            expected = f"one of {', '.join(schema.names)}"
+            raise InputError.one(str(self.folder), f"{name}: column", missing, expected)
+        return pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
 
     def _roots(self) -> list[Path]:
         """The folders of the shards of a run in progress."""
@@ -247,9 +251,7 @@ class Tables:
     def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
         """The whole table, in memory."""
         self.require(name)
-        schema = self.schema(name)
-        if columns is not None:
-            schema = pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
+        schema = self._select(name, self.schema(name), columns)
         return pa.Table.from_batches(self.batches(name, columns), schema=schema)
 
     def file(self, name: str, schema: pa.Schema) -> pa.Table:
@@ -315,10 +317,8 @@ class Tables:
         self, shard: _Shard, payload_shard: _Shard, columns: Sequence[str] | None, *, encoded: bool
     ) -> Iterator[pa.Table]:
         """The frames of one shard, whose payloads are in `payload_shard`."""
-        schema = self.schema("frames")
-        if columns is not None:
-            wanted = list(dict.fromkeys([*columns, "payload_id"]))
-            schema = pa.schema([schema.field(column) for column in wanted], metadata=schema.metadata)
+        wanted = None if columns is None else list(dict.fromkeys([*columns, "payload_id"]))
+        schema = self._select("frames", self.schema("frames"), wanted)
         stored = self._decoded(payload_shard, "payloads", arrow_schema("payloads"), encoded=False)
         window = PayloadWindow()
         for batch in self._decoded(shard, "frames", schema, encoded=encoded):
