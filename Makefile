@@ -7,8 +7,8 @@ BIN := $(VENV)/bin
 WORKERS ?= 2
 REALTIME_WORKERS ?= 3
 
-# Whether `make test` runs a tenth of the tests marked `catalogue` and a third of the files marked `rotating`, or all.
-KINDS ?= tenth
+# Whether `make test` runs a 20th of the tests marked `catalogue` and a sixth of the files marked `rotating`, or all.
+KINDS ?= some
 
 # How long `make fuzz` draws new examples.
 MINUTES ?= 10

@@ -76,6 +76,7 @@ def test_approve_all() -> None:
     check_approval(ApprovalPlugin.find("approve-all"))
 
 
+@pytest.mark.rotating
 def test_builtin_autopilot() -> None:
     check_engine(AutopilotPlugin.find("builtin"))
 
@@ -122,6 +123,7 @@ def conversation(kind: plans.Kind, until: Time) -> list[InputMessage]:
 
 
 @pytest.mark.parametrize("kind", ["auto", "guided"])
+@pytest.mark.rotating
 def test_ground_station(kind: plans.Kind) -> None:
     until = 75 * NS_PER_S
     check_agent(lambda: ground_station(kind), mail=conversation(kind, until), until=until)
@@ -180,6 +182,7 @@ def test_toy_taps(make: Callable[[str], Tap], payloads: Sequence[bytes]) -> None
     check_tap(make, payloads=payloads)
 
 
+@pytest.mark.rotating
 def test_toy_engine() -> None:
     """One at a time: the probes' world takes 1 m/s for each place in the row, beyond what a motor takes."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pytest
 
 from skyrange.contracts.medium import RadioSpec
 from skyrange.core.chance import Chance
@@ -15,6 +16,7 @@ from skyrange.testing import check_medium
 GRID = LossGrid(-600.0, -600.0, 100.0, 13, 13, (0.0, 50.0, 200.0))
 
 
+@pytest.mark.rotating
 def test_the_builtin_medium_conforms_on_a_table() -> None:
     places = np.array([(float(x), float(y), 30.0) for x in range(-500, 501, 250) for y in range(-500, 501, 250)])
     excess = np.random.default_rng(1).uniform(-5.0, 30.0, (len(places), *GRID.shape))

@@ -257,6 +257,7 @@ def test_columns_of_frames_are_read_only() -> None:
     assert ones.flags.writeable, "those of their maker are not locked"
 
 
+@pytest.mark.rotating
 def test_a_check_gives_one_verdict_however_often_it_is_called() -> None:
     """It did not while a message that an attack had altered stayed altered for the next flight of the process."""
     for _ in range(2):

@@ -69,9 +69,6 @@ SHORT = {
 """Changes that shorten the flights which no other fast test reads, and the digests of what then happens."""
 
 
-DEAR = {"gcs-flood", "gnss-pull-off", "insider", "jammed-corridor", "unsigned-ghost"}
-"""Attacks whose shortened flights are of the catalogue: `tests/integration/test_effect_paths.py` flies them too."""
-
 MANY = {"city-fleet", "corridor-rush", "rid-city"}
 """Flights of many aircraft, of which one is flown whole by a commit."""
 
@@ -87,9 +84,8 @@ def test_events_are_what_they_were(name: str) -> None:
     assert record.manifest["digests"]["events"] == EVENTS[name]
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=(pytest.mark.catalogue,) * (name in DEAR)) for name in sorted(SHORT)]
-)
+@pytest.mark.catalogue
+@pytest.mark.parametrize("name", sorted(SHORT))
 def test_events_of_a_shorter_flight_are_what_they_were(name: str) -> None:
     changes, events = SHORT[name]
     assert shared_run(name, *changes).manifest["digests"]["events"] == events

@@ -46,7 +46,7 @@ class _Believing(Fleet):
     held: dict[str, Any]
 
     @property
-    def estimate(self) -> Any:  # type: ignore[override]
+    def estimate(self) -> Any:
         records = self.__dict__["estimated"]
         for name, value in self.held.items():
             records[name] = value

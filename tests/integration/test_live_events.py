@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
+import pytest
+
 from skyrange.cli.output.flight_lines import FlightLines
 from skyrange.metrics.time_series import read_notes
 from skyrange.runtime.event_reports import MAX_ROWS
@@ -34,6 +36,7 @@ params = { at = [60, 150, 30], velocity_mps = [-3, -2, 0], transmitter_m = [-140
 """
 
 
+@pytest.mark.rotating
 def test_the_reports_of_all_nodes_are_what_the_record_has(tmp_path: Path) -> None:
     flight = prepared(scenario_of(SCENARIO), tmp_path, group="operator")
     flight.range.reports_events = True

@@ -113,6 +113,7 @@ def test_the_range_goes_on_without_it(tmp_path: Path) -> None:
     assert record.status == "complete"
 
 
+@pytest.mark.rotating
 def test_the_range_ends_and_names_it(tmp_path: Path) -> None:
     with pytest.raises(ComponentError, match=r"radio engine ns3: ended \(signal SIGKILL\)") as caught:
         _flown(tmp_path, "stop", signal.SIGKILL)

@@ -200,6 +200,7 @@ def test_the_nominal_run_of_a_candidate_is_that_of_its_cell(tmp_path: Path) -> N
             assert mine.manifest["digests"][digest] == flown.run(arm).manifest["digests"][digest]
 
 
+@pytest.mark.rotating
 def test_the_command_prints_and_writes_a_page(file: Path, tmp_path: Path) -> None:
     """Of one seed, whose effects stop nothing, and of a defence that has nothing to do, which needs no flight."""
     path, page = tmp_path / "idle.toml", tmp_path / "page.md"

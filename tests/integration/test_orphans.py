@@ -33,6 +33,7 @@ def is_running(pid: int) -> bool:
     "command",
     [["pair", "gnss.drift", "--jobs", "2"], ["matrix", "--row", "gnss-drift", "--column", "firewall", "--jobs", "2"]],
 )
+@pytest.mark.rotating
 def test_the_processes_of_a_killed_command_end(command: list[str], tmp_path: Path) -> None:
     process = multiprocessing.get_context("fork").Process(
         target=app, args=([*command, "--jobs", "2", "--out", str(tmp_path / "out")],), kwargs={"standalone_mode": False}

@@ -208,6 +208,7 @@ def test_a_run_that_fails_is_named_and_what_was_flown_is_kept(tmp_path: Path, mo
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.rotating
 def test_interrupted_flights_are_shortfalls(jobs: int, tmp_path: Path) -> None:
     with offered():
         text = load_text(scenario(2.0, 3600.0))

@@ -29,6 +29,7 @@ def _text(table: pa.Table) -> list[str]:
     return [repr(row) for row in table.to_pylist()]
 
 
+@pytest.mark.rotating
 def test_derived_tables_are_the_same_in_flight_and_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = shared_run(load_scenario("rid-spoofing", ["duration_s=25", "record.level=full"]))
     parts = _fly(tmp_path / "parts", 150, monkeypatch)

@@ -151,6 +151,7 @@ def test_a_folder_of_another_plan_or_version_is_refused(
     assert "a new or empty folder" in str(command())
 
 
+@pytest.mark.rotating
 def test_a_run_that_fails_does_not_end_a_matrix_and_is_flown_when_it_is_repeated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

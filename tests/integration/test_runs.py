@@ -328,6 +328,7 @@ def test_folders_are_named_as_in_a_shell(name: str, at: str, tmp_path: Path, mon
     assert (tmp_path / at / "report.html").exists()
 
 
+@pytest.mark.rotating
 def test_an_output_that_lacks_signs(squares: Path) -> None:
     done = cli("show", str(squares), env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0, done.stderr
@@ -343,6 +344,7 @@ def test_a_list_in_json_lacks_no_signs() -> None:
 @pytest.mark.parametrize(
     "buffered", [{}, pytest.param({"PYTHONUNBUFFERED": "1"}, marks=pytest.mark.slow)], ids=["buffered", "unbuffered"]
 )
+@pytest.mark.rotating
 def test_an_output_that_lacks_room(squares: Path, buffered: dict[str, str]) -> None:
     bare = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
     with Path("/dev/full").open("w") as full:

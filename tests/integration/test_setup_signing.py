@@ -167,6 +167,7 @@ def test_an_exempt_channel_signs_and_accepts_anything() -> None:
     assert [one.data["mode"] for one in exempt.events("event.mode")] == ["GUIDED", "LAND"]
 
 
+@pytest.mark.rotating
 def test_a_gateway_signs_an_attackers_command(tmp_path: Path) -> None:
     clean = flown(tmp_path / "clean", scenario("gateway"))
     assert outcome(clean) == ("complete", "")

@@ -50,6 +50,7 @@ def positions(record: RunRecord, vehicle: str) -> list[float]:
     return [r["time_ns"] / 1e9 for r in rows if r["vehicle"] == vehicle]
 
 
+@pytest.mark.rotating
 def test_live_muted_and_removed(tmp_path: Path) -> None:
     removed = flown(tmp_path / "removed", None)
     muted = flown(tmp_path / "muted", Act("blind", start_ns=from_seconds(11.0), muted=True))

@@ -23,6 +23,7 @@ SOON = [
 APPROVALS = {"all": ["operators.*.approval=approve-all"], "hash": ["operators.*.approval=hashgraph"]}
 
 
+@pytest.mark.rotating
 def test_three_approvals_of_one_scenario_are_compared(tmp_path: Path) -> None:
     result = compare_variants("approval.squat", APPROVALS, tmp_path / "cmp", seeds=2, jobs=1, changes=SOON)
     assert list(result.changes) == ["unchanged", "all", "hash"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.contract import VehicleSpec
@@ -32,6 +33,7 @@ def busy(r: Range) -> None:
             start(r, spec.vehicle)
 
 
+@pytest.mark.rotating
 def test_split_of_a_fleet_changes_no_byte() -> None:
     whole, parts = (Range(fleet(6), split, wind_enu_mps=(2.0, 1.0, 0.0), noise=1.0) for split in (1, 3))
     for r in (whole, parts):

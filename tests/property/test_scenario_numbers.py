@@ -192,6 +192,7 @@ def flown_or_refused(data: dict[str, Any]) -> str:
 
 @settings(deadline=60_000)
 @given(place=st.sampled_from(PLACES), number=NUMBERS)
+@pytest.mark.rotating
 def test_any_number_is_refused_or_flown(place: Place, number: float) -> None:
     said = flown_or_refused(with_number(place, number))
     assert len(said.splitlines()) <= MAX_LINES + 2

@@ -137,6 +137,7 @@ def aloft() -> dict[str, Range]:
 
 @settings(max_examples=examples(200), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(messages, min_size=1, max_size=12), st.sampled_from(["ground", "guided", "auto"]))
+@pytest.mark.rotating
 def test_any_message_leaves_the_state_finite(aloft: dict[str, Range], sent: list[object], where: str) -> None:
     r = aloft[where].copy()
     packer = Packer(255, 190)

@@ -101,6 +101,7 @@ def test_speedup_is_for_native_physics() -> None:
         Options(physics="native", speedup=0.0)
 
 
+@pytest.mark.rotating
 def test_one_exchange_in_a_turn_is_for_physics_with_exchanges() -> None:
     assert Options(physics="native", rates="reduced").rates == "reduced"
     with pytest.raises(ValidationError, match="'full' or 'reduced' with native physics"):

@@ -303,6 +303,7 @@ def test_the_kinds_are_all_that_have_an_example() -> None:
         chosen_kinds(["mavlink.mod"])
 
 
+@pytest.mark.rotating
 def test_flights_are_read_from_a_record(tmp_path: Path) -> None:
     """An order to return by a failsafe of the ground station: texts, modes and landing of a run of the builtin."""
     scenario = load("identity.silence_station")

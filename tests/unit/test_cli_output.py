@@ -126,6 +126,7 @@ def test_a_reader_that_goes_away_costs_its_output_alone(arguments: list[str], co
     assert done.returncode == code
 
 
+@pytest.mark.rotating
 def test_errors_and_usage_escape_what_they_quote(tmp_path: Path) -> None:
     name = "\x1b]0;owned\x07\udcff"
     for arguments in (["show", name], ["run", name], ["scenarios", name], [name], ["diff", name, name, "--json"]):
@@ -140,6 +141,7 @@ def test_errors_and_usage_escape_what_they_quote(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "command", ["run", pytest.param("pair", marks=pytest.mark.slow), pytest.param("live", marks=pytest.mark.slow)]
 )
+@pytest.mark.rotating
 def test_a_folder_whose_name_is_no_utf_8_is_refused_before_anything_flies(command: str, tmp_path: Path) -> None:
     done = run_command(command, "rid-spoofing", "--out", "bad\udcff", cwd=tmp_path)
     assert done.returncode == 2

@@ -304,6 +304,7 @@ def _command_line(arguments: list[str], where: str) -> None:
     assert not code, f"{where}: skyrange {' '.join(arguments)} exits with {code}"
 
 
+@pytest.mark.rotating
 def test_readme_scenario_and_python_are_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The README says that its TOML and its Python give the same fingerprint."""
     from skyrange import run

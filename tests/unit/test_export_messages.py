@@ -238,6 +238,7 @@ def test_each_label_is_one_act_at_its_time(labels: list[dict[str, Any]]) -> None
         max_size=8,
     )
 )  # fmt: skip
+@pytest.mark.rotating
 def test_each_reception_is_told_and_each_broadcast_with_a_place_is_one_claim(rows: list[dict[str, Any]]) -> None:
     full = [dict.fromkeys(arrow_schema("observations").names) | {"transport": "bt4"} | row for row in rows]
     run = record(observations=[full[:3], full[3:]])

@@ -106,6 +106,7 @@ def test_every_extra_says_what_it_is_for_and_has_its_modules() -> None:
     assert all(len(texts) == 2 and all(texts) for texts in described.values())
 
 
+@pytest.mark.rotating
 def test_what_a_run_needs_is_no_extra() -> None:
     needed = {text.partition(">")[0] for text in PYPROJECT["project"]["dependencies"]}
     assert not needed & {"aiohttp", "pyzmq"}

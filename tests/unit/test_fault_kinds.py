@@ -105,6 +105,7 @@ def test_a_frozen_sensor_repeats_its_reading() -> None:
     assert later.baro_up_m.tobytes() == (readings().baro_up_m + 1.0).tobytes()
 
 
+@pytest.mark.rotating
 def test_noise_has_its_deviation_and_stays_until_the_next_measurement() -> None:
     which = fault(SENSOR_FAILURE, sensor="barometer", failure="noisy", noise_m=2.0)
     errors = []

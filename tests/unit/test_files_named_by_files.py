@@ -153,6 +153,7 @@ def requests() -> Iterator[tuple[str, Callable[[], int]]]:
 
 
 @pytest.mark.parametrize("kind", HOSTILE)
+@pytest.mark.rotating
 def test_no_file_makes_a_request_or_reads_another_file(
     kind: str, tmp_path: Path, requests: tuple[str, Callable[[], int]]
 ) -> None:

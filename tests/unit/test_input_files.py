@@ -164,6 +164,7 @@ def test_whatever_a_name_is_it_is_refused(
     ],
     ids=range(15),
 )  # fmt: skip
+@pytest.mark.rotating
 def test_whatever_a_scenario_says_it_is_refused_soon_and_in_few_lines(text: str, tmp_path: Path) -> None:
     began = process_time()
     with pytest.raises(InputError) as error:

@@ -89,6 +89,7 @@ def _flies(scenario: Scenario) -> None:
 
 
 @pytest.mark.parametrize("name", ["rid-spoofing", "rid-city"])
+@pytest.mark.rotating
 def test_attacks_go_along_to_another_city(name: str) -> None:
     if not STREETS.exists():
         pytest.skip("the Upper East Side's buildings are not on this machine")

@@ -439,6 +439,7 @@ def test_by_chance_is_what_alarms_without_sight_would_detect() -> None:
     assert on_all(file, "never").detection.by_chance == 0.0
 
 
+@pytest.mark.rotating
 def test_alarms_at_random_detect_what_by_chance_says() -> None:
     random = np.random.default_rng(1)
     flights = [flight("v", split="validation")]

@@ -29,7 +29,7 @@ from skyrange.codec.mavlink.frames import (
 from skyrange.contracts.frames import Bytes, Ints, Payloads
 from skyrange.core.compiled import compiled
 
-MessageTable = NDArray[Any]
+MessageTable = Any
 """A structured array: one row per message, fields under pymavlink's names in the units of the wire format."""
 
 _TYPES: Final = {

@@ -15,12 +15,11 @@ from enum import IntEnum, IntFlag
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyrange.world.airframes import MOTORS
 
-Records = NDArray[Any]
-"""A structured array, one record per aircraft."""
+Records = Any
+"""A structured array, one record per aircraft. `Any`, because a type checker knows nothing of its fields."""
 
 ESTIMATE: Final = np.dtype(
     [
