@@ -117,6 +117,12 @@ def test_altering_a_field_is_packing_the_message_with_its_other_value(
     assert alter(frame, **{name: getattr(other, name)}) == packer.pack(message)
 
 
+def test_a_field_called_payload_is_altered() -> None:
+    message = dialect.MAVLink_tunnel_message(1, 2, 3, 4, [5] * 128)
+    frame = Packer(1, 1).pack(message)
+    assert dialect.MAVLink(None).parse_buffer(bytearray(alter(frame, payload=[6] * 128)))[0].payload == [6] * 128
+
+
 def test_a_field_that_a_message_does_not_have_is_named() -> None:
     frame = Packer(1, 1).pack(dialect.MAVLink_mission_current_message(3))
     assert decode(alter(frame, seq=7)).seq == 7

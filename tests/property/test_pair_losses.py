@@ -51,6 +51,7 @@ OPEN = obstacle_index()
     randomness=st.booleans(),
     town=st.booleans(),
 )
+@pytest.mark.rotating
 def test_powers_of_all_pairs_are_those_of_each_pair(
     seed: int, n: int, spread_m: float, buckets: int, horizon_m: float, floor_dbm: float, randomness: bool, town: bool
 ) -> None:

@@ -237,7 +237,7 @@ class Packer:
         return covered + checksum(covered[1:], layout.crc_extra).to_bytes(2, "little")
 
 
-def alter(payload: bytes, **fields: object) -> bytes:
+def alter(payload: bytes, /, **fields: object) -> bytes:
     """The MAVLink 2 frame of a message whose `fields` have other values, with its sender and sequence number.
 
     The frame is unsigned. Raises `DecodeError` for what is no MAVLink frame, and `ValueError` for a field that the
