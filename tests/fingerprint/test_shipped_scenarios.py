@@ -27,7 +27,7 @@ EVENTS = {
     "jam-then-spoof": "840c5351019a57006c3fe59c696e71ef",
     "jammed-corridor": "b80ce8aa6bcde02eabd5468fa8210116",
     "mitm-mission": "f02e0210c25681681913428654f0368a",
-    "rid-city": "d5b61b4fd4f5277c9428c1d866d88760",
+    "rid-city": "60a552feb571571da7c65e2a2ec939ea",
     "rid-spoofing": "6c114192b4d74a2b0dfe80c61702d1ba",
     "squares": "251f547cda3ae7a47c8e499da8c9c776",
     "survey": "5910fd9e32396594720b1e73f215d556",

@@ -42,7 +42,7 @@ def test_one_that_stands_is_level_heads_as_it_does_and_feels_its_weight(heading_
     motion = to_ardupilot_motion(sensors_of(heading_deg), np.zeros(1))
     roll, pitch, yaw = euler(motion.attitude[0])
     assert (roll, pitch) == pytest.approx((0.0, 0.0), abs=1e-9)
-    assert yaw == pytest.approx(heading_deg, abs=1e-9)
+    assert abs((yaw - heading_deg + 180.0) % 360.0 - 180.0) < 1e-9
     assert motion.accel_mps2[0] == pytest.approx([0.0, 0.0, -9.80665])
 
 

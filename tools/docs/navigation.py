@@ -47,5 +47,6 @@ def children_of(page: Path) -> tuple[Path, ...]:
     if page == INDEX or not folder.is_dir() or folder == ROOT:
         return ()
     found = {child for ending in ENDINGS for child in folder.glob(f"*{ending}") if child.name != "README.md"}
+    found = {child for child in found if "." not in child.stem}  # fragments of changes are no pages
     found |= {child for child in folder.glob("*/README.md") if not folder.joinpath(child.parent.name + ".md").exists()}
     return tuple(sorted(found - {page}))

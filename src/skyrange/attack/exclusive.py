@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import dist
+
+from skyrange.core.elementary_python import distance
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +30,7 @@ class Exclusive:
             return ""
         if self.area is not None and other.area is not None:
             (here, radius_m), (there, other_m) = self.area, other.area
-            if dist(here, there) >= radius_m + other_m:
+            if distance(here, there) >= radius_m + other_m:
                 return ""
         if not self.parts or not other.parts:
             parts = self.parts or other.parts

@@ -134,11 +134,24 @@ def _describe_global(name: str, code: CodeType, known: dict[str, Any], callees: 
         return _describe_value(getattr(builtins, name, None), known, callees)
     value = known[name]
     if isinstance(value, ModuleType) and _is_own(value.__name__):
-        attributes = tuple(
-            (attribute, vars(value)[attribute]) for attribute in code.co_names if attribute in vars(value)
-        )
-        return value.__name__, _describe_value(attributes, known, callees)
+        return _describe_module(value, code, known, callees, frozenset())
     return _describe_value(value, known, callees)
+
+
+def _describe_module(
+    module: ModuleType, code: CodeType, known: dict[str, Any], callees: list[Dispatcher], within: frozenset[str]
+) -> Any:
+    """What a code may read of a module of this package: the names of the module that the code has too."""
+    attributes: list[Any] = []
+    for name in code.co_names:
+        value = vars(module).get(name)
+        if isinstance(value, ModuleType) and _is_own(value.__name__):
+            if value.__name__ not in within:
+                inner = _describe_module(value, code, known, callees, within | {module.__name__})
+                attributes.append((name, inner))
+        elif name in vars(module):
+            attributes.append((name, _describe_value(value, known, callees)))
+    return module.__name__, attributes
 
 
 def _describe_value(value: Any, known: dict[str, Any], callees: list[Dispatcher]) -> Any:

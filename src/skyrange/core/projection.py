@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 
 SEMI_MAJOR_M = 6_378_137.0
@@ -33,10 +34,10 @@ longitude 0 mean "here" in an item of a mission (ArduPilot, ModeAuto::loc_from_c
 def scales(mid_lat_deg: float) -> tuple[float, float]:
     """Metres per degree of latitude and of longitude at a latitude (Snyder, eq. 4-18 and 4-20)."""
     phi = mid_lat_deg * _PER_DEGREE
-    sine = math.sin(phi)
+    sine = elementary.sin(phi)
     w2 = 1.0 - ECCENTRICITY_2 * sine * sine
     w = math.sqrt(w2)
-    return _MERIDIONAL_M / (w2 * w), _NORMAL_M / w * math.cos(phi)
+    return _MERIDIONAL_M / (w2 * w), _NORMAL_M / w * elementary.cos(phi)
 
 
 @compiled

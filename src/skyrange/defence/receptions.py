@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import cos, radians, sin
+from math import radians
 from typing import Final, NamedTuple
 
 from skyrange.codec.f3411 import BasicId, Location, MessagePack, Status, decode
@@ -26,6 +26,7 @@ from skyrange.codec.mavlink import message_id
 from skyrange.codec.remote_id.link_payload import NO_RSSI, unpack
 from skyrange.contracts.frames import Frame
 from skyrange.contracts.verdicts import Verdict
+from skyrange.core.elementary import cos, sin
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, NS_PER_US, Time

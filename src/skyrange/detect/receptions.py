@@ -18,6 +18,7 @@ from skyrange.codec.f3411.values import HORIZONTAL_ACCURACY_M, SPEED_ACCURACY_MP
 from skyrange.codec.remote_id.link_payload import NO_RSSI, RidFrame, unpack_rows
 from skyrange.contracts.frames import Ints, Payloads
 from skyrange.contracts.monitors import ObservedFrames
+from skyrange.core import elementwise
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
@@ -177,7 +178,7 @@ def read_claims(
     up_m = origin.msl_of(located.alt_geo_m[rows]) - origin.alt_msl_m
     track = np.radians(located.track_deg[rows])
     speed = located.speed_mps[rows]
-    heading = np.stack((np.sin(track), np.cos(track)), axis=1)
+    heading = np.stack((elementwise.sin(track), elementwise.cos(track)), axis=1)
     velocity = np.where(speed[:, None] == 0.0, 0.0, speed[:, None] * heading)
     said_s = (utc_ns + time_ns[rows]) % int(HOUR_S * NS_PER_S) / NS_PER_S
     age_s = (said_s - located.timestamp_s[rows] + HOUR_S / 2.0) % HOUR_S - HOUR_S / 2.0

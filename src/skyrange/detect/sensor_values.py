@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from skyrange.core import elementwise
 from skyrange.detect.series import Floats, offset_m
 
 _SEA_LEVEL_HPA: Final = 1013.25
@@ -17,7 +18,7 @@ _EXPONENT: Final = 5.25588
 def pressure_altitude_m(pressure_hpa: Floats) -> Floats:
     """(n,) heights in metres above the level of 1013.25 hPa by (n,) pressures in hPa; NaN where that is not above 0."""
     share = np.where(pressure_hpa > 0.0, pressure_hpa, np.nan) / _SEA_LEVEL_HPA
-    return np.asarray((1.0 - share ** (1.0 / _EXPONENT)) / _PER_M)
+    return np.asarray((1.0 - elementwise.power(share, 1.0 / _EXPONENT)) / _PER_M)
 
 
 def fix_errors(fix: Floats, fused: Floats, age_s: Floats) -> tuple[Floats, Floats]:
@@ -32,5 +33,7 @@ def fix_errors(fix: Floats, fused: Floats, age_s: Floats) -> tuple[Floats, Float
     course = np.radians(fix[:, 3] * 1e-2)
     speed = fix[:, 2] * 1e-2
     away = np.column_stack([east - velocity[:, 1] * age_s, north - velocity[:, 0] * age_s])
-    slip = np.column_stack([speed * np.sin(course) - velocity[:, 1], speed * np.cos(course) - velocity[:, 0]])
+    slip = np.column_stack(
+        [speed * elementwise.sin(course) - velocity[:, 1], speed * elementwise.cos(course) - velocity[:, 0]]
+    )
     return away, slip

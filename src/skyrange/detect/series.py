@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from skyrange.contracts.frames import Ints
 from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.plugins.form import state
+from skyrange.core import elementwise
 from skyrange.core.time import NS_PER_S
 from skyrange.detect.messages import read_messages
 
@@ -110,8 +111,8 @@ def grown(values: Floats, count: int, fill: float = 0.0) -> Floats:
 def offset_m(lat_0: Floats, lon_0: Floats, lat_1: Floats, lon_1: Floats) -> tuple[Floats, Floats]:
     """(east, north) in metres from the first points to the second, each (n,) in 1e-7 degrees, near each other."""
     angle = np.radians(lat_0 * 1e-7)
-    north = sum(part * np.cos(2 * order * angle) for order, part in enumerate(_NORTH_M))
-    east = sum(part * np.cos((2 * order + 1) * angle) for order, part in enumerate(_EAST_M))
+    north = sum(part * elementwise.cos(2 * order * angle) for order, part in enumerate(_NORTH_M))
+    east = sum(part * elementwise.cos((2 * order + 1) * angle) for order, part in enumerate(_EAST_M))
     around = (lon_1 - lon_0 + 1.8e9) % 3.6e9 - 1.8e9
     return around * 1e-7 * east, (lat_1 - lat_0) * 1e-7 * north
 
@@ -128,7 +129,7 @@ def step_errors(before: Floats, after: Floats, seconds: Floats) -> tuple[Floats,
     up = (after[:, 2] - before[:, 2]) * 1e-3
     flown = 0.5 * (before[:, 4:] + after[:, 4:]) * 1e-2 * seconds[:, None]
     errors = np.column_stack([east - flown[:, 1], north - flown[:, 0], up + flown[:, 2]])
-    return errors, np.hypot(STEP_M, CHANGE_MPS2 * seconds**2 / 12.0)
+    return errors, elementwise.hypot(STEP_M, CHANGE_MPS2 * (seconds * seconds) / 12.0)
 
 
 def rounds(places: Ints) -> list[Ints]:
@@ -161,7 +162,7 @@ class MovingMean:
         as none.
         """
         self._means = grown(self._means, int(places.max(initial=-1)) + 1, self._first)
-        weights = -np.expm1(-np.maximum(np.nan_to_num(seconds), 0.0) / self._seconds)
+        weights = -elementwise.expm1(-np.maximum(np.nan_to_num(seconds), 0.0) / self._seconds)
         means = np.empty(len(places))
         for rows in rounds(places):
             at = places[rows]

@@ -12,6 +12,7 @@ import numpy as np
 
 from skyrange.contracts.frames import Ints
 from skyrange.contracts.monitors import ObservedFrames
+from skyrange.core import elementwise
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.detect.messages import MessageHeads, name_message, read_heads
 from skyrange.detect.sensor_values import pressure_altitude_m
@@ -149,13 +150,15 @@ class WindowFeatures:
     def _read_motion(self, frames: ObservedFrames, count: int, features: dict[str, Floats]) -> None:
         steps = self._position.read(frames)
         errors, _ = step_errors(steps.before, steps.after, steps.seconds)
-        change = np.linalg.norm(steps.after[:, 4:] - steps.before[:, 4:], axis=1) * 1e-2
+        change = elementwise.length(steps.after[:, 4:] - steps.before[:, 4:]) * 1e-2
         with np.errstate(divide="ignore", invalid="ignore"):
             acceleration = np.where(steps.seconds > 0.0, change / steps.seconds, np.nan)
-        features["position_error_m"] = largest(steps.places, np.hypot(errors[:, 0], errors[:, 1]), count)
+        features["position_error_m"] = largest(steps.places, elementwise.hypot(errors[:, 0], errors[:, 1]), count)
         features["climb_error_m"] = largest(steps.places, np.abs(errors[:, 2]), count)
         features["acceleration_mps2"] = largest(steps.places, acceleration, count)
-        features["speed_mps"] = mean(steps.places, np.hypot(steps.after[:, 4], steps.after[:, 5]) * 1e-2, count)
+        features["speed_mps"] = mean(
+            steps.places, elementwise.hypot(steps.after[:, 4], steps.after[:, 5]) * 1e-2, count
+        )
         features["climb_mps"] = mean(steps.places, steps.after[:, 6] * -1e-2, count)
         features["clock_error_s"] = self._clock_error(steps, count)
         turns = self._attitude.read(frames)
@@ -173,14 +176,14 @@ class WindowFeatures:
         steps = self._fix.read(frames)
         east, north = offset_m(steps.before[:, 0], steps.before[:, 1], steps.after[:, 0], steps.after[:, 1])
         flown = 0.5 * (steps.before[:, 2] + steps.after[:, 2]) * 1e-2 * steps.seconds
-        features["fix_error_m"] = largest(steps.places, np.abs(np.hypot(east, north) - flown), count)
+        features["fix_error_m"] = largest(steps.places, np.abs(elementwise.hypot(east, north) - flown), count)
         features["fix_type"] = -largest(steps.places, -steps.after[:, 3], count)
         features["satellites"] = -largest(steps.places, -steps.after[:, 4], count)
         features["eph"] = largest(steps.places, steps.after[:, 5], count)
         fix, fused = self._fix.values, self._position.values
         east, north = offset_m(fix[:, 0], fix[:, 1], fused[:, 0], fused[:, 1])
         fresh = np.isfinite(features["fix_type"]) & np.isfinite(features["speed_mps"])
-        features["fix_offset_m"] = np.where(fresh, np.hypot(east, north), np.nan)
+        features["fix_offset_m"] = np.where(fresh, elementwise.hypot(east, north), np.nan)
 
     def _read_systems(self, frames: ObservedFrames, count: int, features: dict[str, Floats]) -> None:
         modes = self._mode.read(frames)

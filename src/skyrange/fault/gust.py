@@ -11,14 +11,16 @@ course. An aircraft that flies against it meets it sooner and faster.
 
 from __future__ import annotations
 
-from math import cos, inf, radians, sin
+from math import inf, radians
 
 import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.sensors import need_one
 from skyrange.contracts.components import Floats
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
+from skyrange.core.elementary import cos, sin
 
 
 @compiled
@@ -37,7 +39,7 @@ def find_shares(  # noqa: PLR0917
         into_m = way_m - (x * east + y * north)
         share[row] = rise_to(min(into_m, 2.0 * length_m + hold_m - into_m) / length_m)
         if radius_m < np.inf:
-            share[row] *= rise_to((radius_m + length_m - np.hypot(x, y)) / length_m)
+            share[row] *= rise_to((radius_m + length_m - elementary.hypot(x, y)) / length_m)
         felt = felt or share[row] > 0.0
     return felt
 
@@ -45,7 +47,7 @@ def find_shares(  # noqa: PLR0917
 @compiled
 def rise_to(part: float) -> float:
     """Half a cosine, from 0 at 0 to 1 at 1."""
-    return float(0.5 * (1.0 - np.cos(np.pi * min(max(part, 0.0), 1.0))))
+    return float(0.5 * (1.0 - elementary.cos(np.pi * min(max(part, 0.0), 1.0))))
 
 
 @sky.fault(

@@ -18,6 +18,7 @@ from skyrange.contracts.components import Tap
 from skyrange.contracts.frames import Fate, Frame, FrameBlock
 from skyrange.contracts.links import Channel, LinkSpec, OpenChannel, OwnRadio, Route, Uniforms, VariableChannel
 from skyrange.contracts.mailboxes import Arrival, Inbox
+from skyrange.core import elementary
 from skyrange.core.chance import Chance
 from skyrange.core.ids import FrameId, Port, hash64
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
@@ -105,7 +106,7 @@ class ChannelState:
         if uniform >= loss:
             return 0
         # `uniform` < loss**n exactly when n attempts in a row were lost: one draw serves all of them
-        losses = 64 if loss >= 1.0 or uniform <= 0.0 else min(64, int(math.log(uniform) / math.log(loss)))
+        losses = 64 if loss >= 1.0 or uniform <= 0.0 else min(64, int(elementary.log(uniform) / elementary.log(loss)))
         timeout = max(RETRANSMIT_MIN_NS, 2 * self.spec.latency_ns)
         total = 0
         for _ in range(losses):

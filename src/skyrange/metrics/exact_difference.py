@@ -121,9 +121,7 @@ class Difference:
         lines += [_apart(vehicle, *distance) for vehicle, distance in self.apart.items() if distance[0] > 0.0]
         lines += [f"outcome of {vehicle}: {_outcome(a)} | {_outcome(b)}" for vehicle, (a, b) in self.outcomes.items()]
         if self.numeric[0] != self.numeric[1]:
-            lines.append(
-                f"numeric platforms differ: {self.numeric[0]} | {self.numeric[1]}; only events compare exactly"
-            )
+            lines.append(f"numeric platforms differ: {self.numeric[0]} | {self.numeric[1]}")
         return "\n".join(lines)
 
     def _describe_uncompared(self, table: str, why: str) -> str:

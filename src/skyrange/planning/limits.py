@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from skyrange.core import elementary_python
 
 CLIMB_MPS: Final = 2.5
 SINK_MPS: Final = 1.5
@@ -42,7 +43,7 @@ class Costs:
         """How long the flight takes."""
         rise_m = end[2] - start[2]
         tall_s = rise_m / CLIMB_MPS if rise_m > 0.0 else -rise_m / SINK_MPS
-        return max(math.hypot(end[0] - start[0], end[1] - start[1]) / self.speed_mps, tall_s)
+        return max(elementary_python.hypot(end[0] - start[0], end[1] - start[1]) / self.speed_mps, tall_s)
 
     def least(self, start: Sequence[float], end: Sequence[float]) -> float:
         """About what the flight costs at least, whatever way it takes: a descent in still air takes little power."""
@@ -54,7 +55,7 @@ class Costs:
         if self.power_w is None:
             return np.array([self.speed_mps] * len(COMPASS) + [CLIMB_MPS, SINK_MPS])
         ways = [(east, north, 0.0) for north, east in COMPASS] + [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0)]
-        return np.array([math.hypot(*move) / self.of((0.0, 0.0, 0.0), move) for move in ways])
+        return np.array([elementary_python.hypot3(*move) / self.of((0.0, 0.0, 0.0), move) for move in ways])
 
 
 Place = tuple[float, float]

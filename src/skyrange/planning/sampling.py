@@ -7,12 +7,12 @@ fixes its chance, so that equal questions have equal answers.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
 
 from skyrange.city.city import City
+from skyrange.core import elementary_python
 from skyrange.core.errors import InputError
 from skyrange.core.extras import describe_install
 from skyrange.planning.limits import AROUND_M, Costs, Limits, NoRouteError, Place
@@ -81,7 +81,7 @@ def _search(city: City, ends: list[Point3], limits: Limits, sampling: Sampling) 
     ompl.util.setLogLevel(ompl.util.LogLevel.LOG_NONE)
     ompl.util.RNG.setSeed(sampling.seed % (2**32 - 1) + 1)  # 0 is not a seed; what is made from here on follows from it
 
-    share = _INFORMED * min(math.dist(*ends) / _SHORT_M, 1.0)
+    share = _INFORMED * min(elementary_python.distance(*ends) / _SHORT_M, 1.0)
 
     class Clear(base.MotionValidator):  # type: ignore[misc, name-defined]
         """Straight flights that keep the clearance."""

@@ -35,6 +35,7 @@ from skyrange.codec.f3411 import SIZE
 from skyrange.codec.remote_id import ble, wifi
 from skyrange.codec.remote_id.link_payload import RidFrame, RidHeader, Transport
 from skyrange.contracts.medium import Waveform
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_US, Time
 
@@ -83,17 +84,17 @@ def frame_bits(waveform: int, size_bytes: int) -> int:
 def bit_error(waveform: int, snir: float) -> float:
     """The probability 0…0.5 that a bit is wrong after decoding; `snir` is a ratio of powers."""
     if waveform == DSSS:
-        return 0.5 * math.exp(-22.0 * snir)
+        return 0.5 * elementary.exp(-22.0 * snir)
     if waveform == BLE:
-        return 0.5 * math.exp(-0.5 * snir)
+        return 0.5 * elementary.exp(-0.5 * snir)
     if waveform == OFDM:
-        p = 0.5 * math.erfc(math.sqrt(snir))
+        p = 0.5 * elementary.erfc(math.sqrt(snir))
         d2 = 4.0 * p * (1.0 - p)
         bound = 134365911.0
         for weight in (21292910.0, 3322763.0, 502690.0, 77433.0, 11633.0, 1404.0, 211.0, 36.0):
             bound = bound * d2 + weight
         return min(0.5 * bound * d2 * d2 * d2 * d2 * d2, 0.5)
-    p = 0.5 * math.exp(-2.0 * snir)
+    p = 0.5 * elementary.exp(-2.0 * snir)
     d = math.sqrt(4.0 * p * (1.0 - p))
     bound = 2069.0
     for weight in (836.0, 333.0, 130.0, 49.0, 18.0, 7.0, 2.0):
@@ -104,13 +105,13 @@ def bit_error(waveform: int, snir: float) -> float:
 @compiled
 def bits_success_probability(waveform: int, snir: float, bits: float) -> float:
     """The probability that all of `bits` are right (a share of a frame has a fractional number of bits)."""
-    return math.exp(bits * math.log1p(-bit_error(waveform, snir)))
+    return elementary.exp(bits * elementary.log1p(-bit_error(waveform, snir)))
 
 
 def packet_error(waveform: Waveform, snir_db: float, size_bytes: int) -> float:
     """The probability that a frame of `size_bytes` is lost at a constant `snir_db`."""
     return 1.0 - bits_success_probability(
-        int(waveform), 10.0 ** (snir_db / 10.0), float(frame_bits(int(waveform), size_bytes))
+        int(waveform), elementary.exp10(snir_db / 10.0), float(frame_bits(int(waveform), size_bytes))
     )
 
 

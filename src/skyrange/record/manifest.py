@@ -31,8 +31,8 @@ _PACKAGES = ("skyrange", "numpy", "numba", "pyarrow", "pymavlink")
 def describe_platform() -> dict[str, Any]:
     """What produced the run: the manifest's `skyrange`, `versions` and `platform`.
 
-    `platform.numeric` names everything that exact digests may depend on: the digests `frames` and `truth` of two runs
-    are comparable only if it is the same.
+    `platform.numeric` names the processor and the numeric libraries, on which no digest of the builtin engines should
+    depend.
     """
     from llvmlite import binding  # type: ignore[import-untyped]  # numba's compiler, which knows the CPU
 

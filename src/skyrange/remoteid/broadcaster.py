@@ -42,6 +42,7 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.remote_id.link_payload import ANY_CHANNEL, NO_RSSI, Transport
 from skyrange.codec.remote_id.link_payload import pack_rows as link_rows
 from skyrange.contracts.frames import Ints, Payloads
+from skyrange.core import elementary
 from skyrange.core.chance import Chance
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
@@ -354,7 +355,7 @@ def _location_values(beliefs: Any, utc: Ints, now: int, numbers: NDArray[np.floa
         speed = math.sqrt(row.vel_e * row.vel_e + row.vel_n * row.vel_n)
         numbers[5, i], numbers[6, i] = speed, -row.vel_d
         if speed >= 0.125:  # half a step of the speed: no course at rest
-            degrees = math.atan2(row.vel_e, row.vel_n) * (180.0 / math.pi)
+            degrees = elementary.atan2(row.vel_e, row.vel_n) * (180.0 / math.pi)
             numbers[7, i] = degrees + 360.0 if degrees < 0.0 else degrees
         if utc[i] >= 0:
             numbers[8, i] = (utc[i] % 3_600_000_000) * 1e-6

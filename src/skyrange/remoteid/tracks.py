@@ -20,6 +20,7 @@ from skyrange.codec.f3411.columns import LocationColumns
 from skyrange.codec.remote_id.link_payload import RidColumns
 from skyrange.contracts.frames import Ints
 from skyrange.contracts.references import NO_REF
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time, from_seconds
@@ -178,7 +179,7 @@ def _update_tracks(rows: Any, used: Ints, counts: Ints, stale_ns: int, heard: _B
             row.east, row.north, row.up = place[i, 0], place[i, 1], place[i, 2]
             row.ve = row.vn = 0.0  # an aircraft at rest has no course
             if place[i, 3] != 0.0:
-                row.ve, row.vn = place[i, 3] * math.sin(place[i, 4]), place[i, 3] * math.cos(place[i, 4])
+                row.ve, row.vn = place[i, 3] * elementary.sin(place[i, 4]), place[i, 3] * elementary.cos(place[i, 4])
             row.vu = place[i, 5]
             row.status = status[i]
             row.is_impossible = 1 if odd[i] else 0

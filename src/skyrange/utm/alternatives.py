@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 import shapely
 
+from skyrange.core import elementary_python
 from skyrange.core.geodesy import longitude_near, unwrap_outline, wrap_longitude
 from skyrange.core.time import Time, from_seconds, to_seconds
 from skyrange.core.volumes import Volume4D
@@ -94,7 +95,7 @@ def reach(volumes: Sequence[Volume4D], limits: Limits) -> Volume4D:
     lats, lngs = zip(*(corner for outline in _unwrapped(volumes) for corner in outline), strict=True)
     aside_deg = (max(map(abs, limits.aside_m), default=0.0) + 1.0) / _M_PER_DEG
     south, north = max(min(lats) - aside_deg, -90.0), min(max(lats) + aside_deg, 90.0)
-    wide_deg = aside_deg / max(math.cos(math.radians(max(abs(south), abs(north)))), 1e-6)
+    wide_deg = aside_deg / max(elementary_python.cos(math.radians(max(abs(south), abs(north)))), 1e-6)
     west, east = min(lngs) - wide_deg, max(lngs) + wide_deg
     if east - west < 180.0:
         west, east = wrap_longitude(west), wrap_longitude(east)
@@ -144,7 +145,10 @@ def _changes(volumes: Sequence[Volume4D], limits: Limits) -> Iterator[_Change]:
 
 
 def _cost_s(change: _Change) -> float:
-    return 2.0 * abs(change.climb_m) / _CLIMB_MPS + 2.0 * math.hypot(change.east_m, change.north_m) / _SPEED_MPS
+    return (
+        2.0 * abs(change.climb_m) / _CLIMB_MPS
+        + 2.0 * elementary_python.hypot(change.east_m, change.north_m) / _SPEED_MPS
+    )
 
 
 def _changed(volumes: Sequence[Volume4D], change: _Change, scales: Sequence[Sequence[float]]) -> tuple[Volume4D, ...]:
@@ -156,7 +160,7 @@ def _changed(volumes: Sequence[Volume4D], change: _Change, scales: Sequence[Sequ
 
 def _scales_of(volumes: Sequence[Volume4D]) -> list[list[float]]:
     """By how much a degree of longitude is shorter at each corner than at the equator."""
-    return [[max(math.cos(math.radians(lat)), 1e-6) for lat, _ in volume.outline] for volume in volumes]
+    return [[max(elementary_python.cos(math.radians(lat)), 1e-6) for lat, _ in volume.outline] for volume in volumes]
 
 
 def _raised(volume: Volume4D, climb_m: float, ground_m: float) -> Volume4D:
@@ -175,7 +179,7 @@ def _shifted(
 ) -> tuple[Volume4D, ...]:
     """The volumes beside; those at the ground stay, and their neighbours reach from the old place to the new one."""
     at_ground = [volume.lower_m <= ground_m + _GROUND_M for volume in volumes]
-    spare_ns = from_seconds(_SPARE_S_PER_M * math.hypot(east_m, north_m))
+    spare_ns = from_seconds(_SPARE_S_PER_M * elementary_python.hypot(east_m, north_m))
     shifted = []
     for place, volume in enumerate(volumes):
         outline = volume.outline
@@ -208,10 +212,10 @@ def _hull(corners: Outline) -> Outline:
 def _right_of(volumes: Sequence[Volume4D]) -> tuple[float, float]:
     """The direction (east, north) to the right of the way from the first volume to the farthest one."""
     lat, lng = _middle(volumes[0])
-    scale = math.cos(math.radians(lat))
+    scale = elementary_python.cos(math.radians(lat))
     ways = [((longitude_near(point[1], lng) - lng) * scale, point[0] - lat) for point in map(_middle, volumes)]
-    east, north = max(ways, key=lambda direction: math.hypot(*direction))
-    length = math.hypot(east, north)
+    east, north = max(ways, key=lambda direction: elementary_python.hypot(*direction))
+    length = elementary_python.hypot(east, north)
     return (north / length, -east / length) if length > 1e-9 else (1.0, 0.0)
 
 

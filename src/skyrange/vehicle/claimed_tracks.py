@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import atan2
 from typing import Final, Literal
 
 import numpy as np
@@ -18,6 +17,8 @@ from skyrange.contracts.claims import ClaimedTrack
 from skyrange.contracts.components import EngineBase, Finished, Poses, Sensors, Source
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.core import elementwise
+from skyrange.core.elementary import atan2
 from skyrange.core.ids import Port, qualify
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world.airframes import MOTORS
@@ -65,7 +66,9 @@ class ClaimedTracks(EngineBase):
         velocity = np.array([body.track.velocity_mps for body in bodies], dtype=np.float64).reshape(n, 3)
         half_yaw = np.array([0.5 * atan2(north, east) for east, north, _ in velocity.tolist()])
         self._velocity = velocity
-        self._attitude = np.column_stack([np.cos(half_yaw), np.zeros(n), np.zeros(n), np.sin(half_yaw)])
+        self._attitude = np.column_stack(
+            [elementwise.cos(half_yaw), np.zeros(n), np.zeros(n), elementwise.sin(half_yaw)]
+        )
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
         """It senses nothing."""

@@ -24,6 +24,7 @@ from typing import Final
 
 from skyrange.codec.mavlink import Message, decode, dialect, message_id
 from skyrange.codec.mavlink.flight_modes import mode_name
+from skyrange.core import elementary, elementary_python
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
@@ -331,11 +332,11 @@ class EventDetector:
         if before is None or not self.flags & POSITION_VALID_FLAG:
             return
         north = (lat - before[1]) * _DEGREE_M
-        east = (lon - before[2]) * _DEGREE_M * math.cos(math.radians(lat))
+        east = (lon - before[2]) * _DEGREE_M * elementary.cos(math.radians(lat))
         seconds = (now - before[0]) / NS_PER_S
         jump = [
             moved_m - 0.5 * seconds * (speed + was)
             for moved_m, speed, was in zip((north, east, up - before[3]), velocity, before[4:], strict=True)
         ]
-        if math.hypot(*jump) >= JUMP_M:
+        if elementary_python.distance(jump, (0.0,) * len(jump)) >= JUMP_M:
             yield "event.estimator", {"reset": "position", "east_m": jump[1], "north_m": jump[0], "up_m": jump[2]}

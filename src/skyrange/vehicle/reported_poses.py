@@ -20,6 +20,7 @@ import numpy as np
 
 from skyrange.codec.mavlink import Message
 from skyrange.contracts.components import Floats, Poses
+from skyrange.core import elementary, elementary_python
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
 
@@ -41,7 +42,7 @@ class ReportedState(NamedTuple):
     def is_valid(self) -> bool:
         """Whether all values are finite and the quaternion has unit length."""
         return all(map(math.isfinite, (*self[0], *self[1], *self[2], *self[3]))) and (
-            abs(math.hypot(*self.attitude) - 1.0) < 0.01
+            abs(elementary_python.distance(self.attitude, (0.0,) * 4) - 1.0) < 0.01
         )
 
 
@@ -147,9 +148,9 @@ class PositionReports:
 
 def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
     """w, x, y, z from forward-left-up to east-north-up, of angles from forward-right-down to north-east-down."""
-    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
-    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
-    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    cr, sr = elementary.cos(roll / 2), elementary.sin(roll / 2)
+    cp, sp = elementary.cos(pitch / 2), elementary.sin(pitch / 2)
+    cy, sy = elementary.cos(yaw / 2), elementary.sin(yaw / 2)
     w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
     y, z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
     return (

@@ -15,6 +15,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from skyrange.core import elementary_python
+
 GRAVITY_MPS2 = 9.80665
 """Standard gravity (ISO 80000-3; ArduPilot's GRAVITY_MSS)."""
 AIR_DENSITY_KGM3 = 1.225
@@ -88,12 +90,12 @@ class Airframe:
     @property
     def arm_m(self) -> float:
         """From the centre to the farthest rotor."""
-        return max(math.hypot(rotor.forward_m, rotor.left_m) for rotor in self.rotors)
+        return max(elementary_python.hypot(rotor.forward_m, rotor.left_m) for rotor in self.rotors)
 
     @property
     def max_thrust_n(self) -> float:
         """Thrust of all rotors at full speed."""
-        return len(self.rotors) * self.thrust_ns2 * self.rotor_max_radps**2
+        return len(self.rotors) * self.thrust_ns2 * (self.rotor_max_radps * self.rotor_max_radps)
 
     @property
     def hover_thrust(self) -> float:
@@ -110,7 +112,7 @@ class Airframe:
         """Tilt on the ground beyond which the aircraft tips over, because the centre of gravity leaves the gear's
         base.
         """
-        return math.atan2(self.gear_half_track_m, self.cg_height_m)
+        return elementary_python.atan2(self.gear_half_track_m, self.cg_height_m)
 
     def thrust_for(self, east_mps: float, north_mps: float, up_mps: float) -> float:
         """Thrust in newtons that keeps this velocity through the air steady: weight plus drag.
@@ -118,10 +120,10 @@ class Airframe:
         The drag is that of `multirotor`: of the body, ½·ρ·area·|v|·v, and of the rotors, linear in v, here at full
         speed and along the whole of v, so the result is an upper bound.
         """
-        speed = math.sqrt(east_mps**2 + north_mps**2 + up_mps**2)
+        speed = math.sqrt((east_mps * east_mps) + (north_mps * north_mps) + (up_mps * up_mps))
         rotors = len(self.rotors) * self.rotor_drag_ns2 * self.rotor_max_radps
         drag = 0.5 * AIR_DENSITY_KGM3 * self.drag_area_m2 * speed + rotors
-        return math.hypot(drag * east_mps, drag * north_mps, self.mass_kg * GRAVITY_MPS2 + drag * up_mps)
+        return elementary_python.hypot3(drag * east_mps, drag * north_mps, self.mass_kg * GRAVITY_MPS2 + drag * up_mps)
 
     def power_for(self, east_mps: float, north_mps: float, up_mps: float) -> float:
         """Power in watts that the battery gives while this velocity through the air is kept steady.
@@ -130,13 +132,15 @@ class Airframe:
         efficiency of the drive, and what the avionics take. Weight and the drag of the body are held by the thrust and,
         at right angles to it, by the drag of the rotors, here for all of the level velocity.
         """
-        flat_mps = math.hypot(east_mps, north_mps)
-        drag = 0.5 * AIR_DENSITY_KGM3 * self.drag_area_m2 * math.hypot(flat_mps, up_mps)
-        held_n2 = (drag * flat_mps) ** 2 + (self.mass_kg * GRAVITY_MPS2 + drag * up_mps) ** 2
+        flat_mps = elementary_python.hypot(east_mps, north_mps)
+        drag = 0.5 * AIR_DENSITY_KGM3 * self.drag_area_m2 * elementary_python.hypot(flat_mps, up_mps)
+        held_n2 = elementary_python.square(drag * flat_mps) + elementary_python.square(
+            self.mass_kg * GRAVITY_MPS2 + drag * up_mps
+        )
         rotor_radps, thrust_n = 0.0, 0.0
         for _ in range(_POWER_ROUNDS):
             rotors_n = len(self.rotors) * self.rotor_drag_ns2 * rotor_radps * flat_mps
-            thrust_n = math.sqrt(max(held_n2 - rotors_n**2, 0.0))
+            thrust_n = math.sqrt(max(held_n2 - (rotors_n * rotors_n), 0.0))
             rotor_radps = math.sqrt(thrust_n / (len(self.rotors) * self.thrust_ns2))
         return thrust_n * self.torque_arm_m * rotor_radps / self.drive_efficiency + self.avionics_w
 
@@ -145,7 +149,7 @@ class Airframe:
         expo = self.thrust_expo
         if expo == 0.0:
             return thrust
-        return (math.sqrt((1.0 - expo) ** 2 + 4.0 * expo * thrust) - (1.0 - expo)) / (2.0 * expo)
+        return (math.sqrt(elementary_python.square(1.0 - expo) + 4.0 * expo * thrust) - (1.0 - expo)) / (2.0 * expo)
 
 
 _DRIVE_EFFICIENCY = 0.8

@@ -32,6 +32,7 @@ import math
 
 import numpy as np
 
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled, inlined
 from skyrange.world.airframes import AIR_DENSITY_KGM3, GRAVITY_MPS2, MOTORS, Airframe
 from skyrange.world.body_state import BodyArrays, BodyState, Floats, Marks
@@ -72,7 +73,7 @@ def motor_rows(airframe: Airframe, step_s: float) -> tuple[float, float, float]:
     """What `spin_rotors` reads of a motor: thrust curve, and the lag's share per quantum of `step_s`, speeding up and
     slowing down.
     """
-    up, down = -math.expm1(-step_s / airframe.tau_up_s), -math.expm1(-step_s / airframe.tau_down_s)
+    up, down = -elementary.expm1(-step_s / airframe.tau_up_s), -elementary.expm1(-step_s / airframe.tau_down_s)
     return airframe.thrust_expo, up, down
 
 
@@ -88,9 +89,9 @@ def parameter_row(airframe: Airframe) -> list[float]:
         airframe.rotor_drag_ns2,
         0.5 * AIR_DENSITY_KGM3 * airframe.drag_area_m2,
         airframe.gear_half_track_m,
-        math.cos(airframe.tip_angle_rad),
+        elementary.cos(airframe.tip_angle_rad),
         airframe.friction,
-        0.5 * AIR_DENSITY_KGM3 * airframe.drag_area_m2 * airframe.arm_m**3,
+        0.5 * AIR_DENSITY_KGM3 * airframe.drag_area_m2 * (airframe.arm_m * airframe.arm_m * airframe.arm_m),
         *(rotor.left_m for rotor in airframe.rotors),
         *(rotor.forward_m for rotor in airframe.rotors),
         *(rotor.spin for rotor in airframe.rotors),

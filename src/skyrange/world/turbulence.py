@@ -34,6 +34,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.core import elementary
 from skyrange.core.chance import philox
 from skyrange.core.compiled import compiled
 
@@ -61,7 +62,7 @@ def scales(height_m: float, w20_mps: float) -> tuple[float, float, float, float]
     """σ_u = σ_v and σ_w in m/s, L_u = L_v and L_w in metres, at a height above the ground."""
     feet = min(max(height_m * _FEET, _LOWEST_FT), _HIGHEST_FT)
     base = 0.177 + 0.000823 * feet
-    stretch = base**0.4
+    stretch = elementary.power(base, 0.4)
     sigma_w = 0.1 * w20_mps
     return sigma_w / stretch, sigma_w, feet / (stretch * stretch * stretch * _FEET), feet / _FEET
 
@@ -69,9 +70,9 @@ def scales(height_m: float, w20_mps: float) -> tuple[float, float, float, float]
 @compiled
 def _normal_pair(word: np.uint64) -> tuple[float, float]:
     """Two independent standard normals from one random word (Box & Muller 1958), within 6.7 sigma."""
-    radius = math.sqrt(-2.0 * math.log(((word >> _32) + 1.0) * _UNIT))
+    radius = math.sqrt(-2.0 * elementary.log(((word >> _32) + 1.0) * _UNIT))
     angle = 2.0 * math.pi * ((word & _LOW) * _UNIT)
-    return radius * math.cos(angle), radius * math.sin(angle)
+    return radius * elementary.cos(angle), radius * elementary.sin(angle)
 
 
 @compiled
@@ -82,7 +83,7 @@ def _step_chain(first: float, second: float, a: float, d: float, n1: float, n2: 
     not preserve is the noise of the step, here by its Cholesky factor.
     """
     aa = a * a
-    q11 = -math.expm1(-2.0 * d)
+    q11 = -elementary.expm1(-2.0 * d)
     q12 = 0.5 - aa * (d + 0.5)
     q22 = 0.5 - aa * (0.5 + d + d * d)
     l11 = math.sqrt(q11)
@@ -133,11 +134,11 @@ def gust(when: np.uint64, step_s: float, gusts: Gusts, velocity: Floats, height:
             uu = velocity[i, 2] - steady_enu_mps[2]
             speed = max(math.sqrt(ue * ue + un * un + uu * uu), sigma)
             d = step_s * speed / length
-            a = math.exp(-d)
-            s[0] = a * s[0] + math.sqrt(-math.expm1(-2.0 * d)) * n0
+            a = elementary.exp(-d)
+            s[0] = a * s[0] + math.sqrt(-elementary.expm1(-2.0 * d)) * n0
             s[1], s[2] = _step_chain(s[1], s[2], a, d, n1, n2)
             d = step_s * speed / length_w
-            s[3], s[4] = _step_chain(s[3], s[4], math.exp(-d), d, n3, n4)
+            s[3], s[4] = _step_chain(s[3], s[4], elementary.exp(-d), d, n3, n4)
         # (1 + √3·T·s) applied to the second state of the chain has variance 2
         u = sigma * s[0]
         v = sigma * _PER_ROOT2 * (_ROOT3 * s[1] + (1.0 - _ROOT3) * s[2])

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from skyrange.contracts.components import BodyInputs, Contacts, Floats, Poses, Sensors, Source
 from skyrange.contracts.mailboxes import Note
+from skyrange.core import elementary_python
 from skyrange.core.arrays import as_read_only
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
@@ -151,7 +152,10 @@ class World:
         battery.discharge(0.0, state)
         for i, body in enumerate(bodies):
             half_yaw = 0.5 * math.radians(90.0 - body.heading_deg)
-            state.attitude[i, 0], state.attitude[i, 3] = math.cos(half_yaw), math.sin(half_yaw)
+            state.attitude[i, 0], state.attitude[i, 3] = (
+                elementary_python.cos(half_yaw),
+                elementary_python.sin(half_yaw),
+            )
             standing = body.up_m == state.floor[i]
             state.flags[i, multirotor.ON_GROUND if standing else multirotor.ALOFT] = 1
             state.accel[i, 2] = GRAVITY_MPS2 if standing else 0.0
@@ -326,7 +330,7 @@ class World:
                 notes.append((run, Note("event.contact", vehicle, {"speed_mps": speed})))
             if event & (multirotor.TIPPED | multirotor.BROKEN):
                 _, x, y, _ = self._bodies.attitude[i].tolist()
-                tilt = math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
+                tilt = math.degrees(elementary_python.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
                 notes.append((run, Note("event.crash", vehicle, {"tilt_deg": tilt, "speed_mps": speed})))
             if event & multirotor.JUMPED and not self._appearing[i]:
                 notes.append((run, Note("event.jump", vehicle, {"distance_m": float(self._imposed.jump_m[i])})))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import hypot
 from typing import Any, Final
 
 from skyrange.assembly.radio import uas_id_of
 from skyrange.attack.contract import Attack, Transmitter
 from skyrange.city.city import City
 from skyrange.contracts.claims import ClaimedTrack
+from skyrange.core.elementary_python import hypot3
 from skyrange.core.errors import Problem
 from skyrange.core.ids import owner_of, vehicle_id
 from skyrange.scenario.model.attacks import ActTable, AttackTable
@@ -73,10 +73,10 @@ def _find_unflyable(
     needed_n, most_n = airframe.thrust_for(east, north, up), airframe.max_thrust_n
     shown = f"[{', '.join(f'{v:g}' for v in claim.velocity_mps)}] m/s"
     if needed_n > most_n:
-        air = f"{hypot(east, north, up):.1f} m/s through the air need {needed_n:.1f} N of thrust"
+        air = f"{hypot3(east, north, up):.1f} m/s through the air need {needed_n:.1f} N of thrust"
         expected = f"a velocity that a real {name} can keep; {air}, and it has {most_n:.1f} N"
         yield Problem(f"{where}.velocity_mps", shown, expected, "Claim a lower speed, or compare without --honest.")
-    far_m = hypot(*claim.velocity_mps) * longest_s
+    far_m = hypot3(*claim.velocity_mps) * longest_s
     steps = min(max(int(far_m / STEP_M), 1), MAX_STEPS) if far_m else 0
     for step in range(steps + 1):
         seconds = longest_s * step / steps if steps else 0.0

@@ -9,7 +9,6 @@ a place are too near even if they are flown an hour apart.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from skyrange.assembly.placement.flight_plans import make_flight_plan
 from skyrange.city.city import City
+from skyrange.core import elementary_python
 from skyrange.core.errors import InputError, Problem
 from skyrange.gcs.plan.paths import Point
 from skyrange.gcs.plan.routes import enu_points
@@ -226,5 +226,5 @@ def _lattice() -> tuple[tuple[float, float], ...]:
     steps = [
         (i, j) for i in range(-count, count + 1) for j in range(-count, count + 1) if i * i + j * j <= count * count
     ]
-    steps.sort(key=lambda step: (step[0] ** 2 + step[1] ** 2, math.atan2(step[1], step[0])))
+    steps.sort(key=lambda step: ((step[0] * step[0]) + (step[1] * step[1]), elementary_python.atan2(step[1], step[0])))
     return tuple((i * STEP_M, j * STEP_M) for i, j in steps)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from skyrange.core import elementary_python
 from skyrange.core.ids import vehicle_id
 from skyrange.scenario.model.radio import Avoidance
 from skyrange.scenario.model.scenario import Scenario
@@ -53,7 +53,7 @@ def _aircraft(before: Scenario, after: Scenario) -> list[dict[str, Any]]:
             entry |= {
                 "nearest": names[other],
                 "nearest_m": round(distance_m, 3),
-                "declared_m": round(math.dist(old[place].tolist(), old[other].tolist()), 3),
+                "declared_m": round(elementary_python.distance(old[place].tolist(), old[other].tolist()), 3),
             }
             kept_m = max(protected_m[place], protected_m[other])
             entry |= {"protected_m": kept_m} if distance_m < kept_m else {}
@@ -76,7 +76,7 @@ def _starts(scenario: Scenario) -> NDArray[np.float64]:
 
 
 def _move(old: Any, new: Any) -> dict[str, Any]:
-    return {"from_enu_m": list(old), "to_enu_m": list(new), "moved_m": round(math.dist(old, new), 3)}
+    return {"from_enu_m": list(old), "to_enu_m": list(new), "moved_m": round(elementary_python.distance(old, new), 3)}
 
 
 def describe_placing(moves: Iterable[Mapping[str, Any]]) -> list[str]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from skyrange.city.city import City
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.core import elementary_python
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import vehicle_id
 from skyrange.gcs.plan.checks import check as check_plan
@@ -88,7 +89,7 @@ def _crowded(scenario: Scenario) -> Iterator[Problem]:
             column, row = math.floor(east_m / APART_M), math.floor(north_m / APART_M)
             around = [(column + i, row + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
             for name, other_east_m, other_north_m in (start for cell in around for start in cells.get(cell, ())):
-                if math.hypot(east_m - other_east_m, north_m - other_north_m) < APART_M:
+                if elementary_python.hypot(east_m - other_east_m, north_m - other_north_m) < APART_M:
                     yield Problem(
                         f"{spell_path(('operators', o, 'vehicles', v), scenario)}.start",
                         f"({east_m:g}, {north_m:g}) m",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import atan2, degrees, hypot
+from math import degrees
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 from skyrange.attack.bases.transmission import Transmission
@@ -35,6 +35,7 @@ from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.contracts.claims import ClaimedTrack
 from skyrange.contracts.params import Enu, Number
 from skyrange.contracts.plugins.form import param
+from skyrange.core.elementary import atan2, hypot
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Epoch, Time

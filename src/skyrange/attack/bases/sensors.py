@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
-from math import pi, sin
+from math import pi
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 import numpy as np
@@ -21,6 +21,7 @@ from skyrange.attack.params import Victims, check_vehicles
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.params import Enu, Number, refuse
 from skyrange.contracts.plugins.form import Kind, param, place_of, reads_fields, state
+from skyrange.core.elementary import sin
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 

@@ -6,7 +6,6 @@ and 20 times a second. It has nothing else: no truth.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from skyrange.codec.f3411 import BasicId, Location, MessagePack
 from skyrange.codec.f3411 import decode as decode_remote_id
 from skyrange.codec.mavlink import decode, dialect, message_id
 from skyrange.codec.remote_id import link_payload
+from skyrange.core import elementary_python
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import Time
@@ -146,4 +146,4 @@ class Knowledge:
             places = [self.by_broadcast[uas_id]] if uas_id in self.by_broadcast else []
         else:
             places = list(self.by_broadcast.values())
-        return any(math.dist(observed, place) <= within_m for observed in places)
+        return any(elementary_python.distance(observed, place) <= within_m for observed in places)

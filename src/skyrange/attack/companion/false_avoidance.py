@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import skyrange.plugin as sky
@@ -12,6 +11,7 @@ from skyrange.attack.contract import Place
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.contracts.frames import Frame
+from skyrange.core import elementary
 from skyrange.core.geodesy import Origin
 
 _READ = (mav.MAVLINK_MSG_ID_HEARTBEAT, mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
@@ -40,7 +40,7 @@ class OwnFlight:
             return
         east, north = self.origin.enu_of(message.lat * 1e-7, message.lon * 1e-7)
         self.position = (east, north, message.alt * 1e-3)
-        speed = math.hypot(message.vx, message.vy)
+        speed = elementary.hypot(message.vx, message.vy)
         if speed >= 100:  # cm/s
             self.course = (message.vy / speed, message.vx / speed)
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from math import hypot, inf
+from math import inf
 from typing import Literal
 
 import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.gnss.fixes import Rate, Shift
+from skyrange.core.elementary import hypot3
 
 GROWING, HELD, RETURNING, BACK = range(4)  # phases
 
@@ -36,7 +37,7 @@ class Drift(sky.FalseFixes):
             yield sky.Problem("largest_m", "missing", "the distance from which at_largest = 'return' goes back")
 
     def shift(self, seconds: sky.Floats) -> Shift:
-        rate, speed = np.array(self.rate_mps, dtype=np.float64), hypot(*self.rate_mps)
+        rate, speed = np.array(self.rate_mps, dtype=np.float64), hypot3(*self.rate_mps)
         turn_s = self.largest_m / speed if self.largest_m is not None and speed > 0.0 else inf
         phases = np.where(seconds < turn_s, GROWING, HELD)
         grown_s = np.minimum(seconds, turn_s)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, cos, inf, radians, sin
+from math import ceil, inf, radians
 from typing import Final
 
 import numpy as np
@@ -12,6 +12,7 @@ import skyrange.plugin as sky
 from skyrange.attack.bases.gnss.fixes import Shift
 from skyrange.attack.bases.gnss.innovation_model import FilterParameters, converged
 from skyrange.contracts.components import Floats, Ints
+from skyrange.core.elementary import cos, sin
 
 PULLING, CRUISING, STOPPING = range(1, 4)
 """Phases of a pull: velocity limited by a gate; at its greatest speed; at the end of its distance."""

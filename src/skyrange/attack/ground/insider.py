@@ -7,7 +7,6 @@ autopilot (POSITION_TARGET_GLOBAL_INT, NAV_CONTROLLER_OUTPUT) and Remote ID stay
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -30,6 +29,7 @@ from skyrange.attack.params import place_param
 from skyrange.attack.tapped_links import MESSAGE_NUMBERS, ends_of
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.core import elementary, elementary_python
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
 
@@ -147,7 +147,7 @@ class ShownFlight:
             east, north = self.origin.enu_of(fields["lat"] * 1e-7, fields["lon"] * 1e-7)
             self.place = (east, north, fields["alt"] * 1e-3 - self.origin.alt_msl_m)
             self.airborne = self.armed and fields["relative_alt"] * 1e-3 > _AIRBORNE_M
-            speed = math.hypot(fields["vx"], fields["vy"], fields["vz"]) * 1e-2
+            speed = elementary.hypot3(fields["vx"], fields["vy"], fields["vz"]) * 1e-2
             self.speed_mps = max(self.speed_mps, speed)
             self.since_ns = max(since_ns, 0)
             return
@@ -155,7 +155,7 @@ class ShownFlight:
         self.since_ns = since_ns
         self.position.rate_mps = STILL
         while left_m > 0 and self.airborne and (goal := self._goal()) is not None:
-            gap_m = math.dist(self.place, goal)
+            gap_m = elementary_python.distance(self.place, goal)
             if gap_m <= left_m:
                 left_m -= gap_m
                 self.place = goal

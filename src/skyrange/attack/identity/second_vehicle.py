@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import atan2, degrees, hypot
+from math import degrees
 from typing import Any, Final
 
 import skyrange.plugin as sky
@@ -15,6 +15,7 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.verdicts import Direction
+from skyrange.core.elementary import atan2, hypot
 from skyrange.core.geodesy import Origin
 
 HEARTBEAT: Final = int(mav.MAVLINK_MSG_ID_HEARTBEAT)

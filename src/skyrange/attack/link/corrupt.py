@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 
 import skyrange.plugin as sky
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.frames import CHECKSUM, HEADER_V1, HEADER_V2, LAYOUTS, MAGIC_V2, checksum
+from skyrange.core import elementary
 
 
 def flip_bits(payload: bytes, start: int, stop: int, rate: float, draw: Callable[[int], tuple[float, ...]]) -> bytes:
@@ -26,11 +26,11 @@ def _draw_flips(rate: float, bits: int, draw: Callable[[int], tuple[float, ...]]
     if rate >= 1.0:
         yield from range(bits)
         return
-    scale = 1.0 / math.log1p(-rate)
+    scale = 1.0 / elementary.log1p(-rate)
     bit, block = -1, 0
     while True:
         for uniform in draw(block):
-            gap = math.log1p(-uniform) * scale
+            gap = elementary.log1p(-uniform) * scale
             if bit + 1 + gap >= bits:
                 return
             bit += 1 + int(gap)

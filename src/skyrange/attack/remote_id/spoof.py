@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import cos, pi, sin, sqrt
+from math import pi, sqrt
 from typing import Annotated, Final, Literal
 
 from pydantic import Field
@@ -13,6 +13,7 @@ import skyrange.plugin as sky
 from skyrange.attack.bases.remote_id import ForgedRemoteId
 from skyrange.attack.contract import ORACLE
 from skyrange.attack.radio import check_vehicle
+from skyrange.core.elementary import cos, sin
 
 STREAM: Final = "attack.swarm"
 """Name of the random stream that places the ghosts of a swarm."""

@@ -13,6 +13,7 @@ import skyrange.plugin as sky
 from skyrange.attack.bases.sensors import SampleDetector
 from skyrange.contracts.components import Floats
 from skyrange.contracts.params import items
+from skyrange.core import elementwise
 from skyrange.core.ids import hash64
 
 Words = NDArray[np.int64]
@@ -60,9 +61,9 @@ BAROMETER: Final = Register(24, HIGHEST_PA, LOWEST_PA)
 
 def flip_height(heights_m: Floats, masks: Words) -> Floats:
     """Heights by a barometer, in the standard atmosphere from sea level up, with bits of the pressure flipped."""
-    pressure = SEA_LEVEL_PA * np.clip(1.0 - heights_m / SCALE_M, 0.0, None) ** EXPONENT
+    pressure = SEA_LEVEL_PA * elementwise.power(np.clip(1.0 - heights_m / SCALE_M, 0.0, None), EXPONENT)
     flipped = BAROMETER.flip(pressure, masks)
-    return np.where(masks == 0, heights_m, SCALE_M * (1.0 - (flipped / SEA_LEVEL_PA) ** (1.0 / EXPONENT)))
+    return np.where(masks == 0, heights_m, SCALE_M * (1.0 - elementwise.power(flipped / SEA_LEVEL_PA, 1.0 / EXPONENT)))
 
 
 _STREAM: Final = "attack.sensor_bus"

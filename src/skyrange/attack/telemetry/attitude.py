@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from math import asin, atan2, cos, pi, radians, sin
+from math import pi, radians
 from typing import Annotated, Final
 
 from pydantic import Field
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.message_fields import Fields, put
+from skyrange.core.elementary import asin, atan2, cos, sin
 
 ATTITUDE_MESSAGES: Final = ("ATTITUDE", "ATTITUDE_QUATERNION", "AHRS2", "VFR_HUD", "GLOBAL_POSITION_INT")
 """All messages that tell an attitude or a heading, by name."""

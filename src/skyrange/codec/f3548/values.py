@@ -10,6 +10,7 @@ from typing import Any, Final, Self
 import shapely
 from uas_standards.astm.f3548.v21.api import OperationalIntentState, UssAvailabilityState
 
+from skyrange.core import elementary_python
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import unwrap_outline, wrap_longitude
 from skyrange.core.time import Epoch, Time
@@ -211,10 +212,13 @@ def _circle(circle: Mapping[str, Any], where: str) -> tuple[tuple[float, float],
     if center is None or radius is None or not 0.0 < radius["value"] <= _MAX_RADIUS_M:
         raise DecodeError(f"{where}: a circle needs a center, and a radius of at most {_MAX_RADIUS_M} m")
     ((lat, lng),) = _vertices([center], where)
-    across_deg = math.degrees(radius["value"] / math.cos(math.pi / _CORNERS) / _EARTH_M) * 1.01
-    scale = max(math.cos(math.radians(lat)), 1e-6)
+    across_deg = math.degrees(radius["value"] / elementary_python.cos(math.pi / _CORNERS) / _EARTH_M) * 1.01
+    scale = max(elementary_python.cos(math.radians(lat)), 1e-6)
     turns = [2.0 * math.pi * corner / _CORNERS for corner in range(_CORNERS)]
-    ring = [(lat + across_deg * math.sin(turn), lng + across_deg * math.cos(turn) / scale) for turn in turns]
+    ring = [
+        (lat + across_deg * elementary_python.sin(turn), lng + across_deg * elementary_python.cos(turn) / scale)
+        for turn in turns
+    ]
     return tuple((min(max(a, -90.0), 90.0), wrap_longitude(b)) for a, b in ring)
 
 

@@ -21,7 +21,7 @@ test of Wald (1945) with the maximum over P (universal inference: Wasserman, Ram
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import exp, floor, log, log10, pi, sqrt
+from math import floor, pi, sqrt
 from typing import Annotated, Any, Final, Protocol
 
 import numpy as np
@@ -31,7 +31,9 @@ from pydantic import AfterValidator, BeforeValidator
 
 import skyrange.plugin as sky
 from skyrange.city.city import City
+from skyrange.core import elementary, elementary_python, elementwise
 from skyrange.core.chance import Chance
+from skyrange.core.elementary import exp, log, log10
 from skyrange.core.ids import hash64
 from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.receptions import Place
@@ -47,7 +49,7 @@ _LEAST_M: Final = 0.5
 FREQUENCY_MHZ: Final = 2437.0
 """Wi-Fi channel 6; Bluetooth at 2.402 to 2.480 GHz differs by 0.15 dB at most."""
 WAVELENGTH_M: Final = _LIGHT_MPS / (FREQUENCY_MHZ * 1e6)
-_CONSTANT_DB: Final = 20.0 * log10(4.0 * pi / WAVELENGTH_M)
+_CONSTANT_DB: Final = 20.0 * elementary_python.log10(4.0 * pi / WAVELENGTH_M)
 _RADII_M: Final = (20.0, 40.0, 80.0, 160.0, 320.0, 640.0)
 _BEARINGS: Final = 12
 _HEIGHT_M: Final = 2.0
@@ -73,7 +75,7 @@ class AssumedChannel:
     @property
     def fading_db(self) -> float:
         """Standard deviation of the power of one broadcast, in dB, to first order."""
-        k: float = 10.0 ** (0.1 * self.rician_k_db)
+        k: float = elementary.exp10(0.1 * self.rician_k_db)
         return 10.0 / log(10.0) * sqrt(1.0 + 2.0 * k) / (1.0 + k)
 
     @property
@@ -101,7 +103,7 @@ def shadowing_db(lower_m: float) -> float:
 
 def distance_m(a: Place, b: Place) -> float:
     """Distance of two places."""
-    return sqrt(sum((x - y) ** 2 for x, y in zip(a, b, strict=True)))
+    return elementary_python.distance(a, b)
 
 
 @dataclass(slots=True)
@@ -130,7 +132,10 @@ class _Cell:
     def variance(self) -> float:
         """Of the mean, in dB²."""
         lower_m = min(self.receiver[2], self.claimed[2])
-        return self.channel.shadowing_db(lower_m) ** 2 + self.channel.fading_db**2 / self.count
+        return (
+            elementary_python.square(self.channel.shadowing_db(lower_m))
+            + (self.channel.fading_db * self.channel.fading_db) / self.count
+        )
 
 
 def _mix(mean: Place, new: Place, share: float) -> Place:
@@ -184,7 +189,7 @@ class StrengthTest:
         best = min(max(mean / weight, low), high)
         null = -0.5 * (square - 2.0 * best * mean + best * best * weight + logs)
         top = float(self._other.max())
-        return top + log(float(np.exp(self._other - top).mean())) - null
+        return top + log(float(elementwise.exp(self._other - top).mean())) - null
 
     @property
     def power_dbm(self) -> float:
@@ -206,10 +211,10 @@ class StrengthTest:
             self._sums[place] += sign * term
         away = self._places - np.array(cell.receiver)
         distance = np.maximum(np.sqrt((away * away).sum(axis=1)), _LEAST_M)
-        implied = cell.strength_dbm + _CONSTANT_DB + 20.0 * np.log10(distance)
+        implied = cell.strength_dbm + _CONSTANT_DB + 20.0 * elementwise.log10(distance)
         illegal = power - self.legal_dbm[1] - np.array(_EXCESS_DB)
         error = np.concatenate((illegal, (implied[:, None] - _POWERS_DBM[None, :]).ravel()))
-        spread = variance + _COARSENESS_DB**2
+        spread = variance + (_COARSENESS_DB * _COARSENESS_DB)
         self._other += sign * -0.5 * (error * error / spread + log(spread))
 
 
@@ -217,8 +222,8 @@ def _grid(centre: Place) -> Floats:
     """Places of transmitters: on circles around where the sender was first heard, and there."""
     bearing = np.arange(_BEARINGS) * (2.0 * pi / _BEARINGS)
     radius = np.array(_RADII_M)[:, None]
-    east = np.concatenate(([0.0], (radius * np.sin(bearing)).ravel())) + centre[0]
-    north = np.concatenate(([0.0], (radius * np.cos(bearing)).ravel())) + centre[1]
+    east = np.concatenate(([0.0], (radius * elementwise.sin(bearing)).ravel())) + centre[0]
+    north = np.concatenate(([0.0], (radius * elementwise.cos(bearing)).ravel())) + centre[1]
     return np.column_stack((east, north, np.full(len(east), _HEIGHT_M)))
 
 

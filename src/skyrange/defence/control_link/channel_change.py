@@ -18,13 +18,14 @@ from pydantic import AfterValidator, BeforeValidator, Field
 import skyrange.plugin as sky
 from skyrange.contracts.channel_plans import EndReport
 from skyrange.contracts.mailboxes import ChannelOrder
+from skyrange.core import elementary
 from skyrange.defence.placement import Alarm
 from skyrange.radio.control_link.wifi_link import BEACON_LOSS_COUNT, BEACON_NS
 from skyrange.radio.control_link.wifi_rates import MAX_RETRIES, MIN_SNIR_DB
 
 APART: Final = 4
 """Channels this far apart, 20 MHz, do not overlap."""
-GIVEN_UP: Final = 0.5 ** (1 + MAX_RETRIES)
+GIVEN_UP: Final = 2.0 ** -(1 + MAX_RETRIES)
 """Probability that a frame is given up without jamming, at most."""
 FRAMES_PER_H: Final = 3600 * 50
 """Frames an hour of one link at most, for the rate of false alarms: assumed, telemetry has some 15 a second."""
@@ -243,7 +244,7 @@ def was_near(report: EndReport, params: ChannelChange) -> bool:
 
 def needed_in_a_row(false_alarms_per_h: float) -> int:
     """Frames in a row that have to be given up, so that chance makes no more than that many alarms an hour."""
-    return max(1, math.ceil(math.log(false_alarms_per_h / FRAMES_PER_H) / math.log(GIVEN_UP)))
+    return max(1, math.ceil(elementary.log(false_alarms_per_h / FRAMES_PER_H) / elementary.log(GIVEN_UP)))
 
 
 def after(channel: int, channels: Sequence[int]) -> int:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import exp, isfinite, sqrt
+from math import isfinite, sqrt
 from typing import Final, NamedTuple
 
 import skyrange.plugin as sky
+from skyrange.core import elementary_python
+from skyrange.core.elementary import exp
 from skyrange.defence import data_sheets
 from skyrange.defence.bases.fix_checks import NewFixes
 from skyrange.defence.gnss.gates import normal_gate
@@ -127,20 +129,26 @@ class HeightErrors:
     def of_barometer(self, seconds: float) -> float:
         """Variance of the change of the barometer's error in so many seconds, m²."""
         params = self.params
-        weather = 2.0 * params.weather_m**2 * (1.0 - exp(-seconds / params.weather_s))
-        return 2.0 * params.baro_noise_m**2 + weather + params.pressure_error_m**2
+        weather = 2.0 * (params.weather_m * params.weather_m) * (1.0 - exp(-seconds / params.weather_s))
+        return (
+            2.0 * (params.baro_noise_m * params.baro_noise_m)
+            + weather
+            + (params.pressure_error_m * params.pressure_error_m)
+        )
 
     def of_height(self, seconds: float, accuracy: float) -> float:
         """One sigma of the change of GNSS height minus barometer, metres."""
-        wander = 2.0 * self.params.wander_up_m**2 * (1.0 - exp(-seconds / self.params.wander_s))
-        white = 2.0 * self.params.white_m**2
-        worse = 2.0 * (accuracy**2 - 1.0) * data_sheets.CLAIMED[1] ** 2
+        wander = (
+            2.0 * (self.params.wander_up_m * self.params.wander_up_m) * (1.0 - exp(-seconds / self.params.wander_s))
+        )
+        white = 2.0 * (self.params.white_m * self.params.white_m)
+        worse = 2.0 * ((accuracy * accuracy) - 1.0) * (data_sheets.CLAIMED[1] * data_sheets.CLAIMED[1])
         return sqrt(wander + white + worse + self.of_barometer(seconds))
 
     def of_climb(self, seconds: float, accuracy: float) -> float:
         """One sigma of the integral of the climb rate minus the change of the barometer, metres."""
         interval_s = data_sheets.FIX_S
-        integral = (accuracy * self.params.speed_mps) ** 2 * interval_s * max(seconds, interval_s)
+        integral = elementary_python.square(accuracy * self.params.speed_mps) * interval_s * max(seconds, interval_s)
         return sqrt(integral + self.of_barometer(seconds))
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.components import READINGS_NS, Floats, Sensors
+from skyrange.core import elementary, elementwise, matrices
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S, Time
 
@@ -135,16 +136,16 @@ class DeadReckoning:
 
     def _align(self, row: int) -> None:
         gyro, accel, compass = self._means[row].reshape(3, 3)
-        self._bias[row], self._gravity[row] = gyro, np.linalg.norm(accel)
+        self._bias[row], self._gravity[row] = gyro, elementwise.length(accel)
         here = _triad(np.array([0.0, 0.0, 1.0]), np.array(self.field_gauss))
-        self._body[row] = here @ _triad(accel, compass).T
+        self._body[row] = matrices.multiply(here, _triad(accel, compass).T)
 
 
 def _triad(first: Floats, second: Floats) -> Floats:
     """(3, 3) Orthonormal columns: along `first`, along first × second, and along the product of both."""
-    first_axis = first / max(float(np.linalg.norm(first)), 1e-9)
+    first_axis = first / max(float(elementwise.length(first)), 1e-9)
     second_axis = np.cross(first_axis, second)
-    second_axis = second_axis / max(float(np.linalg.norm(second_axis)), 1e-9)
+    second_axis = second_axis / max(float(elementwise.length(second_axis)), 1e-9)
     return np.stack([first_axis, second_axis, np.cross(first_axis, second_axis)], axis=1)
 
 
@@ -248,7 +249,7 @@ def _integrate(  # noqa: PLR0917
         size = np.sqrt(x * x + y * y + z * z)
         sine, versine = 1.0, 0.5
         if size >= 1e-9:
-            sine, versine = np.sin(size) / size, (1.0 - np.cos(size)) / size**2
+            sine, versine = elementary.sin(size) / size, (1.0 - elementary.cos(size)) / size**2
         # Rodrigues' rotation by the turn
         for i in range(3):
             for j in range(3):

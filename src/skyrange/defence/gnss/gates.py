@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import exp, inf, log
+from math import inf
 from statistics import NormalDist
+
+from skyrange.core.elementary import exp, log
 
 _OVERSHOOT = 1.166
 """2 · 0.583: by how much a random walk of unit steps exceeds its two barriers (Siegmund, Sequential Analysis, 1985)."""
@@ -42,9 +44,9 @@ def cusum_gate(allowance: float, samples: float) -> float:
 
     def excess(threshold: float) -> float:
         span = 2.0 * allowance * (threshold + _OVERSHOOT)
-        return (exp(span) - span - 1.0) / (2.0 * allowance**2) - samples
+        return (exp(span) - span - 1.0) / (2.0 * (allowance * allowance)) - samples
 
-    return _root(excess, 0.0, log(2.0 * allowance**2 * samples + 10.0) / allowance)
+    return _root(excess, 0.0, log(2.0 * (allowance * allowance) * samples + 10.0) / allowance)
 
 
 def _root(rising: Callable[[float], float], low: float, high: float) -> float:

@@ -8,15 +8,17 @@ so it finds what passes the gates of EKF3. It corrects nothing that the autopilo
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import exp
 from typing import Final
 
 import numpy as np
 
 import skyrange.plugin as sky
+from skyrange.core import elementary_python, elementwise, matrices
+from skyrange.core.elementary import exp
 from skyrange.defence import data_sheets
 from skyrange.defence.bases.fix_checks import FIXES_PER_H, NewFixes
 from skyrange.defence.gnss.dead_reckoning import ALIGN_STEPS, DeadReckoning
@@ -107,7 +109,7 @@ class InnovationCheck(sky.FixCheck):
     gyro_bias_radps: sky.Number = sky.param(
         "Bias of a gyroscope that calibration at rest leaves or that comes within a minute, one sigma, in rad/s; the "
         "default is the noise at rest over a second of samples.",
-        default=data_sheets.GYRO_REST_RADPS / ALIGN_STEPS**0.5, gt=0, le=1,
+        default=data_sheets.GYRO_REST_RADPS / math.sqrt(ALIGN_STEPS), gt=0, le=1,
     )  # fmt: skip
     white_m: sky.Number = sky.param(
         "Error of a fix that the next one does not share, one sigma, in metres.",
@@ -130,7 +132,9 @@ class InnovationCheck(sky.FixCheck):
     @property
     def gyro_walk(self) -> float:
         """Growth of the variance of attitude, in rad²/s."""
-        return self.gyro_noise_radps**2 * data_sheets.IMU_S + self.gyro_bias_radps**2 * _BIAS_S
+        return (self.gyro_noise_radps * self.gyro_noise_radps) * data_sheets.IMU_S + (
+            self.gyro_bias_radps * self.gyro_bias_radps
+        ) * _BIAS_S
 
     def find_gates(self) -> Gates:
         """Gates that noise alone passes once in `false_alarm_h`, shared by the tests."""
@@ -171,7 +175,7 @@ class InnovationCheck(sky.FixCheck):
         if closed:
             return self._coast(row, now, white, innovation, spread, (fix_m, fix_mps, position, velocity))
         square, window, drift = error_filter.judge(white)
-        off_m, off_mps = float(np.linalg.norm(innovation[3:])), float(np.linalg.norm(innovation[:3]))
+        off_m, off_mps = float(elementwise.length(innovation[3:])), float(elementwise.length(innovation[:3]))
         if square > self.gates.fix:
             return self.guard.find(row, now, "innovation.fix", square / self.gates.fix, off_m=off_m, off_mps=off_mps)
         if window > self.gates.window or drift > self.gates.drift:
@@ -192,7 +196,7 @@ class InnovationCheck(sky.FixCheck):
         fix: tuple[sky.Floats, ...],
     ) -> list[sky.Alert]:
         """While an alarm lasts, no fix is fused: dead reckoning alone may clear the receiver, for as long as it can."""
-        square, coast_ns = float(white @ white), sky.from_seconds(self.coast_s)
+        square, coast_ns = matrices.dot(white, white), sky.from_seconds(self.coast_s)
         error_filter = self.filters[row]
         if now > self.fused_ns[row] + coast_ns + self.guard.recover_ns:
             if self.guard.rejects:
@@ -203,7 +207,7 @@ class InnovationCheck(sky.FixCheck):
             return []
         if square > self.gates.fix:
             latch = now > self.fused_ns[row] + coast_ns
-            off_m, off_mps = float(np.linalg.norm(innovation[3:])), float(np.linalg.norm(innovation[:3]))
+            off_m, off_mps = float(elementwise.length(innovation[3:])), float(elementwise.length(innovation[:3]))
             score = square / self.gates.fix
             return self.guard.find(row, now, "innovation.fix", score, latch=latch, off_m=off_m, off_mps=off_mps)
         self.guard.clear(row, now)
@@ -255,8 +259,8 @@ class ErrorFilter:
         source = np.zeros((15, 2))
         source[A.start], source[A.start + 1] = -level[1] / _GRAVITY, level[0] / _GRAVITY
         source[B.start : B.start + 2] = self.params.accel_bias_mps2 * np.eye(2)
-        self.covariance += source @ source.T
-        self.covariance[8, 8] = _YAW_RAD**2
+        self.covariance += matrices.multiply(source, source.T)
+        self.covariance[8, 8] = _YAW_RAD * _YAW_RAD
         self.forget()
 
     def restart(
@@ -268,12 +272,12 @@ class ErrorFilter:
             self.covariance[part, :], self.covariance[:, part] = 0.0, 0.0
         self.state[P], self.state[V] = position - self.base_m - reckoned_m, velocity - reckoned_mps
         self._place()
-        self.covariance[V, V] = self.params.speed_mps**2 * np.eye(3)
+        self.covariance[V, V] = (self.params.speed_mps * self.params.speed_mps) * np.eye(3)
         self.forget()
 
     def _place(self) -> None:
         """The error of a place that was taken from a fix is that of the fix, with the other sign."""
-        variance = np.diag(self._wander**2)
+        variance = np.diag(self._wander * self._wander)
         self.covariance[P, P], self.covariance[W, W] = variance, variance
         self.covariance[P, W], self.covariance[W, P] = -variance, -variance
 
@@ -290,15 +294,15 @@ class ErrorFilter:
         keep = exp(-dt_s / self.params.wander_s)
         move, noise = np.eye(15), np.zeros(15)
         move[W, W] *= keep
-        noise[W] = (1.0 - keep**2) * self._wander**2
+        noise[W] = (1.0 - (keep * keep)) * (self._wander * self._wander)
         if not resting:
             cross = np.array([[0, push[2], -push[1]], [-push[2], 0, push[0]], [push[1], -push[0], 0]])
             move[V, A], move[V, B] = cross, -turned
             move[P, V], move[P, A], move[P, B] = dt_s * np.eye(3), 0.5 * dt_s * cross, -0.5 * dt_s * turned
-            noise[V] = self.params.accel_noise_mps2**2 * data_sheets.IMU_S * dt_s
+            noise[V] = (self.params.accel_noise_mps2 * self.params.accel_noise_mps2) * data_sheets.IMU_S * dt_s
             noise[A] = self.params.gyro_walk * dt_s
-        self.state = move @ self.state
-        self.covariance = move @ self.covariance @ move.T + np.diag(noise)
+        self.state = matrices.multiply(move, self.state)
+        self.covariance = matrices.multiply(move, self.covariance, move.T) + np.diag(noise)
 
     def innovate(
         self, offset_m: sky.Floats, offset_mps: sky.Floats, accuracy: sky.Floats
@@ -309,27 +313,29 @@ class ErrorFilter:
         """
         usual = np.array(data_sheets.CLAIMED)
         claimed = np.clip(np.nan_to_num(accuracy, nan=np.inf), usual, _WORST * usual) / usual
-        worse = (claimed[:2] ** 2 - 1.0) * np.array(data_sheets.CLAIMED[:2]) ** 2
-        position = self.params.white_m**2 + np.array([worse[0], worse[0], worse[1]])
-        velocity = np.full(3, (self.params.speed_mps * claimed[2]) ** 2)
+        worse = ((claimed[:2] * claimed[:2]) - 1.0) * elementary_python.square(np.array(data_sheets.CLAIMED[:2]))
+        position = (self.params.white_m * self.params.white_m) + np.array([worse[0], worse[0], worse[1]])
+        velocity = np.full(3, elementary_python.square(self.params.speed_mps * claimed[2]))
         observation_matrix = _OBSERVED
-        spread = observation_matrix @ self.covariance @ observation_matrix.T + np.diag(
+        spread = matrices.multiply(observation_matrix, self.covariance, observation_matrix.T) + np.diag(
             np.concatenate([velocity, position])
         )
-        innovation = np.concatenate([offset_mps, offset_m - self.base_m]) - observation_matrix @ self.state
-        white = np.linalg.solve(np.linalg.cholesky(spread), innovation)
+        innovation = np.concatenate([offset_mps, offset_m - self.base_m]) - matrices.multiply(
+            observation_matrix, self.state
+        )
+        white = matrices.solve(matrices.factor(spread), innovation)
         return innovation, spread, white
 
     def fuse(self, innovation: sky.Floats, spread: sky.Floats) -> None:
         """Correct the error by a fix."""
-        gain = np.linalg.solve(spread, _OBSERVED @ self.covariance).T
-        self.state = self.state + gain @ innovation
-        after = self.covariance - gain @ spread @ gain.T
+        gain = matrices.solve(spread, matrices.multiply(_OBSERVED, self.covariance)).T
+        self.state = self.state + matrices.multiply(gain, innovation)
+        after = self.covariance - matrices.multiply(gain, spread, gain.T)
         self.covariance = 0.5 * (after + after.T)
 
     def judge(self, white: sky.Floats) -> tuple[float, float, float]:
         """Sum of squares of this fix and of the window, and the largest of the cumulative sums."""
-        square = float(white @ white)
+        square = matrices.dot(white, white)
         self._squares.append(square)
         both = np.concatenate([white, -white])
         self._sums = np.maximum(self._sums + np.clip(both, -_CLIP, _CLIP) - _SHIFT / 2.0, 0.0)

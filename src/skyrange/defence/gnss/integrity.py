@@ -15,11 +15,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import partial
-from math import dist, inf, isfinite, sqrt
+from math import inf, isfinite, sqrt
 from statistics import median
 from typing import ClassVar, Final
 
 import skyrange.plugin as sky
+from skyrange.core.elementary_python import distance
 from skyrange.defence import data_sheets
 from skyrange.defence.bases.fix_checks import LEAST_INTERVAL_NS
 from skyrange.defence.gnss.gates import normal_gate
@@ -201,12 +202,12 @@ class ReceiverFlags:
         assert self._seen_ns is not None
         gap_s = abs(time - self._seen_ns) / sky.NS_PER_S
         expected = [at + rate * gap_s for at, rate in zip(self._place, self._velocity, strict=True)]
-        reach_m = min(0.5 * ACCEL_MPS2 * gap_s**2, 2.0 * SPEED_MAX_MPS * gap_s)
+        reach_m = min(0.5 * ACCEL_MPS2 * (gap_s * gap_s), 2.0 * SPEED_MAX_MPS * gap_s)
         worse = max(accuracy_m / data_sheets.CLAIMED[0], 1.0) if isfinite(accuracy_m) else 1.0
         noise_m = self.gate * sqrt(2.0) * worse * data_sheets.WANDER_UP_M
         noise_mps = self.gate * sqrt(2.0) * worse * data_sheets.CLAIMED[2]
         return max(
-            dist(place, expected) / (reach_m + noise_m),
-            dist(velocity, self._velocity) / (min(ACCEL_MPS2 * gap_s, 2.0 * SPEED_MAX_MPS) + noise_mps),
+            distance(place, expected) / (reach_m + noise_m),
+            distance(velocity, self._velocity) / (min(ACCEL_MPS2 * gap_s, 2.0 * SPEED_MAX_MPS) + noise_mps),
             abs(utc_error_ns - self._utc_error_ns) / UTC_STEP_NS,
         )

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import dist
 from typing import ClassVar, Final, Literal, NamedTuple
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.orders import read
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.core.elementary_python import distance
 from skyrange.defence.bases.link_ends import STATION
 
 ALERT: Final = "receivers.one_place"
@@ -55,7 +55,7 @@ class FleetFixes:
             if other == vehicle:
                 continue
             pair = (min(vehicle, other), max(vehicle, other))
-            away_m = dist(fix.place, other_fix.place)
+            away_m = distance(fix.place, other_fix.place)
             both = self.armed.get(vehicle, False) and self.armed.get(other, False)
             if not both or fix.at_ns - other_fix.at_ns > FRESH_NS or away_m > self.near_m:
                 self.since_ns.pop(pair, None)

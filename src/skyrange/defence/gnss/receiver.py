@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import dist, inf, isfinite, sqrt
+from math import inf, isfinite, sqrt
 from statistics import median
 from typing import ClassVar, Final
 
 import skyrange.plugin as sky
+from skyrange.core.elementary_python import distance
 from skyrange.defence import data_sheets
 from skyrange.defence.bases.fix_checks import LEAST_INTERVAL_NS
 from skyrange.defence.gnss.gates import normal_gate
@@ -182,10 +183,10 @@ class Receiver:
             return "", 0.0
         gap_s = (time - self._time_ns) / sky.NS_PER_S
         expected = [at + rate * gap_s for at, rate in zip(self._place, self._velocity, strict=True)]
-        reach_m = min(0.5 * self.params.accel_mps2 * gap_s**2, 2.0 * self.params.speed_max_mps * gap_s)
+        reach_m = min(0.5 * self.params.accel_mps2 * (gap_s * gap_s), 2.0 * self.params.speed_max_mps * gap_s)
         worse = max(claimed_m / data_sheets.CLAIMED[0], 1.0)
         sigma = sqrt(2.0) * worse * self.params.wander_up_m
-        score = dist(place, expected) / (reach_m + self.gate * sigma)
+        score = distance(place, expected) / (reach_m + self.gate * sigma)
         return ("receiver.jump", score) if score > 1.0 else ("", 0.0)
 
     def find_worse(self, accuracy_m: float, satellites: int) -> tuple[str, float]:

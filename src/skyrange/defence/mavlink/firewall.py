@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot, isfinite
+from math import isfinite
 from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -15,6 +15,7 @@ from skyrange.attack.tapped_links import MESSAGE_NUMBERS, Messages
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.file_transfer import Opcode, unpack
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
+from skyrange.core.elementary import hypot
 from skyrange.defence.bases.link_ends import role_of
 from skyrange.defence.placement import inspects_forward
 from skyrange.defence.station_profiles import PROFILES

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from math import ceil, log
+from math import ceil
 from typing import ClassVar, Final
 
 import skyrange.plugin as sky
+from skyrange.core import elementary_python
+from skyrange.core.elementary import log
 from skyrange.defence.bases.signal_strengths import SignalJudge, channel_of, distance_m, free_space_loss_db
 from skyrange.defence.receptions import Claim, Finding, Held, Sender
 from skyrange.defence.remote_id.signal import ErrorRate, is_in_sight
@@ -106,6 +109,9 @@ class AppearanceCheck(SignalJudge):
         if claimed[2] < TAKE_OFF_M:
             return False
         channel = channel_of(self)
-        spread = (channel.shadowing_db(min(here[2], claimed[2])) ** 2 + channel.fading_db**2) ** 0.5
+        spread = math.sqrt(
+            elementary_python.square(channel.shadowing_db(min(here[2], claimed[2])))
+            + (channel.fading_db * channel.fading_db)
+        )
         strength = self.power_dbm - free_space_loss_db(distance_m(here, claimed))
         return strength >= SENSITIVITY_DBM + MARGIN * spread and is_in_sight(self.city, here, claimed)

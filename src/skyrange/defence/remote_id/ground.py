@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import log
 from typing import Annotated, Final
 
 from pydantic import AfterValidator, BeforeValidator
@@ -11,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator
 import skyrange.plugin as sky
 from skyrange.attack.contract import GroundReceiver
 from skyrange.attack.declaration import Acting
+from skyrange.core.elementary import log
 from skyrange.defence.bases.receptions import TapOf
 from skyrange.defence.bases.signal_strengths import (
     Shift,

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot, log, sqrt
+from math import sqrt
 from typing import ClassVar, Final
 
 import skyrange.plugin as sky
+from skyrange.core import elementary_python
+from skyrange.core.elementary import hypot, log
 from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.receptions import HOUR_S, UNKNOWN_M, Claim, Finding, Held, Sender
 
@@ -124,7 +126,7 @@ class MotionCheck(BroadcastJudge):
         (u0, v0, _), (u1, v1, _) = old.velocity, new.velocity
         # an aircraft that accelerates by at most a is at most a·t²/4 from where the mean of its two velocities leads
         speed = max(hypot(u0, v0), hypot(u1, v1))
-        reach_m = self.acceleration_mps2 * (elapsed_s + error_s) ** 2 / 4.0
+        reach_m = self.acceleration_mps2 * elementary_python.square(elapsed_s + error_s) / 4.0
         doubt_mps = (
             max(claim.speed_error_mps or UNKNOWN_MPS for claim in (old, new)) + ROUNDING_MPS + ROUNDING_RAD * speed
         )

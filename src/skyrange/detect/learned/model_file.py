@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from skyrange.contracts.frames import Ints
+from skyrange.core import elementwise
 from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.core.time import Time, from_seconds
@@ -87,19 +88,19 @@ class Trees:
 
 def isolation_odds(path_lengths: Floats, samples: int) -> Floats:
     """(n,) the odds of an anomaly by (n, trees) path lengths in trees of `samples` windows."""
-    score = np.exp2(-path_lengths.mean(axis=1) / mean_path(np.array([samples]))[0])
+    score = elementwise.power(2.0, -path_lengths.mean(axis=1) / mean_path(np.array([samples]))[0])
     return np.asarray(score / np.maximum(1.0 - score, np.finfo(np.float64).tiny))
 
 
 def boosting_odds(parts: Floats) -> Floats:
     """(n,) the odds of an attack by the (n, trees) parts of its log-odds."""
-    return np.asarray(np.exp(np.clip(parts.sum(axis=1), -_MOST_LOG_ODDS, _MOST_LOG_ODDS)))
+    return np.asarray(elementwise.exp(np.clip(parts.sum(axis=1), -_MOST_LOG_ODDS, _MOST_LOG_ODDS)))
 
 
 def mean_path(counts: NDArray[np.int64]) -> Floats:
     """c(n), the mean path length of an unsuccessful search in a binary tree of (n,) counts; 0 for 1, 1 for 2."""
     n = np.maximum(counts, 3).astype(np.float64)
-    long = 2.0 * (np.log(n - 1.0) + _EULER) - 2.0 * (n - 1.0) / n
+    long = 2.0 * (elementwise.log(n - 1.0) + _EULER) - 2.0 * (n - 1.0) / n
     return np.where(counts <= 1, 0.0, np.where(counts == 2, 1.0, long))
 
 

@@ -24,14 +24,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from math import erf, log, log10, sqrt
+from math import sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.contracts.frames import Ints
+from skyrange.core import elementary, matrices
 from skyrange.core.compiled import compiled
+from skyrange.core.elementary import log, log10
 from skyrange.detect.messages import Flags, MessageHeads
 from skyrange.detect.series import Floats
 
@@ -49,13 +51,13 @@ def run_length(reference: float, interval: float) -> float:
     """
     width = 2.0 * interval / (2 * STATES - 1)
     steps = (np.arange(-STATES, STATES) + 0.5) * width + reference
-    below = np.array([0.5 * (1.0 + erf(step / _SCALE)) for step in steps.tolist()])
+    below = np.array([0.5 * elementary.erfc(-step / _SCALE) for step in steps.tolist()])
     probability = np.diff(below)  # of a step of j − STATES + 1 states
     places = np.arange(STATES)
     moves = places[None, :] - places[:, None]
     chain = probability[moves + STATES - 1]
     chain[:, 0] = below[STATES - places]
-    return float(np.linalg.solve(np.eye(STATES) - chain, np.ones(STATES))[0])
+    return float(matrices.solve(np.eye(STATES) - chain, np.ones(STATES))[0])
 
 
 @cache
@@ -160,7 +162,7 @@ class MessageTiming(sky.MessageDetector):
                 continue
             length = round(log10(min(max(3.0 * self.false_alarm_s / mean, 10.0), 1e9)), 2)  # few different ones
             facts[_MEAN], facts[_DEVIATION] = mean, max(deviation, self.least_deviation_s)
-            facts[_INTERVAL] = find_interval(self.shift / 2.0, 10.0**length)
+            facts[_INTERVAL] = find_interval(self.shift / 2.0, elementary.exp10(length))
             self.phase[stream] = _WATCHED
 
 

@@ -41,13 +41,14 @@ import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.contracts.frames import Ints
+from skyrange.core import elementwise, matrices
 from skyrange.detect.series import Floats, grown, step_errors
 
 GRAVITY_MPS2: Final = 9.80665
 _PRIOR: Final = (0.3, 0.0, 0.0)
-_PRIOR_VARIANCE: Final = (0.15**2, 2.0**2, 2.0**2)
+_PRIOR_VARIANCE: Final = ((0.15 * 0.15), 2.0**2, 2.0**2)
 """k in 1/s: 0.1 to 0.5 for multirotors of 0.5 to 2 kg; c in m/s²: a wind of 6 m/s."""
-_WANDER: Final = (0.01**2, 0.1**2, 0.1**2)
+_WANDER: Final = ((0.01 * 0.01), (0.1 * 0.1), (0.1 * 0.1))
 """Variance per second: c follows gusts of moderate turbulence within 10 s."""
 
 
@@ -88,19 +89,19 @@ class DragModels:
         model = np.zeros((len(places), 2, 3))
         model[:, :, 0] = -velocity
         model[:, 0, 1] = model[:, 1, 2] = 1.0
-        innovation = drag - (model @ state[:, :, None])[:, :, 0]
-        spread = model @ covariance @ model.transpose(0, 2, 1)
-        spread[:, 0, 0] += noise**2
-        spread[:, 1, 1] += noise**2
+        innovation = drag - matrices.multiply(model, state[:, :, None])[:, :, 0]
+        spread = matrices.multiply(model, covariance, model.transpose(0, 2, 1))
+        spread[:, 0, 0] += noise * noise
+        spread[:, 1, 1] += noise * noise
         determinant = spread[:, 0, 0] * spread[:, 1, 1] - spread[:, 0, 1] * spread[:, 1, 0]
         inverse = np.empty_like(spread)
         inverse[:, 0, 0], inverse[:, 1, 1] = spread[:, 1, 1], spread[:, 0, 0]
         inverse[:, 0, 1], inverse[:, 1, 0] = -spread[:, 0, 1], -spread[:, 1, 0]
         inverse /= determinant[:, None, None]
-        square = (innovation[:, None, :] @ inverse @ innovation[:, :, None])[:, 0, 0]
-        gain = covariance @ model.transpose(0, 2, 1) @ inverse
-        corrected = covariance - gain @ model @ covariance
-        self._state[places] = state + (gain @ innovation[:, :, None])[:, :, 0]
+        square = matrices.multiply(innovation[:, None, :], inverse, innovation[:, :, None])[:, 0, 0]
+        gain = matrices.multiply(covariance, model.transpose(0, 2, 1), inverse)
+        corrected = covariance - matrices.multiply(gain, model, covariance)
+        self._state[places] = state + matrices.multiply(gain, innovation[:, :, None])[:, :, 0]
         self._covariance[places] = 0.5 * (corrected + corrected.transpose(0, 2, 1))
         size: Floats = np.sqrt(np.maximum(0.5 * square, 0.0))
         return size
@@ -113,9 +114,12 @@ def lean_acceleration(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
     """
     steepest = np.pi / 3.0
     roll, pitch = np.clip(roll, -steepest, steepest), np.clip(pitch, -steepest, steepest)
-    ahead, right = -GRAVITY_MPS2 * np.tan(pitch), GRAVITY_MPS2 * np.tan(roll) / np.cos(pitch)
-    east = ahead * np.sin(yaw) + right * np.cos(yaw)
-    north = ahead * np.cos(yaw) - right * np.sin(yaw)
+    ahead, right = (
+        -GRAVITY_MPS2 * elementwise.tan(pitch),
+        GRAVITY_MPS2 * elementwise.tan(roll) / elementwise.cos(pitch),
+    )
+    east = ahead * elementwise.sin(yaw) + right * elementwise.cos(yaw)
+    north = ahead * elementwise.cos(yaw) - right * elementwise.sin(yaw)
     return np.stack([east, north], axis=1)
 
 
@@ -175,8 +179,8 @@ class MotionConsistency(sky.TelemetryDetector):
         if not len(steps.places):
             return []
         errors, spread = step_errors(steps.before, steps.after, steps.seconds)
-        aside, above = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
-        change = np.linalg.norm(steps.after[:, 4:] - steps.before[:, 4:], axis=1) * 1e-2
+        aside, above = elementwise.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
+        change = elementwise.length(steps.after[:, 4:] - steps.before[:, 4:]) * 1e-2
         judged = (
             (POSITION, aside / spread - self.allowance, self.threshold, {"error_m": aside}),
             (CLIMB, above / spread - self.allowance, self.threshold, {"error_m": above}),
@@ -196,7 +200,7 @@ class MotionConsistency(sky.TelemetryDetector):
         np.add.at(self.leans, steps.places, np.column_stack([lean, np.ones(len(lean))]))
         time_s, values = self.position.time_s, self.position.values
         velocity = values[:, [5, 4]] * 1e-2
-        flying = (values[:, 3] > _AIRBORNE_M * 1e3) | (np.hypot(velocity[:, 0], velocity[:, 1]) > _MOVING_MPS)
+        flying = (values[:, 3] > _AIRBORNE_M * 1e3) | (elementwise.hypot(velocity[:, 0], velocity[:, 1]) > _MOVING_MPS)
         seconds = time_s - self.begin[:, 0]
         usable = flying & (seconds >= 0.0) & (seconds <= _GAP_S)
         places = np.flatnonzero(usable & (seconds >= _WINDOW_S) & (self.leans[:, 2] > 0.0))
@@ -210,7 +214,9 @@ class MotionConsistency(sky.TelemetryDetector):
         self.begin[restart, 0], self.begin[restart, 1:] = time_s[restart], velocity[restart]
         self.leans[restart] = 0.0
         scores = self.accumulate(LEAN, places, size - self.allowance, _LEAN_SHARE * self.threshold)
-        return self.alerts(LEAN, frames, places, now, scores, unexplained_mps2=np.hypot(drag[:, 0], drag[:, 1]))
+        return self.alerts(
+            LEAN, frames, places, now, scores, unexplained_mps2=elementwise.hypot(drag[:, 0], drag[:, 1])
+        )
 
     def _judge_battery(self, frames: sky.ObservedFrames, steps: sky.Steps) -> list[sky.Alert]:
         known = (steps.before[:, 0] >= 0.0) & (steps.after[:, 0] >= 0.0) & (steps.seconds <= _GAP_S)

@@ -30,6 +30,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 import skyrange.plugin as sky
+from skyrange.core import elementwise, matrices
 from skyrange.detect.series import Flags, Floats, grown, offset_m, step_errors
 
 COMMON_STEP, SAME_PLACE, REPLAYED, LOST_TOGETHER = "common_step", "same_place", "replayed", "lost_together"
@@ -102,7 +103,7 @@ class FleetConsistency(sky.TelemetryDetector):
         if not len(rows):
             return
         errors, spread = step_errors(steps.before[rows], steps.after[rows], steps.seconds[rows])
-        size = np.hypot(errors[:, 0], errors[:, 1])
+        size = elementwise.hypot(errors[:, 0], errors[:, 1])
         order = np.argsort(size, kind="stable")  # the largest of a link end is written last
         places, unit = steps.places[rows][order], errors[order, :2] / np.maximum(size[order], 1e-9)[:, None]
         new_steps = np.column_stack([steps.at_ns[rows][order] / sky.NS_PER_S, (size / spread)[order], unit])
@@ -111,7 +112,7 @@ class FleetConsistency(sky.TelemetryDetector):
 
     def _find_common_steps(self, frames: sky.ObservedFrames, now: sky.Time, fleet: sky.Ints) -> list[sky.Alert]:
         sizes, directions = self.steps[fleet, 1], self.steps[fleet, 2:]
-        alike = directions @ directions[np.argmax(sizes)] >= _ALIKE
+        alike = matrices.multiply(directions, directions[np.argmax(sizes)]) >= _ALIKE
         sizes = np.where(alike, sizes, 0.0)
         members = self._members(fleet)
         common = np.sort(sizes)[-members] / _STEP_SIGMAS
@@ -172,7 +173,7 @@ def _has_neighbour(east: Floats, north: Floats, up: Floats) -> Flags:
         apart = east[shift:] - east[:-shift]
         if not (apart <= _NEAR_M).any():
             break
-        close = np.hypot(apart, north[shift:] - north[:-shift]) <= _NEAR_M
+        close = elementwise.hypot(apart, north[shift:] - north[:-shift]) <= _NEAR_M
         close &= np.abs(up[shift:] - up[:-shift]) <= _NEAR_UP_M
         near[shift:] |= close
         near[:-shift] |= close

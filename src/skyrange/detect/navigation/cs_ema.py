@@ -50,6 +50,7 @@ import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.contracts.frames import Ints
+from skyrange.core import elementwise
 from skyrange.detect.bases import MOST_SCORE
 from skyrange.detect.sensor_values import fix_errors, pressure_altitude_m
 from skyrange.detect.series import Floats, grown, rounds
@@ -86,7 +87,7 @@ class FieldReference:
         ends = places[fresh]
         self._states[ends, :3] = (turns[fresh] * fields[fresh, None, :]).sum(axis=2)
         self._states[ends, 3:] = 0.0
-        self._covariances[ends] = np.eye(6) * NOISE_GAUSS**2
+        self._covariances[ends] = np.eye(6) * (NOISE_GAUSS * NOISE_GAUSS)
         growth = np.clip(np.nan_to_num(seconds), 0.0, _MOST_S)
         self._covariances[places] += growth[:, None, None] * np.diag(_GROWTH)
         ratios = np.empty((len(places), 3))
@@ -108,12 +109,15 @@ class FieldReference:
         row = np.concatenate([turns[:, :, axis], np.broadcast_to(np.eye(3)[axis], (len(places), 3))], axis=1)
         cross = (self._covariances[places] * row[:, None, :]).sum(axis=2)
         innovation = fields[:, axis] - (self._states[places] * row).sum(axis=1)
-        return innovation, (cross * row).sum(axis=1) + NOISE_GAUSS**2, cross
+        return innovation, (cross * row).sum(axis=1) + (NOISE_GAUSS * NOISE_GAUSS), cross
 
 
 def turns_to_earth(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
     """The (n, 3, 3) matrices from the body frame (forward, right, down) to north, east and down, by angles in rad."""
-    (cr, cp, cy), (sr, sp, sy) = (np.cos(a) for a in (roll, pitch, yaw)), (np.sin(a) for a in (roll, pitch, yaw))
+    (cr, cp, cy), (sr, sp, sy) = (
+        (elementwise.cos(a) for a in (roll, pitch, yaw)),
+        (elementwise.sin(a) for a in (roll, pitch, yaw)),
+    )
     rows = (
         (cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy),
         (cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy),

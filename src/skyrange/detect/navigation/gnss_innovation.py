@@ -36,6 +36,7 @@ import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.contracts.frames import Ints
+from skyrange.core import elementary_python, elementwise
 from skyrange.detect.sensor_values import fix_errors
 from skyrange.detect.series import Floats, MovingMean, grown, rounds
 
@@ -104,7 +105,7 @@ _MOST_M, _MOST_MPS = 10.0, 1.0
 _FIX_3D: Final = 3
 _AGE_S: Final = 1.5
 """Greatest difference of the times of a fix and of the estimate that is compared with it."""
-_DOUBLE: Final = float(np.log(2.0))
+_DOUBLE: Final = elementary_python.log(2.0)
 _ACCURACY_S: Final = 5.0
 _GAP_S: Final = 2.0
 _CLOCK_SET_US: Final = 1e15
@@ -150,7 +151,7 @@ class GnssInnovation(sky.TelemetryDetector):
         alerts = []
         for ratios, power in ((self.ardupilot, 1.0), (self.px4, 0.5)):
             steps = ratios.read(frames)
-            alerts += self._judge_ratios(frames, steps, np.maximum(steps.after, 0.0) ** power)
+            alerts += self._judge_ratios(frames, steps, elementwise.power(np.maximum(steps.after, 0.0), power))
         fixes = self.fixes.read(frames)
         alerts += self._judge_fixes(frames, fixes)
         alerts += self._judge_accuracy(frames, fixes)
@@ -172,20 +173,23 @@ class GnssInnovation(sky.TelemetryDetector):
         fix, fused, age = fix[rows], fused[rows], age[rows]
         places, at_ns, seconds = steps.places[rows], steps.at_ns[rows], steps.seconds[rows]
         position, velocity = fix_errors(fix, fused, age)
-        away, slip = np.hypot(position[:, 0], position[:, 1]), np.hypot(velocity[:, 1], velocity[:, 0])
+        away, slip = (
+            elementwise.hypot(position[:, 0], position[:, 1]),
+            elementwise.hypot(velocity[:, 1], velocity[:, 0]),
+        )
         alerts: list[sky.Alert] = []
         for name, error, claimed, unknown, most, own_error, mean in (
             (OFFSET, away, fix[:, 4], _UNKNOWN_M, _MOST_M, _FUSED_M, self.offsets),
             (SPEED, slip, fix[:, 5], _UNKNOWN_MPS, _MOST_MPS, _FUSED_MPS, self.speeds),
         ):
             accuracy = np.where(claimed > 0.0, np.minimum(claimed * 1e-3, most), unknown)
-            squares = np.minimum((error / np.hypot(accuracy, own_error)) ** 2, 1e6)
+            squares = np.minimum(elementary_python.square(error / elementwise.hypot(accuracy, own_error)), 1e6)
             scores = mean.add(places, np.minimum(seconds, _GAP_S), squares) / _SQUARES
             alerts += self.alerts(name, frames, places, at_ns, scores, difference=error)
         return alerts
 
     def _judge_accuracy(self, frames: sky.ObservedFrames, steps: sky.Steps) -> list[sky.Alert]:
-        claimed = np.log(np.maximum(steps.after[:, 4], 1.0))
+        claimed = elementwise.log(np.maximum(steps.after[:, 4], 1.0))
         fixed = steps.after[:, 6] >= _FIX_3D
         known = np.where(fixed & (steps.after[:, 4] > 0.0), claimed, np.nan)
         usual = self.accuracy.add(steps.places, np.minimum(steps.seconds, _GAP_S), known)

@@ -33,6 +33,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 import skyrange.plugin as sky
+from skyrange.core import elementwise
 from skyrange.detect.sensor_values import pressure_altitude_m
 from skyrange.detect.series import Flags, Floats, MovingMean
 
@@ -115,8 +116,14 @@ class MultiSensor(sky.TelemetryDetector):
 
     def _judge_heading(self, frames: sky.ObservedFrames, steps: sky.Steps) -> list[sky.Alert]:
         before, after = steps.before, steps.after
-        course, previous = np.arctan2(after[:, 2], after[:, 1]), np.arctan2(before[:, 2], before[:, 1])
-        speed = np.minimum(np.hypot(after[:, 1], after[:, 2]), np.hypot(before[:, 1], before[:, 2])) * 1e-2
+        course, previous = (
+            elementwise.atan2(after[:, 2], after[:, 1]),
+            elementwise.atan2(before[:, 2], before[:, 1]),
+        )
+        speed = (
+            np.minimum(elementwise.hypot(after[:, 1], after[:, 2]), elementwise.hypot(before[:, 1], before[:, 2]))
+            * 1e-2
+        )
         straight = np.abs(_wrapped(course - previous)) <= _STRAIGHT_RAD_PER_S * steps.seconds
         judged = straight & (speed >= _FAST_MPS) & (steps.seconds > 0.0) & (after[:, 3] < _NO_HEADING)
         away = np.abs(_wrapped(np.radians(after[:, 3] * 1e-2) - course))
@@ -128,7 +135,7 @@ class MultiSensor(sky.TelemetryDetector):
         seconds = np.where((steps.seconds > 0.0) & (steps.seconds <= _STALE_S), steps.seconds, np.nan)
         rate = 0.5 * (steps.before[:, 1] + steps.after[:, 1])
         away = np.abs(_wrapped(steps.after[:, 0] - steps.before[:, 0] - rate * seconds))
-        spread = np.hypot(_TURN_RAD, _TURN_RAD_PER_S2 * seconds**2 / 12.0)
+        spread = elementwise.hypot(_TURN_RAD, _TURN_RAD_PER_S2 * (seconds * seconds) / 12.0)
         scores = self.accumulate(TURN, steps.places, away / spread - _TURN_ALLOWANCE, _TURN_SUM)
         return self.alerts(TURN, frames, steps.places, steps.at_ns, scores, difference_deg=np.degrees(away))
 

@@ -32,12 +32,13 @@ from typing import ClassVar, Final
 import numpy as np
 
 import skyrange.plugin as sky
+from skyrange.core import elementary_python, elementwise
 from skyrange.core.compiled import compiled
 from skyrange.detect.receptions import Claims
 from skyrange.detect.series import Floats
 from skyrange.detect.streams import StreamNumbers
 
-FREE_SPACE_DB: Final = 20.0 * np.log10(4.0 * np.pi / (299_792_458.0 / 2.437e9))
+FREE_SPACE_DB: Final = 20.0 * elementary_python.log10(4.0 * np.pi / (299_792_458.0 / 2.437e9))
 """Free-space loss at 1 m and 2437 MHz."""
 REFLECTION_DB: Final = 6.0
 QUANTILE: Final = 2.2
@@ -126,15 +127,15 @@ class Plausibility(sky.ReceptionDetector):
         error_s = np.maximum(new[:, 6], old[:, 6])
         moved = new[:, 1:3] - old[:, 1:3]
         noise_m = new[:, 5] + old[:, 5]
-        away_m = np.hypot(moved[:, 0], moved[:, 1])
+        away_m = elementwise.hypot(moved[:, 0], moved[:, 1])
         jump = away_m / (self.speed_mps * (elapsed_s + error_s) + noise_m)
         mean = 0.5 * (new[:, 3:5] + old[:, 3:5])
         off = moved - mean * elapsed_s[:, None]
-        fastest = np.maximum(np.hypot(new[:, 3], new[:, 4]), np.hypot(old[:, 3], old[:, 4]))
+        fastest = np.maximum(elementwise.hypot(new[:, 3], new[:, 4]), elementwise.hypot(old[:, 3], old[:, 4]))
         doubt_mps = QUANTILE * claims.error_mps[chosen] + ROUNDING_MPS + ROUNDING_RAD * fastest
-        limit_m = noise_m + self.acceleration_mps2 * (elapsed_s + error_s) ** 2 / 4.0
+        limit_m = noise_m + self.acceleration_mps2 * elementary_python.square(elapsed_s + error_s) / 4.0
         limit_m += doubt_mps * elapsed_s + fastest * error_s
-        velocity = np.hypot(off[:, 0], off[:, 1]) / limit_m
+        velocity = elementwise.hypot(off[:, 0], off[:, 1]) / limit_m
         scores[chosen] = np.nan_to_num(np.column_stack((jump, velocity)))
         return scores
 
@@ -144,14 +145,21 @@ class Plausibility(sky.ReceptionDetector):
         nowhere = (np.nan, np.nan, np.nan)
         known = np.array([self.places.get(name, nowhere) for name in radios], dtype=np.float64).reshape(-1, 3)
         away = claims.enu_m - known[claims.receiver]
-        away_m = np.maximum(np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + np.nan_to_num(away[:, 2]) ** 2), 1.0)
-        power_dbm = claims.rssi_dbm + FREE_SPACE_DB + 20.0 * np.log10(away_m)
+        away_m = np.maximum(
+            np.sqrt(
+                (away[:, 0] * away[:, 0])
+                + (away[:, 1] * away[:, 1])
+                + elementary_python.square(np.nan_to_num(away[:, 2]))
+            ),
+            1.0,
+        )
+        power_dbm = claims.rssi_dbm + FREE_SPACE_DB + 20.0 * elementwise.log10(away_m)
         most_dbm = self.eirp_dbm + self.gain_dbi + REFLECTION_DB
         rows = np.flatnonzero(np.isfinite(power_dbm))
         if not len(rows):
             return scores
         power_dbm = power_dbm[rows]
-        scores[rows, 0] = 10.0 ** ((power_dbm - most_dbm) / 20.0)
+        scores[rows, 0] = elementwise.exp10((power_dbm - most_dbm) / 20.0)
         numbers = np.array([self.radios.setdefault(name, len(self.radios)) for name in radios], dtype=np.int64)
         pairs = self.pairs.assign(senders[rows] << 20 | numbers[claims.receiver[rows]])
         self.grow(len(self.pairs), powers=0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import asin, cos, pi, sin, sqrt, tan
+from math import pi, sqrt
 from typing import Final
 
 import numpy as np
@@ -17,6 +17,8 @@ from skyrange.attack.bases.gnss.fixes import FIX_2D, UNALTERED
 from skyrange.attack.bases.gnss.receiver_noise import CHIP_M, LEAST_SATELLITES
 from skyrange.city.city import City
 from skyrange.contracts.components import Floats
+from skyrange.core import elementary_python, elementwise, matrices
+from skyrange.core.elementary import asin, cos, sin, tan
 
 Shapes = NDArray[np.object_]
 
@@ -111,13 +113,13 @@ def solve(sky: tuple[Satellite, ...], errors_m: Floats, strength: Floats) -> tup
     if int(used.sum()) < 4:
         return None
     directions = np.array([satellite.unit for satellite, is_used in zip(sky, used, strict=True) if is_used])
-    weights = (strength[used] * directions[:, 2]) ** 2
+    weights = elementary_python.square(strength[used] * directions[:, 2])
     geometry = np.column_stack([-directions, np.ones(len(directions))])
-    normal = geometry.T @ (weights[:, None] * geometry)
+    normal = matrices.multiply(geometry.T, weights[:, None] * geometry)
     if np.linalg.cond(normal) > MOST_CONDITION:
         return None
-    inverse = np.linalg.inv(normal)
-    solution = inverse @ (geometry.T @ (weights * errors_m[used]))
+    inverse = matrices.invert(normal)
+    solution = matrices.multiply(inverse, matrices.multiply(geometry.T, weights * errors_m[used]))
     return solution[:3], np.sqrt(np.diag(inverse)[:3])
 
 
@@ -153,7 +155,7 @@ class ReflectionModel:
         if solved is None or open_sky is None:
             return received, None
         offset_m, dilution = solved
-        flat = float(np.hypot(*dilution[:2]) / np.hypot(*open_sky[1][:2]))
+        flat = float(elementwise.hypot(*dilution[:2]) / elementwise.hypot(*open_sky[1][:2]))
         return received, (offset_m, (flat, float(dilution[2] / open_sky[1][2])))
 
 
@@ -168,7 +170,7 @@ def pseudorange_errors(visibility: Seen, reflection: float, spacing_chips: float
     """
     detour = visibility.detour_m
     most_m = reflection * spacing_chips * CHIP_M / 2.0
-    mixed = np.minimum(reflection * detour, most_m) * np.cos(2.0 * pi * detour / WAVE_M)
+    mixed = np.minimum(reflection * detour, most_m) * elementwise.cos(2.0 * pi * detour / WAVE_M)
     mixed = np.where(np.isnan(detour) | (detour > 1.5 * CHIP_M), 0.0, mixed)
     return np.asarray(np.where(visibility.hidden > 0.0, detour, mixed), dtype=np.float64)
 
@@ -236,7 +238,7 @@ class Multipath(sky.OnReceivers):
             self.fix[row], self.satellites[row] = FIX_NONE, received
             return LOST
         offset_m, dilution = fix
-        if received == count and float(np.linalg.norm(offset_m)) < NOTICEABLE_M:
+        if received == count and float(elementwise.length(offset_m)) < NOTICEABLE_M:
             return UNALTERED
         self.satellites[row], self.offset[row], self.scale[row, :2] = received, offset_m, dilution
         return DEGRADED

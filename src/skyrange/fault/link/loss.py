@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from math import log1p
 from typing import Final
 
 import skyrange.plugin as sky
+from skyrange.core.elementary import log1p
 
 STREAM: Final = "fault.link_loss"
 

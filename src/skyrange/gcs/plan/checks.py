@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mission import MissionItem
+from skyrange.core import elementary_python
 from skyrange.core.errors import Problem
 from skyrange.gcs.plan.paths import Point
 from skyrange.gcs.plan.plans import GLOBAL_FRAMES, LANDINGS, LOCATED, TAKEOFFS, FlightPlan, is_navigation
@@ -131,7 +132,7 @@ def _check_place(at: str, item: MissionItem) -> Problem | None:
 def _check_height(at: str, point: Point, plan: FlightPlan) -> Iterator[Problem]:
     if point.up_m < 0.0:
         yield Problem(at, f"{-point.up_m:.1f} m below the ground", "a point above it")
-    away_m = math.hypot(point.east_m - plan.home_enu_m.east_m, point.north_m - plan.home_enu_m.north_m)
+    away_m = elementary_python.hypot(point.east_m - plan.home_enu_m.east_m, point.north_m - plan.home_enu_m.north_m)
     if away_m > MAX_RADIUS_M:
         hint = "Re-anchor the mission to the aircraft's home."
         yield Problem(at, f"{away_m / 1000.0:.0f} km from home", f"at most {MAX_RADIUS_M / 1000.0:.0f} km", hint)

@@ -5,10 +5,11 @@ Durations are estimates from ArduCopter's default speeds; airspace volumes add t
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
+
+from skyrange.core import elementary_python
 
 CLIMB_MPS = 2.5
 """ArduCopter WPNAV_SPEED_UP, default 250 cm/s (libraries/AC_WPNav/AC_WPNav.cpp)."""
@@ -58,7 +59,7 @@ def leg(start: Point, end: Point, speed_mps: float, *, landing: bool = False) ->
 
     With `landing`, the last `LAND_SLOW_M` metres of the descent are flown at `LAND_MPS`.
     """
-    flat_s = math.hypot(end.east_m - start.east_m, end.north_m - start.north_m) / speed_mps
+    flat_s = elementary_python.hypot(end.east_m - start.east_m, end.north_m - start.north_m) / speed_mps
     rise_m = end.up_m - start.up_m
     if landing:
         slow_m = min(LAND_SLOW_M, max(-rise_m, 0.0))
@@ -72,5 +73,5 @@ def length_m(points: Sequence[Point]) -> float:
     """Length of the polyline through `points`, in metres."""
     total = 0.0
     for a, b in pairwise(points):
-        total += math.dist(a, b)
+        total += elementary_python.distance(a, b)
     return total

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mission import MissionItem
+from skyrange.core import elementary_python
 from skyrange.gcs.plan import paths
 from skyrange.gcs.plan.paths import Leg, Point, leg
 from skyrange.gcs.plan.plans import LANDINGS, MSL_FRAMES, TAKEOFFS, TERRAIN_FRAMES, FlightPlan, Unrolled, is_navigation
@@ -99,7 +100,7 @@ def final_legs(plan: FlightPlan, here: Point, speed_mps: float, *, rtl: bool) ->
     out: list[Leg] = []
     home = plan.home_enu_m
     if rtl:
-        distance_m = math.hypot(here.east_m - home.east_m, here.north_m - home.north_m)
+        distance_m = elementary_python.hypot(here.east_m - home.east_m, here.north_m - home.north_m)
         up_m = max(here.up_m, home.up_m + min(RTL_ALT_M, RTL_CONE_SLOPE * distance_m))
         high, above = Point(here.east_m, here.north_m, up_m), Point(home.east_m, home.north_m, up_m)
         out += [leg(here, high, speed_mps), leg(high, above, speed_mps), Leg(above, above, RTL_LOITER_S)]

@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from skyrange.core import elementary_python
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import Time, from_seconds
 from skyrange.core.volumes import Volume4D
@@ -39,7 +40,7 @@ class Margins:
 MARGINS = Margins()
 Outline = tuple[tuple[float, float], ...]
 _QUADRANT_SEGMENTS = 2
-_CIRCUMSCRIBE = 1.0 / math.cos(math.pi / 8.0)
+_CIRCUMSCRIBE = 1.0 / elementary_python.cos(math.pi / 8.0)
 """Round ends are drawn as octagons, which have few vertices; this factor makes each octagon enclose its circle."""
 
 

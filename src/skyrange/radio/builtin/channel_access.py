@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.medium import ANY_CHANNEL, Floats, Ints, TransmissionFate, TxBatch, Waveform
+from skyrange.core import elementary
 from skyrange.core.chance import uniform4
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
@@ -111,7 +112,7 @@ def background_power_mw(params: MediumParams, who: np.uint64, piece: int, centre
     for k in range(3):
         share = filter_overlap(2412.0 + 25.0 * k, 22.0, centre, width)
         if share > 0.0 and draws[k] < params.background_share:
-            power -= share * params.background_mean_mw * math.log(1.0 - draws[3])
+            power -= share * params.background_mean_mw * elementary.log(1.0 - draws[3])
     return power
 
 
@@ -134,7 +135,7 @@ def _busy_until(  # noqa: PLR0917
     if params.background_share > 0.0:
         piece = now // BACKGROUND_INTERVAL_NS
         power = background_power_mw(params, radios.who[radio], piece, centre, width)
-        if power > 0.0 and 10.0 * math.log10(power) >= min(radios.sense_dbm[radio, kind], CCA_ENERGY_DBM):
+        if power > 0.0 and 10.0 * elementary.log10(power) >= min(radios.sense_dbm[radio, kind], CCA_ENERGY_DBM):
             return (piece + 1) * BACKGROUND_INTERVAL_NS
     total = 0.0
     for e in range(emitters.shape[1]):
@@ -158,8 +159,8 @@ def _busy_until(  # noqa: PLR0917
             CCA_ENERGY_DBM - 20.0,
         )
         if power > NO_SIGNAL:
-            total += share * 10.0 ** (0.1 * power)
-    if total > 0.0 and 10.0 * math.log10(total) >= CCA_ENERGY_DBM:
+            total += share * elementary.exp10(0.1 * power)
+    if total > 0.0 and 10.0 * elementary.log10(total) >= CCA_ENERGY_DBM:
         return now + NOISE_RECHECK_NS
     return now
 

@@ -28,6 +28,7 @@ from skyrange.contracts.medium import (
     TxBatch,
     Waveform,
 )
+from skyrange.core import elementary
 from skyrange.core.chance import Chance
 from skyrange.core.compiled import compiled
 from skyrange.core.errors import InputError, Problem, nearest
@@ -123,7 +124,7 @@ class BuiltinMedium(MediumBase):
             horizon_m=float(surroundings.horizon_m),
             randomness=surroundings.chance,
             background_share=float(surroundings.city_busy),
-            background_mean_mw=10.0 ** (0.1 * surroundings.city_dbm),
+            background_mean_mw=elementary.exp10(0.1 * surroundings.city_dbm),
             every_pair=every_pair,
             tabled=len(table.places) > 0,
             table=table._replace(lookups=np.zeros_like(table.lookups)),

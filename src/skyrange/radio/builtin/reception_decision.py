@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from skyrange.contracts.medium import Floats, Ints, ReceptionOutcome
+from skyrange.core import elementary
 from skyrange.core.chance import uniform4
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
@@ -217,7 +218,7 @@ def decide_receptions(  # noqa: PLR0917
             share = filter_overlap(emitted[0, e], emitted[1, e], centre, width)
             if share <= 0.0 or emitters[1, e] >= end or emitters[2, e] <= start or emitters[0, e] == r:
                 continue
-            floor = radios.noise_dbm[r, kind] - 10.0 - 10.0 * math.log10(share)
+            floor = radios.noise_dbm[r, kind] - 10.0 - 10.0 * elementary.log10(share)
             power = received_power_dbm(
                 params,
                 obstacles,
@@ -234,7 +235,7 @@ def decide_receptions(  # noqa: PLR0917
             )
             if power > NO_SIGNAL:
                 begins[count], ends[count] = emitters[1, e], emitters[2, e]
-                mw[count] = share * 10.0 ** (0.1 * power)
+                mw[count] = share * elementary.exp10(0.1 * power)
                 count += 1
         for piece in range(pieces):
             number = start // BACKGROUND_INTERVAL_NS + piece
@@ -277,7 +278,7 @@ def decide_receptions(  # noqa: PLR0917
             row = state.counts[1]
             state.heard[0, row], state.heard[1, row], state.heard[2, row] = key, r, channel
             state.heard[3, row], state.heard[4, row] = end, outcome
-            state.heard_db[0, row], state.heard_db[1, row] = dbm, 10.0 * math.log10(worst)
+            state.heard_db[0, row], state.heard_db[1, row] = dbm, 10.0 * elementary.log10(worst)
             state.counts[1] = row + 1
     if received:
         end_deferral(state, channel, end)

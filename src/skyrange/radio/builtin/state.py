@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.medium import Floats, Ints, RadioSpec, ReceptionOutcome
+from skyrange.core import elementwise
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.core.time import NEVER
@@ -148,7 +149,7 @@ def radio_arrays(specs: Sequence[RadioSpec], chance: Chance, carrier_sense_dbm: 
         antenna=np.array([(ANTENNAS.index(spec.antenna), spec.gain_dbi) for spec in specs]).reshape(shape),
         tx_power_dbm=np.array([(spec.wifi_dbm, spec.ble_dbm) for spec in specs], dtype=np.float64).reshape(shape),
         noise_dbm=noise,
-        noise_mw=10.0 ** (0.1 * noise),
+        noise_mw=elementwise.exp10(0.1 * noise),
         sense_dbm=np.maximum(noise + LOCK_SNIR_DB, carrier_sense_dbm),
         chain=chains,
         turn_channel=np.array(channels, dtype=np.int64),

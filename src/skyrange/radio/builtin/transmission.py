@@ -13,6 +13,7 @@ import math
 from typing import Final
 
 from skyrange.contracts.medium import Floats, ReceptionOutcome
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.radio.builtin.backoff import CCA_TIME_NS, begin_next_backoff, freeze_backoff, remove_waiting
 from skyrange.radio.builtin.channel_access import CCA_ENERGY_DBM
@@ -194,7 +195,7 @@ def _find_receivers(  # noqa: PLR0917
                         flag |= SENSED
                     if flag & SENSED:
                         busy_until[i, channel] = max(busy_until[i, channel], end)
-                rows[count], levels[count], powers[count], flags[count] = i, dbm, 10.0 ** (0.1 * dbm), flag
+                rows[count], levels[count], powers[count], flags[count] = i, dbm, elementary.exp10(0.1 * dbm), flag
                 count += 1
     slot[COUNT, s] = count
 

@@ -20,6 +20,7 @@ import numpy as np
 from skyrange.contracts.frames import Fate
 from skyrange.contracts.links import OpenChannel, Uniforms
 from skyrange.contracts.medium import Floats
+from skyrange.core import elementary, elementary_python, elementwise
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.radio.control_link.interference import Interference
 from skyrange.radio.control_link.params import CellularParams
@@ -29,8 +30,10 @@ EFFICIENCY: Final = np.array(
      5.5547]
 )  # fmt: skip
 """Bits per second and Hz of the qualities 1 to 15."""
-_GAP: Final = -math.log(5.0 * 0.00005) / 1.5
-MIN_SNIR_DB: Final = 10.0 * np.log10(_GAP * (2.0**EFFICIENCY - 1.0))
+_GAP: Final = -elementary_python.log(5.0 * 0.00005) / 1.5
+MIN_SNIR_DB: Final = np.array(
+    [10.0 * elementary_python.log10(_GAP * (elementary_python.power(2.0, bits) - 1.0)) for bits in EFFICIENCY]
+)
 """By quality: least SNIR."""
 HARQ_NS: Final[Time] = 8 * NS_PER_MS
 """Round trip of a retransmission, eight subframes (TS 36.321, 7.7)."""
@@ -53,8 +56,8 @@ def quality_of(snir_db: float) -> int:
 
 def block_error(quality: int, snir_db: float, transmission: int = 1) -> float:
     """The probability that a block is not decoded after so many transmissions."""
-    above_db = snir_db + 10.0 * math.log10(transmission) - float(MIN_SNIR_DB[quality])
-    odds: float = 9.0 * 10.0 ** min(max(above_db, -30.0), 30.0)
+    above_db = snir_db + 10.0 * elementary.log10(transmission) - float(MIN_SNIR_DB[quality])
+    odds: float = 9.0 * elementary.exp10(min(max(above_db, -30.0), 30.0))
     return 1.0 / (1.0 + odds)
 
 
@@ -77,7 +80,7 @@ class CellularDirection:
 
     def snir_db(self, at: Time) -> float:
         """Signal-to-noise-and-interference ratio at an instant."""
-        return self.signal_dbm - 10.0 * math.log10(self.interference.steady_mw(at))
+        return self.signal_dbm - 10.0 * elementary.log10(self.interference.steady_mw(at))
 
     def carry(self, now: Time, size: int, draws: Uniforms) -> tuple[Fate, Time, Time | None]:
         """As `OpenChannel.carry`."""
@@ -173,12 +176,12 @@ class CellularLink:
             self.strengths_dbm = powers_dbm.copy()
             self.serving = int(np.argmax(powers_dbm))
             return "", self.cell
-        self._power_mw = self._power_mw + 10.0 ** (0.1 * powers_dbm)
+        self._power_mw = self._power_mw + elementwise.exp10(0.1 * powers_dbm)
         self._samples += 1
         if now - self._measured_ns < MEASUREMENT_NS:
             return None
         self._measured_ns = now
-        powers_dbm = 10.0 * np.log10(np.maximum(self._power_mw / self._samples, 1e-30))
+        powers_dbm = 10.0 * elementwise.log10(np.maximum(self._power_mw / self._samples, 1e-30))
         self._power_mw, self._samples = np.zeros_like(powers_dbm), 0
         self.strengths_dbm = (1.0 - FILTER) * self.strengths_dbm + FILTER * powers_dbm
         if self.serving == NO_CELL:

@@ -6,6 +6,7 @@ import math
 from itertools import pairwise
 from typing import NamedTuple
 
+from skyrange.core import elementary
 from skyrange.core.time import Time
 
 
@@ -28,7 +29,7 @@ class Interference:
     __slots__ = ("bursts", "noise_mw")
 
     def __init__(self, noise_dbm: float) -> None:
-        self.noise_mw: float = 10.0 ** (0.1 * noise_dbm)
+        self.noise_mw: float = elementary.exp10(0.1 * noise_dbm)
         self.bursts: list[BurstAtReceiver] = []
 
     def steady_mw(self, at: Time) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from skyrange.codec.wifi_management import DEAUTHENTICATION, decode_management
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.medium import Floats, Ints, RadioTable
+from skyrange.core import elementary, elementary_python, elementwise, matrices
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port, hash64
@@ -44,7 +45,7 @@ from skyrange.radio.spectrum import ManagementFrame, NoiseBurst, Spectrum, Trans
 NAME: Final = "radio links"
 """It is later than the oracle in order of names, so that it learns in the same instant what the oracle knows."""
 STEP_NS: Final[Time] = 20 * NS_PER_MS
-_RATE_WEIGHT: Final = 1.0 - 0.75 ** (STEP_NS / (100 * NS_PER_MS))
+_RATE_WEIGHT: Final = 1.0 - elementary_python.power(0.75, STEP_NS / (100 * NS_PER_MS))
 """Linux's Minstrel rate control gives a new interval of 100 ms a weight of 25 % (`EWMA_LEVEL`)."""
 _OCCUPANCY_WEIGHT: Final = STEP_NS / (100 * NS_PER_MS)
 """Occupancy is an average over about 100 ms (assumed)."""
@@ -259,10 +260,10 @@ class ControlLinks:
         senders, channels = table[:, :2].astype(np.int64).T
         airtime, reach_m = table[:, 2], np.where(np.isnan(table[:, 3]), self._reach_m[:, None], table[:, 3])
         away = pos[self._rows][:, None, :] - pos[senders][None, :, :]
-        near = (away * away).sum(axis=2) <= reach_m**2
+        near = (away * away).sum(axis=2) <= (reach_m * reach_m)
         near &= self._rows[:, None] != senders[None, :]
         near &= np.abs(self._channels[:, None] - channels[None, :]) < _OVERLAP_CHANNELS
-        busy = np.minimum(near @ (airtime / STEP_NS), 1.0)
+        busy = np.minimum(matrices.multiply(near, airtime / STEP_NS), 1.0)
         busy = np.minimum(1.0 - (1.0 - busy) * (1.0 - self._background), MAX_OCCUPANCY)
         for transmitter, share in zip(self._transmitters, busy.tolist(), strict=True):
             transmitter.airtime_ns = 0
@@ -300,7 +301,7 @@ class ControlLinks:
         rows = np.array([frame.radio]), np.array([receiver.row])
         gain = self._propagation[centre].gains_db(radios, *rows, centre, frame.at_ns).item()
         noise_mw = direction.interference.steady_mw(frame.at_ns)
-        snir_db = frame.power_dbm + gain - 10.0 * math.log10(noise_mw)
+        snir_db = frame.power_dbm + gain - 10.0 * elementary.log10(noise_mw)
         heard = success_probability(0, snir_db, 8.0 * len(frame.mac_frame))
         who = hash64(f"{link.name}|{receiver.name}")
         if self._chance.uniform4("deauthentication", who, frame.at_ns, frame.ref.serial)[0] >= heard:
@@ -331,14 +332,14 @@ class ControlLinks:
                 out.note("event.handover", link.name, {"from": change[0], "to": change[1]})
             candidate = link.serving if link.serving != NO_CELL else int(np.argmax(powers))
             width = params.bandwidth_mhz
-            cells_mw = cell_loads * 10.0 ** (0.1 * powers)
+            cells_mw = cell_loads * elementwise.exp10(0.1 * powers)
             others_mw = float(cells_mw.sum() - cells_mw[candidate])
             ends = [link.row, int(rows[candidate])]
             noise = _NoiseAt(
                 self._spectrum.bursts, propagation, radios, ends, centre_mhz=centre, width_mhz=width, now=now
             )
             down, up = link.to_aircraft.interference, link.to_station.interference
-            down.noise_mw = 10.0 ** (0.1 * link.aircraft_noise_dbm) + others_mw
+            down.noise_mw = elementary.exp10(0.1 * link.aircraft_noise_dbm) + others_mw
             down.bursts = noise.at(ends[1], ends[0])
             # the uplink uses a share of the band, and so does the noise that it meets
             up.bursts = [
@@ -388,13 +389,13 @@ class _NoiseAt:
             sent_db, received_db = self._gains[place, self._column[sender]], self._gains[place, self._column[receiver]]
             if burst.turnaround_ns and power_dbm + sent_db < PREAMBLE_DBM:
                 continue
-            in_filter_dbm = burst.power_dbm + 10.0 * math.log10(self._shares[place])
+            in_filter_dbm = burst.power_dbm + 10.0 * elementary.log10(self._shares[place])
             received.append(
                 BurstAtReceiver(
                     burst.from_ns,
                     burst.to_ns,
                     burst.turnaround_ns,
-                    10.0 ** (0.1 * (in_filter_dbm + received_db)),
+                    elementary.exp10(0.1 * (in_filter_dbm + received_db)),
                     in_filter_dbm + sent_db,
                 )
             )

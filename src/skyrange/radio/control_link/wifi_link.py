@@ -13,6 +13,7 @@ from skyrange.contracts.frames import Fate
 from skyrange.contracts.links import OpenChannel, Uniforms
 from skyrange.contracts.mailboxes import ChannelOrder, End
 from skyrange.contracts.medium import Floats
+from skyrange.core import elementary
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 from skyrange.radio.control_link.interference import Interference
 from skyrange.radio.control_link.params import WifiParams
@@ -176,7 +177,7 @@ class WifiDirection:
 
     def snir_db(self, at: Time) -> float:
         """Signal-to-noise-and-interference ratio at an instant, without reactive jammers."""
-        return self.signal_dbm - 10.0 * math.log10(self.interference.steady_mw(at))
+        return self.signal_dbm - 10.0 * elementary.log10(self.interference.steady_mw(at))
 
     def carry(self, now: Time, size: int, draws: Uniforms) -> tuple[Fate, Time, Time | None]:
         """As `OpenChannel.carry`."""
@@ -256,7 +257,7 @@ def find_success(
     """The probability that a receiver decodes a frame on the air from `start` to `end`, at a rate, by its place."""
     probability = 1.0
     for share, noise_mw in interference.pieces(start, end):
-        snir_db = signal_dbm - 10.0 * math.log10(noise_mw)
+        snir_db = signal_dbm - 10.0 * elementary.log10(noise_mw)
         probability *= success_probability(rate, snir_db, 8.0 * size_bytes * share)
     return probability
 

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from skyrange.contracts.medium import Floats
+from skyrange.core import elementary, elementary_python
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_US, Time
 from skyrange.radio.phy import OFDM, bits_success_probability
@@ -24,7 +25,7 @@ RATES_MBPS: Final = np.array([6.0, 9.0, 12.0, 18.0, 24.0, 36.0, 48.0, 54.0])
 _SENSITIVITY_DBM: Final = np.array([-82.0, -81.0, -79.0, -77.0, -74.0, -70.0, -66.0, -65.0])
 """IEEE 802.11-2020, table 17-18, at 20 MHz."""
 WIDTH_MHZ: Final = 20.0
-MIN_SNIR_DB: Final = _SENSITIVITY_DBM - (THERMAL_DBM_PER_MHZ + 10.0 * math.log10(WIDTH_MHZ)) - 10.0 - 5.0
+MIN_SNIR_DB: Final = _SENSITIVITY_DBM - (THERMAL_DBM_PER_MHZ + 10.0 * elementary_python.log10(WIDTH_MHZ)) - 10.0 - 5.0
 """By rate: SNIR at which 10 % of frames of 1,000 bytes are lost."""
 
 SIFS_NS: Final[Time] = 10 * NS_PER_US
@@ -66,7 +67,7 @@ def airtime_ns(rate: int, size_bytes: int) -> Time:
 def success_probability(rate: int, snir_db: float, bits: float) -> float:
     """The probability that `bits` arrive at a rate, by its place in `RATES_MBPS`."""
     equivalent_db = snir_db + _SHIFT_DB[rate]
-    return bits_success_probability(OFDM, 10.0 ** (0.1 * equivalent_db), bits)
+    return bits_success_probability(OFDM, elementary.exp10(0.1 * equivalent_db), bits)
 
 
 def ack_rate(rate: int) -> int:

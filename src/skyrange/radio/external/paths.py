@@ -5,6 +5,7 @@ Noise is that of jammers and of the city's background traffic, in pieces of limi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from skyrange.codec.medium_protocol import NO_RADIO, NOISE, PATH, Rows
 from skyrange.contracts.medium import EmitterTable, Floats, Ints, RadioSpec, RadioTable
+from skyrange.core import elementary
 from skyrange.core.chance import Chance
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_MS, Time
@@ -40,7 +42,7 @@ def _antenna_gains(antenna: Floats, pos: Floats, sender: int, rows: Ints, gains:
         r = rows[k]
         gain = antenna[sender, 1] + antenna[r, 1]
         ex, ey, ez = pos[r, 0] - pos[sender, 0], pos[r, 1] - pos[sender, 1], pos[r, 2] - pos[sender, 2]
-        distance = (ex * ex + ey * ey + ez * ez) ** 0.5
+        distance = math.sqrt(ex * ex + ey * ey + ez * ez)
         sine = ez / distance if distance > 0.0 else 0.0
         if antenna[sender, 0] == 1.0:
             gain += dipole_dbi(sine)
@@ -73,7 +75,7 @@ class PathFinder:
             horizon_m=float(surroundings.horizon_m),
             randomness=surroundings.chance and not own_losses,
             background_share=float(surroundings.city_busy),
-            background_mean_mw=10.0 ** (0.1 * surroundings.city_dbm),
+            background_mean_mw=elementary.exp10(0.1 * surroundings.city_dbm),
             every_pair=False,
             tabled=len(table.places) > 0,
             table=table._replace(lookups=np.zeros_like(table.lookups)),
@@ -188,7 +190,7 @@ def _background(
         for r in range(who.shape[0]):
             power = background_power_mw(params, who[r], piece, centre, _WIFI_MHZ)
             if power > 0.0:
-                times[count], rows[count], dbm[count] = piece, r, 10.0 * np.log10(power)
+                times[count], rows[count], dbm[count] = piece, r, 10.0 * elementary.log10(power)
                 count += 1
     return times[:count].copy(), rows[:count].copy(), dbm[:count].copy()
 

@@ -20,6 +20,7 @@ from typing import Final
 
 import numpy as np
 
+from skyrange.core import elementary
 from skyrange.core.chance import uniform4
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
@@ -57,7 +58,7 @@ def cell_of(x: float, y: float, z: float, side: float) -> np.uint64:
 @compiled
 def standard_normal(u: float, v: float) -> float:
     """A standard normal number from two uniform ones (Box & Muller, 1958)."""
-    return math.sqrt(-2.0 * math.log(1.0 - u)) * math.cos(2.0 * math.pi * v)
+    return math.sqrt(-2.0 * elementary.log(1.0 - u)) * elementary.cos(2.0 * math.pi * v)
 
 
 @compiled
@@ -70,7 +71,7 @@ def shadow_db(
     hidden: bool,  # noqa: FBT001
 ) -> float:
     """Shadowing of a pair whose ends are in two cells; the first cell is that of the radio with the lower hash."""
-    sigma = NLOS_SIGMA_DB if hidden else max(5.0 * math.exp(-0.01 * lower_height_m), 2.0)
+    sigma = NLOS_SIGMA_DB if hidden else max(5.0 * elementary.exp(-0.01 * lower_height_m), 2.0)
     u, v, _, _ = uniform4(seed, _SHADOW, np.uint64(pair), np.uint64(low_cell), np.uint64(high_cell))
     return sigma * standard_normal(u, v)
 
@@ -94,7 +95,7 @@ def fade_draws(seed: np.uint64, pair: np.uint64, time_ns: int, bin_ns: int, cent
     """Two random numbers of a pair at a time on a frequency: an exponential one of mean 1 and a uniform one."""
     when = np.uint64((time_ns // bin_ns) * bin_ns)
     u, v, _, _ = uniform4(seed, _FADE, np.uint64(pair), when, np.uint64(centre_mhz))
-    return -math.log(1.0 - u), v
+    return -elementary.log(1.0 - u), v
 
 
 @compiled
@@ -103,7 +104,7 @@ def fade_db(draws: tuple[float, float], hidden: bool) -> float:  # noqa: FBT001
     power, turn = draws
     if not hidden:
         radius = math.sqrt(power / (RICIAN_K + 1.0))
-        x = math.sqrt(RICIAN_K / (RICIAN_K + 1.0)) + radius * math.cos(2.0 * math.pi * turn)
-        y = radius * math.sin(2.0 * math.pi * turn)
+        x = math.sqrt(RICIAN_K / (RICIAN_K + 1.0)) + radius * elementary.cos(2.0 * math.pi * turn)
+        y = radius * elementary.sin(2.0 * math.pi * turn)
         power = x * x + y * y
-    return 10.0 * math.log10(max(power, 1e-9))
+    return 10.0 * elementary.log10(max(power, 1e-9))

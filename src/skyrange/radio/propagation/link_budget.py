@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.medium import Floats, Ints
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.radio.propagation.fading import (
     cell_of,
@@ -139,7 +140,7 @@ def path_power_dbm(  # noqa: PLR0917
             margin = min(clear - floor_dbm, NLOS_LOSS_DB)
             if margin + guiding_db < 0.0:
                 return NO_SIGNAL
-        stop = stop_threshold(10.0 ** (0.05 * margin), ax, ay, bx, by, wavelength)
+        stop = stop_threshold(elementary.exp10(0.05 * margin), ax, ay, bx, by, wavelength)
         met = trace_line(obstacles, ax, ay, az, bx, by, bz, wavelength, stop)
         loss = 0.0
         if met.blocking > 0 or guiding_db > 0.0:
@@ -199,7 +200,7 @@ def received_power_dbm(  # noqa: PLR0917
 def max_range_m(best_dbi: float, power_dbm: float, floor_dbm: float, centre: float) -> float:
     """The distance at which a signal falls to a floor in free space between the best antennas."""
     budget = power_dbm + 2.0 * max(best_dbi, 0.0) - floor_dbm
-    return float(wavelength_m(centre) / (4.0 * math.pi) * 10.0 ** (0.05 * budget))
+    return float(wavelength_m(centre) / (4.0 * math.pi) * elementary.exp10(0.05 * budget))
 
 
 @compiled

@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
+from skyrange.core import elementary, elementary_python
 from skyrange.core.compiled import compiled
 from skyrange.radio.propagation.obstacle_grid import Obstacles as Obstacles
 from skyrange.radio.propagation.obstacle_grid import obstacle_index as obstacle_index
@@ -39,7 +40,7 @@ MAX_BUILDINGS_ROUND: Final = 2
 """The most buildings in a row that a signal passes round the sides; past more of them it arrives
 over the roofs only."""
 BLOCKED: Final = math.inf
-_LIMIT: Final = 10.0 ** (0.05 * (4.8 - 12.92))
+_LIMIT: Final = elementary_python.exp10(0.05 * (4.8 - 12.92))
 _NEGLIGIBLE_DB: Final = 10.0  # a path with that much more loss than the one over the roofs adds less than half a dB
 _SUM_DB: Final = 4.8  # three equal paths together are 4.8 dB above one of them
 
@@ -246,7 +247,7 @@ def obstruction_db(  # noqa: PLR0917
     0 without any building near the line, 0 to 6 dB with a roof close below it, more if the line is obstructed; down to
     minus `path_loss.ground_excess_db` along a street.
     """
-    stop = stop_threshold(10.0 ** (0.05 * margin_db), ax, ay, bx, by, wavelength)
+    stop = stop_threshold(elementary.exp10(0.05 * margin_db), ax, ay, bx, by, wavelength)
     met = trace_line(obstacles, ax, ay, az, bx, by, bz, wavelength, stop)
     return traced_loss_db(obstacles, met, ax, ay, az, bx, by, bz, wavelength, margin_db, UNKNOWN)
 
@@ -294,14 +295,16 @@ def traced_loss_db(  # noqa: PLR0917
     loss = BLOCKED
     if min(over, min(left, right)) <= margin_db + _SUM_DB:
         ends = (ax, ay, az, dx, dy, dz)
-        power = 10.0 ** (-0.1 * over)
+        power = elementary.exp10(-0.1 * over)
         if left <= over + _NEGLIGIBLE_DB and met.left_a * met.left_b > 0.0:
-            power += 10.0 ** (-0.1 * _side_path_db(obstacles, met.left_a, met.left_b, 1.0, ends, distance, wavelength))
+            power += elementary.exp10(
+                -0.1 * _side_path_db(obstacles, met.left_a, met.left_b, 1.0, ends, distance, wavelength)
+            )
         if right <= over + _NEGLIGIBLE_DB and met.right_a * met.right_b > 0.0:
-            power += 10.0 ** (
+            power += elementary.exp10(
                 -0.1 * _side_path_db(obstacles, met.right_a, met.right_b, -1.0, ends, distance, wavelength)
             )
-        loss = -10.0 * math.log10(power)
+        loss = -10.0 * elementary.log10(power)
     if loss > margin_db:
         loss = BLOCKED
     both, one = street_excess_db(math.sqrt(distance * distance + dz * dz), az, bz, wavelength)

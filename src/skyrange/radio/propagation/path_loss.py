@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 
 SPEED_OF_LIGHT_MPS: Final = 299_792_458.0
@@ -29,14 +30,14 @@ def wavelength_m(frequency_mhz: float) -> float:
 @compiled
 def free_space_db(distance_m: float, wavelength: float) -> float:
     """Basic transmission loss in free space, 20·log10(4πd/λ) (ITU-R P.525-4, eq. 3)."""
-    return 20.0 * math.log10(4.0 * math.pi * max(distance_m, MIN_DISTANCE_M) / wavelength)
+    return 20.0 * elementary.log10(4.0 * math.pi * max(distance_m, MIN_DISTANCE_M) / wavelength)
 
 
 @compiled
 def ground_excess_db(distance_m: float, height_a_m: float, height_b_m: float, wavelength: float) -> float:
     """Loss over unobstructed ground on top of free space: 0 up to the distance 4·h1·h2/λ, 20 dB per decade beyond."""
     breakpoint_m = 4.0 * max(height_a_m, MIN_HEIGHT_M) * max(height_b_m, MIN_HEIGHT_M) / wavelength
-    return 20.0 * math.log10(distance_m / breakpoint_m) if distance_m > breakpoint_m else 0.0
+    return 20.0 * elementary.log10(distance_m / breakpoint_m) if distance_m > breakpoint_m else 0.0
 
 
 @compiled
@@ -55,7 +56,7 @@ def knife_edge_db(nu: float) -> float:
     """Loss J(ν) behind a knife edge (ITU-R P.526-15, eq. 31), 0 where ν is below -0.78."""
     if nu <= CLEAR_NU:
         return 0.0
-    return 6.9 + 20.0 * math.log10(math.sqrt((nu - 0.1) * (nu - 0.1) + 1.0) + nu - 0.1)
+    return 6.9 + 20.0 * elementary.log10(math.sqrt((nu - 0.1) * (nu - 0.1) + 1.0) + nu - 0.1)
 
 
 @compiled
@@ -78,11 +79,11 @@ def dipole_dbi(sine_of_elevation: float) -> float:
     level = 1.0 - sine_of_elevation * sine_of_elevation
     if level <= 1e-9:
         return NULL_DB
-    field = math.cos(0.5 * math.pi * sine_of_elevation)
-    return max(2.15 + 10.0 * math.log10(max(field * field / level, 1e-9)), NULL_DB)
+    field = elementary.cos(0.5 * math.pi * sine_of_elevation)
+    return max(2.15 + 10.0 * elementary.log10(max(field * field / level, 1e-9)), NULL_DB)
 
 
 @compiled
 def noise_dbm(noise_figure_db: float, width_mhz: float) -> float:
     """Thermal noise of a receiver at 290 K."""
-    return THERMAL_DBM_PER_MHZ + noise_figure_db + 10.0 * math.log10(width_mhz)
+    return THERMAL_DBM_PER_MHZ + noise_figure_db + 10.0 * elementary.log10(width_mhz)

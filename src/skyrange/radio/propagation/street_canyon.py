@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.radio.propagation.obstacle_grid import Obstacles, start_traversal
 from skyrange.radio.propagation.path_loss import SPEED_OF_LIGHT_MPS, ground_excess_db, open_ground_db
@@ -48,7 +49,9 @@ def street_loss_db(distance_m: float, wavelength: float) -> float:
     10·2.36·log10(f/GHz), for 0.8 to 38 GHz and 30 to 715 m.
     """
     frequency_ghz = SPEED_OF_LIGHT_MPS / wavelength * 1e-9
-    return 10.0 * _ALPHA * math.log10(max(distance_m, 1.0)) + _BETA + 10.0 * _GAMMA * math.log10(frequency_ghz)
+    return (
+        10.0 * _ALPHA * elementary.log10(max(distance_m, 1.0)) + _BETA + 10.0 * _GAMMA * elementary.log10(frequency_ghz)
+    )
 
 
 @compiled
@@ -60,8 +63,8 @@ def aerial_loss_db(distance_m: float, height_m: float, wavelength: float) -> flo
     heights: at 400 m and h = 60 m, both are within 1 dB.
     """
     frequency_ghz = SPEED_OF_LIGHT_MPS / wavelength * 1e-9
-    slope = 43.2 - 7.6 * math.log10(max(height_m, AERIAL_HEIGHT_M))
-    return 32.4 + slope * math.log10(max(distance_m, 1.0)) + 20.0 * math.log10(frequency_ghz)
+    slope = 43.2 - 7.6 * elementary.log10(max(height_m, AERIAL_HEIGHT_M))
+    return 32.4 + slope * elementary.log10(max(distance_m, 1.0)) + 20.0 * elementary.log10(frequency_ghz)
 
 
 @compiled

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, mo
 
 from skyrange.contracts.params import Params as PluginParams
 from skyrange.contracts.plugins.registry import AUTOPILOTS, kinds
+from skyrange.core import elementary_python
 from skyrange.core.errors import Problem, nearest
 from skyrange.scenario.model.base import Id, Model, Number, Whole, items, refuse, wrong
 from skyrange.scenario.model.plan import Plan
@@ -223,7 +224,7 @@ class Fleet(Model):
         # radius is that of a circle with the area of `count` cells, plus the diagonal of a cell; the second contains
         # `count` points in one line. The smaller one is used: the first is far too large for a narrow lattice, the
         # second for a square one.
-        cells_m = math.sqrt(self.count * wide_m * deep_m / math.pi) + math.hypot(wide_m, deep_m)
+        cells_m = math.sqrt(self.count * wide_m * deep_m / math.pi) + elementary_python.hypot(wide_m, deep_m)
         line_m = (self.count // 2 + 1) * min(wide_m, deep_m)
         radius_m = min(cells_m, line_m)
         columns, rows = int(radius_m / wide_m), int(radius_m / deep_m)
@@ -231,10 +232,17 @@ class Fleet(Model):
             (i * wide_m, j * deep_m)
             for i in range(-columns, columns + 1)
             for j in range(-rows, rows + 1)
-            if math.hypot(i * wide_m, j * deep_m) <= radius_m
+            if elementary_python.hypot(i * wide_m, j * deep_m) <= radius_m
         ]
-        digits = 6 + max(0, math.ceil(-math.log10(min(wide_m, deep_m))))  # sums of equal distances differ by rounding
-        places.sort(key=lambda place: (round(math.hypot(*place), digits), math.atan2(place[1], place[0])))
+        digits = 6 + max(
+            0, math.ceil(-elementary_python.log10(min(wide_m, deep_m)))
+        )  # sums of equal distances differ by rounding
+        places.sort(
+            key=lambda place: (
+                round(elementary_python.hypot(*place), digits),
+                elementary_python.atan2(place[1], place[0]),
+            )
+        )
         first = self.start
         return [
             first.model_copy(update={"east_m": first.east_m + east_m, "north_m": first.north_m + north_m})

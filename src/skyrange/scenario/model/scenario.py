@@ -23,6 +23,7 @@ from skyrange.contracts.plugins.registry import (
     MEDIA,
     kinds,
 )
+from skyrange.core import elementary_python
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.geodesy import Origin as Datum
 from skyrange.core.time import Epoch
@@ -206,7 +207,7 @@ class Wind(Model):
     def air(self) -> Air:
         """The wind in the form that the world uses: the velocity of the air, east, north and up."""
         from_rad, speed_mps = math.radians(self.from_deg), -self.speed_mps
-        steady = (speed_mps * math.sin(from_rad), speed_mps * math.cos(from_rad), 0.0)
+        steady = (speed_mps * elementary_python.sin(from_rad), speed_mps * elementary_python.cos(from_rad), 0.0)
         return Air(steady, TURBULENCE_MPS[self.turbulence] if self.w20_mps is None else self.w20_mps)
 
 

@@ -11,12 +11,12 @@ straight up or down from wherever it is, and a mission flies on from there: over
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import Final
 
 from skyrange.city.city import City
+from skyrange.core import elementary
 from skyrange.core.time import Time, from_seconds
 from skyrange.vehicle.avoidance.conflicts import find_conflicts, velocity_towards
 from skyrange.vehicle.avoidance.contract import (
@@ -112,7 +112,7 @@ class EpisodicAvoidance(ABC):
     def _considered(self, own: Own, tracks: Tracks, rows: tuple[int, ...]) -> tuple[int, ...]:
         """The rows, beside those in conflict, that are near enough to shape a waypoint."""
         away = tracks.pos_enu_m[:, :2] - own.pos_enu_m[:2]
-        near = (away**2).sum(axis=1) <= self.limits.reach_m**2
+        near = (away * away).sum(axis=1) <= (self.limits.reach_m * self.limits.reach_m)
         return tuple(row for row in near.nonzero()[0].tolist() if row not in rows)
 
     def still_good(self, own: Own, tracks: Tracks, episode: Episode) -> bool:
@@ -122,4 +122,4 @@ class EpisodicAvoidance(ABC):
 
 def _beside(place: Vector, goal: Vector) -> float:
     """How far a place is from a goal seen from above, in metres."""
-    return math.hypot(place[0] - goal[0], place[1] - goal[1])
+    return elementary.hypot(place[0] - goal[0], place[1] - goal[1])

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.city.wall_index import WallIndex
+from skyrange.core import elementary, elementary_python, elementwise
 from skyrange.core.compiled import compiled
 from skyrange.core.time import Time
 from skyrange.vehicle.avoidance.conflicts import entry_s, find_conflicts, velocity_towards
@@ -133,7 +134,9 @@ def find_first_waypoint(
     # the mission's own places may be near a wall; others have to keep their distance
     free[on_leg:][free[on_leg:] < limits.wall_m] = 0.0
     away = nodes[:, :2] - here[:2]
-    free[2:][away[2:, 0] ** 2 + away[2:, 1] ** 2 <= limits.arrive_m**2] = 0.0  # it is there already
+    free[2:][(away[2:, 0] * away[2:, 0]) + (away[2:, 1] * away[2:, 1]) <= (limits.arrive_m * limits.arrive_m)] = (
+        0.0  # it is there already
+    )
     course = nodes[1, :2] - here[:2]
     to_left = course[0] * away[:, 1] - course[1] * away[:, 0] > 1e-6 * max(float(np.abs(course).max()), 1.0)
     came = np.zeros(len(nodes), dtype=np.int64)
@@ -174,23 +177,28 @@ def _places(own: Own, anchor: Vector, tracks: Tracks, limits: AvoidanceLimits, r
         steps = np.arange(max(passed, 0.0) + _STEP_M, min(last, length), _STEP_M)
         along = [begin + unit * step for step in steps.tolist()]
     end = begin + unit * last if last < length else goal
-    course = math.atan2(end[1] - here[1], end[0] - here[0])
+    course = elementary.atan2(end[1] - here[1], end[0] - here[0])
     fan = []
     for degrees in _FAN_DEG:
         for side in (-1.0, 1.0):
             for reach in (1.5, 3.0):
                 angle = course + side * math.radians(degrees)
-                fan.append((here[0] + reach * radius_m * math.cos(angle), here[1] + reach * radius_m * math.sin(angle)))
-    ring_m = radius_m * _ROOM / math.cos(math.pi / _SIDES)
+                fan.append(
+                    (
+                        here[0] + reach * radius_m * elementary.cos(angle),
+                        here[1] + reach * radius_m * elementary.sin(angle),
+                    )
+                )
+    ring_m = radius_m * _ROOM / elementary.cos(math.pi / _SIDES)
     standing = []
     for (east, north, _), (vx, vy, _) in zip(tracks.pos_enu_m.tolist(), tracks.vel_enu_mps.tolist(), strict=True):
-        away_m = math.hypot(east - here[0], north - here[1])
-        if math.hypot(vx, vy) < limits.standing_mps:
-            standing.append((away_m + math.hypot(end[0] - east, end[1] - north), east, north))
+        away_m = elementary.hypot(east - here[0], north - here[1])
+        if elementary.hypot(vx, vy) < limits.standing_mps:
+            standing.append((away_m + elementary.hypot(end[0] - east, end[1] - north), east, north))
     for _, east, north in sorted(standing)[:_MAX_RINGS]:  # those nearest to the straight way
         for side in range(_SIDES):
             angle = course + (side + 0.5) * 2.0 * math.pi / _SIDES
-            fan.append((east + ring_m * math.cos(angle), north + ring_m * math.sin(angle)))
+            fan.append((east + ring_m * elementary.cos(angle), north + ring_m * elementary.sin(angle)))
     level = [(x, y, here[2]) for x, y in fan]
     return np.array([here, end, *along, *level]), 2 + len(along)
 
@@ -199,8 +207,8 @@ def _taken(place: Floats, tracks: Tracks, limits: AvoidanceLimits, radius_m: flo
     """Whether somebody stands there."""
     for (east, north, up), (vx, vy, _) in zip(tracks.pos_enu_m.tolist(), tracks.vel_enu_mps.tolist(), strict=True):
         level = math.isnan(up) or abs(up - place[2]) < limits.protected_up_m
-        close = math.hypot(east - place[0], north - place[1]) < radius_m * _ROOM
-        if level and close and math.hypot(vx, vy) < limits.standing_mps:
+        close = elementary.hypot(east - place[0], north - place[1]) < radius_m * _ROOM
+        if level and close and elementary.hypot(vx, vy) < limits.standing_mps:
             return True
     return False
 
@@ -210,9 +218,9 @@ def _around(walls: WallIndex, near: Ints, here: Floats, end: Floats, up_m: float
     room = np.empty((4096, 2))
     # a right angle leaves 0.7 of it to each wall: room enough for who is there but for `arrive_m`
     corner_points = room[: corners(walls, near, 1.75 * limits.wall_m, room)]
-    detour = np.hypot(*(corner_points - here[:2]).T) + np.hypot(*(corner_points - end[:2]).T)
+    detour = elementwise.hypot(*(corner_points - here[:2]).T) + elementwise.hypot(*(corner_points - end[:2]).T)
     kept = np.argsort(detour, kind="stable")[:_MAX_CORNERS]
-    kept = kept[detour[kept] <= math.hypot(*(end[:2] - here[:2]).tolist()) + 2.0 * limits.reach_m]
+    kept = kept[detour[kept] <= elementary.hypot(*(end[:2] - here[:2]).tolist()) + 2.0 * limits.reach_m]
     return np.column_stack((corner_points[kept], np.full(len(kept), up_m)))
 
 
@@ -235,7 +243,11 @@ class Geometric(EpisodicAvoidance):
     def still_good(self, own: Own, tracks: Tracks, episode: Episode) -> bool:
         """Not reached, and nobody and nothing in between."""
         place = episode.waypoint_enu_m
-        if place is None or math.dist(place, own.pos_enu_m) <= self.limits.arrive_m or episode.stuck_ns is not None:
+        if (
+            place is None
+            or elementary_python.distance(place, own.pos_enu_m) <= self.limits.arrive_m
+            or episode.stuck_ns is not None
+        ):
             return False
         velocity, takes_s = velocity_towards(own.pos_enu_m, place, own.cruise_mps)
         within_s = min(takes_s, self.limits.look_ahead_s)

@@ -7,12 +7,12 @@ flown as a place a few seconds ahead. It presumes that others do the same: one t
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
 from skyrange.city.city import City
+from skyrange.core import elementary
 from skyrange.core.extras import missing_module
 from skyrange.core.time import Time
 from skyrange.vehicle.avoidance.conflicts import velocity_towards
@@ -63,7 +63,7 @@ class Orca(EpisodicAvoidance):
             sim.set_agent_radius(number, half)
         sim.do_step()
         velocity = sim.get_agent_velocity(0)
-        if math.hypot(velocity.x, velocity.y) < 0.1:
+        if elementary.hypot(velocity.x, velocity.y) < 0.1:
             return None
         place = (x + AHEAD_S * velocity.x, y + AHEAD_S * velocity.y, z)
         return place if is_straight_clear(self.walls, own.pos_enu_m, place, limits.wall_m) else None

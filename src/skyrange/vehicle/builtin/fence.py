@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
 from skyrange.vehicle.builtin.layout import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT
@@ -95,7 +96,7 @@ def zone_breach(z: Any, east: float, north: float, union: bool) -> tuple[bool, f
     for k in range(z.count):
         if z.kind[k] != CIRCLE_OUT:
             continue
-        edge = z.radius[k] - math.hypot(east - z.point[z.first[k], 0], north - z.point[z.first[k], 1])
+        edge = z.radius[k] - elementary.hypot(east - z.point[z.first[k], 0], north - z.point[z.first[k], 1])
         far = max(far, edge)
         if edge > 0.0:
             return True, far
@@ -103,7 +104,7 @@ def zone_breach(z: Any, east: float, north: float, union: bool) -> tuple[bool, f
         if z.kind[k] != CIRCLE_IN:
             continue
         inclusions += 1
-        edge = math.hypot(east - z.point[z.first[k], 0], north - z.point[z.first[k], 1]) - z.radius[k]
+        edge = elementary.hypot(east - z.point[z.first[k], 0], north - z.point[z.first[k], 1]) - z.radius[k]
         far = max(far, edge)
         if edge > 0.0:
             left += 1
@@ -245,7 +246,7 @@ def destination_within_fence(fleet: Fleet, vehicle: Vehicle, place: tuple[float,
         return True
     east, north, up = place
     above = up - vehicle.home[2]
-    away = math.hypot(east - vehicle.home[0], north - vehicle.home[1])
+    away = elementary.hypot(east - vehicle.home[0], north - vehicle.home[1])
     if kinds & FenceType.ALT_MAX and above > fleet.param(vehicle, "FENCE_ALT_MAX"):
         return False
     if kinds & FenceType.ALT_MIN and above < fleet.param(vehicle, "FENCE_ALT_MIN"):

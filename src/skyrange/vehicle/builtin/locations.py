@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.core import elementary
 from skyrange.vehicle.builtin import fence
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Vehicle
 from skyrange.vehicle.builtin.telemetry.table import build_message
@@ -91,7 +92,7 @@ def _diff_longitude(units: float) -> float:
 
 
 def _longitude_scale(lat_e7: int) -> float:
-    return max(math.cos(lat_e7 * 1e-7 * math.radians(1.0)), _LEAST_SCALE)
+    return max(elementary.cos(lat_e7 * 1e-7 * math.radians(1.0)), _LEAST_SCALE)
 
 
 def _enu_of(fleet: Fleet, lat_e7: int, lon_e7: int) -> tuple[float, float]:
@@ -154,7 +155,7 @@ def best_rally_or_home(fleet: Fleet, vehicle: Vehicle) -> Place:
 
 
 def _distance(a: Place, b: Place) -> float:
-    return math.hypot(a[0] - b[0], a[1] - b[1])
+    return elementary.hypot(a[0] - b[0], a[1] - b[1])
 
 
 def send_home(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> None:

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.vehicle.builtin.control.gains import GRAVITY_MPS2
 from skyrange.vehicle.builtin.control.shaping import clamp, limit_xy, sqrt_controller
@@ -45,17 +46,17 @@ def update_throttle_zero(f: Any, dt_s: float) -> bool:
 def desired_lean_accel(e: Any, f: Any, angle_max: float, limit: float) -> tuple[float, float]:
     """Return the acceleration that the roll and pitch sticks request, m/s² (forward, left)."""
     angle_max = min(angle_max, _LEAN_MAX_RAD)
-    forward = -math.tan(angle_max * f.sticks[1])
-    left = -math.tan(angle_max * f.sticks[0])
-    forward, left = limit_xy(forward, left, math.tan(clamp(limit, _LEAN_LIMIT_RAD, angle_max)))
+    forward = -elementary.tan(angle_max * f.sticks[1])
+    left = -elementary.tan(angle_max * f.sticks[0])
+    forward, left = limit_xy(forward, left, elementary.tan(clamp(limit, _LEAN_LIMIT_RAD, angle_max)))
     return GRAVITY_MPS2 * forward, GRAVITY_MPS2 * left
 
 
 @compiled
 def heading_to_local(e: Any, forward: float, left: float) -> tuple[float, float]:
     """Return (east, north) of a vector given along and across the heading."""
-    c = math.cos(e.yaw)
-    s = math.sin(e.yaw)
+    c = elementary.cos(e.yaw)
+    s = elementary.sin(e.yaw)
     return c * forward - s * left, s * forward + c * left
 
 
@@ -106,8 +107,8 @@ def loiter_angle_max(p: Any) -> float:
 @compiled
 def _lean_angles(forward: float, left: float) -> tuple[float, float]:
     """Return the lean angles (right side down, nose down) of an acceleration, rad."""
-    nose_down = math.atan(forward / GRAVITY_MPS2)
-    return math.atan(-math.cos(nose_down) * left / GRAVITY_MPS2), nose_down
+    nose_down = elementary.atan(forward / GRAVITY_MPS2)
+    return elementary.atan(-elementary.cos(nose_down) * left / GRAVITY_MPS2), nose_down
 
 
 @compiled
@@ -128,8 +129,8 @@ def update_loiter(e: Any, f: Any, p: Any, dt_s: float) -> None:
     f.predicted_lean_rate[1] += clamp(rate - f.predicted_lean_rate[1], -accel * dt_s, accel * dt_s)
     f.predicted_lean[0] += f.predicted_lean_rate[0] * dt_s
     f.predicted_lean[1] += f.predicted_lean_rate[1] * dt_s
-    soon_forward = GRAVITY_MPS2 * math.tan(f.predicted_lean[1])
-    soon_left = -GRAVITY_MPS2 * math.tan(f.predicted_lean[0]) / math.cos(f.predicted_lean[1])
+    soon_forward = GRAVITY_MPS2 * elementary.tan(f.predicted_lean[1])
+    soon_left = -GRAVITY_MPS2 * elementary.tan(f.predicted_lean[0]) / elementary.cos(f.predicted_lean[1])
     soon_e, soon_n = heading_to_local(e, soon_forward, soon_left)
     acc_e, acc_n = heading_to_local(e, forward, left)
     speed_max = max(p.LOIT_SPEED * 0.01, _SPEED_MIN_MPS)
@@ -140,7 +141,7 @@ def update_loiter(e: Any, f: Any, p: Any, dt_s: float) -> None:
     if speed > 0.0:
         u = vel_e / speed
         v = vel_n / speed
-        drag = GRAVITY_MPS2 * math.tan(most) * speed / speed_max
+        drag = GRAVITY_MPS2 * elementary.tan(most) * speed / speed_max
         brake = 0.0
         jerk = p.LOIT_BRK_JERK * 0.01
         if f.brake_timer_s > p.LOIT_BRK_DELAY:

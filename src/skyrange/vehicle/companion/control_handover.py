@@ -8,11 +8,11 @@ taken control: the companion yields at once, commands nothing, and waits before 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
+from skyrange.core import elementary_python
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.vehicle.avoidance.contract import AvoidanceAction, AvoidanceDecision, Episode, Vector
@@ -139,4 +139,8 @@ class ControlHandover:
 
 def _same_waypoint(first: Vector | None, second: Vector | None) -> bool:
     """Whether two waypoints are the same to the autopilot."""
-    return first == second if first is None or second is None else math.dist(first, second) < SAME_WAYPOINT_M
+    return (
+        first == second
+        if first is None or second is None
+        else elementary_python.distance(first, second) < SAME_WAYPOINT_M
+    )

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from skyrange.city.wall_index import NO_WALLS
 from skyrange.contracts.components import Contacts
 from skyrange.contracts.mailboxes import Note
+from skyrange.core import matrices
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world.body_state import BodyState, Floats, Ints
 from skyrange.world.collision import broad_phase, response
@@ -157,14 +158,14 @@ def apply_contacts(rows: NDArray[np.int64], contacts: Contacts, after_mps: Float
             continue
         i, j = int(rows[place]), int(rows[other]) if other >= 0 else -1
         apart = state.velocity[i] - (state.velocity[j] if other >= 0 else 0.0)
-        speed = math.sqrt(float(apart @ apart))
+        speed = math.sqrt(matrices.dot(apart, apart))
         hit = [0.0] * 7
         hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, j if other >= 0 else other, speed, NO_DAMAGE
         between = state.position[i] - (state.position[j] if other >= 0 else contacts.position_enu_m[k])
         if other < 0:
             between[2] += state.shape[state.airframe[i], CG]
-        along = float(apart @ between) / max(math.sqrt(float(between @ between)), _NEAR_M)
-        if max(-float(apart @ normal), -along) > GENTLE_MPS:
+        along = matrices.dot(apart, between) / max(math.sqrt(matrices.dot(between, between)), _NEAR_M)
+        if max(-matrices.dot(apart, normal), -along) > GENTLE_MPS:
             mass = float(state.shape[state.airframe[i], MASS])
             if other >= 0:
                 second = float(state.shape[state.airframe[j], MASS])
@@ -183,7 +184,7 @@ def apply_contacts(rows: NDArray[np.int64], contacts: Contacts, after_mps: Float
 
 def _break_motors(i: int, rotor: int, after_mps: Floats, state: BodyState) -> None:
     change = after_mps - state.velocity[i]
-    lost = slice(None) if math.sqrt(float(change @ change)) > DESTRUCTION_MPS else [rotor] if rotor >= 0 else []
+    lost = slice(None) if math.sqrt(matrices.dot(change, change)) > DESTRUCTION_MPS else [rotor] if rotor >= 0 else []
     state.alive[i, lost] = 0
     state.limit[i, lost] = 0.0
     state.rotor_radps[i, lost] = 0.0

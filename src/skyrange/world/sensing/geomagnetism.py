@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from skyrange.core import elementary_python
 from skyrange.core.geodesy import Origin
 
 _G: Final = {  # nT, WMM2020.COF, epoch 2020.0: (g, h) by degree and order
@@ -31,13 +32,18 @@ def magnetic_field_at(origin: Origin) -> MagneticField:
     """The field at a place, east, north, up in gauss: of magnitude 0.25 to 0.65, nearly vertical near the poles."""
     colatitude = math.radians(90.0 - origin.lat_deg)
     longitude = math.radians(origin.lon_deg)
-    cosine, sine = math.cos(colatitude), max(math.sin(colatitude), 1e-9)
+    cosine, sine = elementary_python.cos(colatitude), max(elementary_python.sin(colatitude), 1e-9)
     value, slope = _legendre(cosine, sine)  # at the reference radius: height and flattening matter less than truncation
     north = east = up = 0.0
     for (n, m), (g, h) in _G.items():
-        turn = g * math.cos(m * longitude) + h * math.sin(m * longitude)
+        turn = g * elementary_python.cos(m * longitude) + h * elementary_python.sin(m * longitude)
         north += turn * slope[n, m]
-        east += m * (g * math.sin(m * longitude) - h * math.cos(m * longitude)) * value[n, m] / sine
+        east += (
+            m
+            * (g * elementary_python.sin(m * longitude) - h * elementary_python.cos(m * longitude))
+            * value[n, m]
+            / sine
+        )
         up += (n + 1) * turn * value[n, m]
     return east * _GAUSS_PER_NT, north * _GAUSS_PER_NT, up * _GAUSS_PER_NT
 
@@ -55,7 +61,7 @@ def _legendre(cosine: float, sine: float) -> tuple[dict[tuple[int, int], float],
                 continue
             below, below_slope = value.get((n - 2, m), 0.0), slope.get((n - 2, m), 0.0)
             norm = math.sqrt(n * n - m * m)
-            past = math.sqrt((n - 1) ** 2 - m * m) if n > 1 else 0.0
+            past = math.sqrt(elementary_python.square(n - 1) - m * m) if n > 1 else 0.0
             a = (2 * n - 1) / norm
             value[n, m] = a * cosine * value[n - 1, m] - past / norm * below
             slope[n, m] = a * (cosine * slope[n - 1, m] - sine * value[n - 1, m]) - past / norm * below_slope

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.components import READINGS_NS
+from skyrange.core import elementary, elementary_python
 from skyrange.core.chance import philox, uniform4
 from skyrange.core.compiled import compiled, inlined
 from skyrange.core.ids import hash64
@@ -106,11 +107,11 @@ _FIELD: Final = np.uint64(0xFFF)
 _MEAN: Final = 6142.5  # of three fields, each 0 … 4095
 _SPREAD: Final = 2048.0  # their standard deviation, to a part in 10⁷
 
-_GNSS_KEEP = math.exp(-GNSS_PERIOD_NS / NS_PER_S / GNSS_WANDER_S)
+_GNSS_KEEP = elementary_python.exp(-GNSS_PERIOD_NS / NS_PER_S / GNSS_WANDER_S)
 _GNSS_STIR = math.sqrt(1.0 - _GNSS_KEEP * _GNSS_KEEP)
-_BARO_KEEP = math.exp(-BARO_PERIOD_NS / NS_PER_S / BARO_DRIFT_S)
+_BARO_KEEP = elementary_python.exp(-BARO_PERIOD_NS / NS_PER_S / BARO_DRIFT_S)
 _BARO_STIR = math.sqrt(1.0 - _BARO_KEEP * _BARO_KEEP)
-_DRIFT_KEEP = math.exp(-DRIFT_PERIOD_NS / NS_PER_S / DRIFT_S)
+_DRIFT_KEEP = elementary_python.exp(-DRIFT_PERIOD_NS / NS_PER_S / DRIFT_S)
 _DRIFT_STIR = math.sqrt(1.0 - _DRIFT_KEEP * _DRIFT_KEEP)
 _ACCURACY_H, _ACCURACY_V, _ACCURACY_S = GNSS_ACCURACY
 
@@ -348,7 +349,7 @@ def draw_errors(now: int, quality: Quality, bodies: BodyState, drawn: Drawn, sho
     bias, error, warm, drift = drawn.bias, drawn.error, drawn.warm, drawn.drift
     wander, offset, phase, epoch = drawn.wander, drawn.offset, drawn.phase, drawn.epoch
     pending, pending_time, gnss_time, compass = drawn.pending, drawn.pending_time, shown.gnss_time, shown.compass
-    heat = 1.0 - math.exp(-now / NS_PER_S / WARMING_S)
+    heat = 1.0 - elementary.exp(-now / NS_PER_S / WARMING_S)
     for i in range(who.shape[0]):
         if instability > 0.0 and now % DRIFT_PERIOD_NS == 0:
             d = normal6(seeds[i], _S_DRIFT, who[i], now, _0)

@@ -20,6 +20,7 @@ from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.form import param
 from skyrange.contracts.verdicts import Inject, Replace, Verdicts
+from skyrange.core import elementwise
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import APPROVAL, link_name, operator_of
@@ -168,7 +169,7 @@ class InCorridor(OnApproval):
     def make_volume(self, origin: Origin, start: Time, end: Time) -> Volume4D:
         """The volume of the corridor."""
         from_place, to_place = np.array(self.from_m), np.array(self.to_m)
-        along = (to_place - from_place) / np.linalg.norm(to_place - from_place)
+        along = (to_place - from_place) / elementwise.length(to_place - from_place)
         aside = np.array([along[1], -along[0]]) * self.width_m / 2.0
         corners = np.array([from_place + aside, from_place - aside, to_place - aside, to_place + aside])
         lat, lon = origin.to_geodetic(corners[:, 0], corners[:, 1])

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, log10, pi
+from math import ceil, pi
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from skyrange.attack.contract import AttackContext, Place
 from skyrange.contracts.components import Floats
+from skyrange.core import elementary, elementary_python, elementwise
 from skyrange.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ AUTHENTIC_DBM: Final = -128.5
 """Power of GPS L1 C/A out of an antenna of 0 dBi: the least that is specified, −158.5 dBW (IS-GPS-200, table 3-Va)."""
 FIX_NONE: Final = 1
 FIX_3D: Final = 3
-_FREE_SPACE_1M_DB: Final = 20.0 * log10(4.0 * pi * L1_HZ / SPEED_OF_LIGHT_MPS)
+_FREE_SPACE_1M_DB: Final = 20.0 * elementary_python.log10(4.0 * pi * L1_HZ / SPEED_OF_LIGHT_MPS)
 _LEAST_M: Final = 0.5
 _CLIMB_M: Final = 5.0
 """A path is tested against roofs in parts that climb no more than this."""
@@ -71,14 +72,14 @@ class Emitter:
 
         An antenna faces the zenith: aircraft are level, as far as this is concerned. Its polarisation fits.
         """
-        level_m = np.hypot(places[:, 0] - self.place_enu_m[0], places[:, 1] - self.place_enu_m[1])
-        elevation = np.degrees(np.arctan2(self.place_enu_m[2] - places[:, 2], level_m))
+        level_m = elementwise.hypot(places[:, 0] - self.place_enu_m[0], places[:, 1] - self.place_enu_m[1])
+        elevation = np.degrees(elementwise.atan2(self.place_enu_m[2] - places[:, 2], level_m))
         return np.asarray(self.power_dbm - self.loss_db(places) + gain_dbic(elevation), dtype=np.float64)
 
     def loss_db(self, places: Floats) -> Floats:
         """Loss on the way to `places` (n, 3), dB: that of free space (ITU-R P.525-4, eq. 3), and walls."""
-        away_m = np.maximum(np.linalg.norm(places - np.array(self.place_enu_m), axis=1), _LEAST_M)
-        loss = _FREE_SPACE_1M_DB + 20.0 * np.log10(away_m)
+        away_m = np.maximum(elementwise.length(places - np.array(self.place_enu_m)), _LEAST_M)
+        loss = _FREE_SPACE_1M_DB + 20.0 * elementwise.log10(away_m)
         if self.city is not None:
             hidden = [not self.city.is_clear(_in_parts(self.place_enu_m, row)) for row in places.tolist()]
             loss = loss + self.wall_loss_db * np.array(hidden, dtype=np.float64)
@@ -92,7 +93,7 @@ class Emitter:
 
 def reach_m(power_dbm: float, least_dbm: float, gain: float = HORIZON_DBIC) -> float:
     """Distance in free space at which a power has fallen to `least_dbm`, in metres; by default along the horizon."""
-    return float(10.0 ** ((power_dbm + gain - _FREE_SPACE_1M_DB - least_dbm) / 20.0))
+    return float(elementary.exp10((power_dbm + gain - _FREE_SPACE_1M_DB - least_dbm) / 20.0))
 
 
 def _in_parts(start: Place, end: Sequence[float]) -> list[Place]:

@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 
 from skyrange.contracts.components import Floats
+from skyrange.core import elementary_python, matrices
 
 GRAVITY_MPS2: Final = 9.80665
 TARGET_DT_S: Final = 0.012
@@ -87,7 +88,7 @@ class InnovationModel:
         by_m, by_mps = self.innovations(offset_m, velocity_mps)
         correction = self._velocity_gain * by_mps
         correction = correction + self._position_gain * (by_m - float(correction[0]))
-        self.error = np.asarray(self._after @ (self._before @ self.error + correction), dtype=np.float64)
+        self.error = matrices.multiply(self._after, matrices.multiply(self._before, self.error) + correction)
 
 
 def converged(assumed: FilterParameters) -> InnovationModel:
@@ -96,23 +97,27 @@ def converged(assumed: FilterParameters) -> InnovationModel:
     The tests and variances are those of FuseVelPosNED (AP_NavEKF3_PosVelFusion.cpp): the gates use EK3_VELNE_M_NSE,
     the gains the accuracy that the receiver claims if that is worse. Six satellites or more, no manoeuvre.
     """
-    velocity_noise = max(assumed.speed_accuracy_mps, assumed.velne_m_nse) ** 2
-    climb_noise = max(assumed.speed_accuracy_mps, VELD_M_NSE) ** 2
-    position_noise = max(assumed.accuracy_m, assumed.posne_m_nse) ** 2
-    check = assumed.velne_m_nse**2
+    velocity_noise = elementary_python.square(max(assumed.speed_accuracy_mps, assumed.velne_m_nse))
+    climb_noise = elementary_python.square(max(assumed.speed_accuracy_mps, VELD_M_NSE))
+    position_noise = elementary_python.square(max(assumed.accuracy_m, assumed.posne_m_nse))
+    check = assumed.velne_m_nse * assumed.velne_m_nse
     p, u = np.diag([position_noise, 0.01, 1e-4, 1e-5]), np.diag([1.0, 0.01, 0.01])
     step_s = assumed.period_s / _SUBSTEPS
     move, climb = _level(step_s), _vertical(step_s)
-    noise = np.diag([0.0, ACC_P_NSE**2, GYRO_P_NSE**2, GBIAS_P_NSE**2]) * TARGET_DT_S * step_s
-    climb_stir = np.diag([0.0, ACC_P_NSE**2, ABIAS_P_NSE**2]) * TARGET_DT_S * step_s
+    noise = (
+        np.diag([0.0, (ACC_P_NSE * ACC_P_NSE), (GYRO_P_NSE * GYRO_P_NSE), (GBIAS_P_NSE * GBIAS_P_NSE)])
+        * TARGET_DT_S
+        * step_s
+    )
+    climb_stir = np.diag([0.0, (ACC_P_NSE * ACC_P_NSE), (ABIAS_P_NSE * ABIAS_P_NSE)]) * TARGET_DT_S * step_s
     position_spread = velocity_spread = 0.0
     velocity_gain = position_gain = np.zeros(4)
     for _ in range(_CONVERGED_FIXES):
         for step in range(_SUBSTEPS):
-            p = move @ p @ move.T + noise
-            u = climb @ u @ climb.T + climb_stir
+            p = matrices.multiply(move, p, move.T) + noise
+            u = matrices.multiply(climb, u, climb.T) + climb_stir
             if step % (_SUBSTEPS // 2) == 0:
-                _, u = _updated(u, 0, ALT_M_NSE**2)
+                _, u = _updated(u, 0, (ALT_M_NSE * ALT_M_NSE))
         position_spread = 2.0 * (p[0, 0] + position_noise)
         velocity_spread = 2.0 * (p[1, 1] + check) + u[1, 1] + check
         velocity_gain, p = _updated(p, 1, velocity_noise)
@@ -133,14 +138,14 @@ def converged(assumed: FilterParameters) -> InnovationModel:
 def _level(seconds: float) -> Floats:
     """Transition of (position, velocity, tilt, gyro bias): tilt times g is acceleration."""
     h, g = seconds, GRAVITY_MPS2
-    rows = [[1, h, g * h**2 / 2, g * h**3 / 6], [0, 1, g * h, g * h**2 / 2], [0, 0, 1, h], [0, 0, 0, 1]]
+    rows = [[1, h, g * h * h / 2, g * h * h * h / 6], [0, 1, g * h, g * h * h / 2], [0, 0, 1, h], [0, 0, 0, 1]]
     return np.array(rows, dtype=np.float64)
 
 
 def _vertical(seconds: float) -> Floats:
     """Transition of (height, climb rate, accelerometer bias)."""
     h = seconds
-    return np.array([[1, h, -(h**2) / 2], [0, 1, -h], [0, 0, 1]], dtype=np.float64)
+    return np.array([[1, h, -h * h / 2], [0, 1, -h], [0, 0, 1]], dtype=np.float64)
 
 
 def _updated(covariance: Floats, state: int, noise: float) -> tuple[Floats, Floats]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, log10, sqrt
+from math import inf, sqrt
 from typing import Final
 
 import numpy as np
 
 from skyrange.attack.bases.gnss.emitter import AUTHENTIC_DBM
 from skyrange.contracts.components import Floats
+from skyrange.core import elementary, elementary_python, elementwise
+from skyrange.core.elementary import log10
 from skyrange.core.time import Time
 
 NOISE_DBM_HZ: Final = -171.0
@@ -38,9 +40,9 @@ def effective_db_hz(jam_dbm: Floats, satellites: int, signal_dbm: float = AUTHEN
     1/(C/N0) = 1/(C/N0 without noise) + (J/S) / (Q · chip rate) (Ward in Kaplan, 1996, chapter 6).
     """
     signal = signal_dbm + np.linspace(-SPREAD_DB, SPREAD_DB, satellites)
-    thermal = 10.0 ** ((NOISE_DBM_HZ - signal) / 10.0)
-    jammed = 10.0 ** ((jam_dbm.reshape(len(jam_dbm), -1) - signal) / 10.0) / (QUALITY * CHIPS_PER_S)
-    return np.asarray(-10.0 * np.log10(thermal + jammed), dtype=np.float64)
+    thermal = elementwise.exp10((NOISE_DBM_HZ - signal) / 10.0)
+    jammed = elementwise.exp10((jam_dbm.reshape(len(jam_dbm), -1) - signal) / 10.0) / (QUALITY * CHIPS_PER_S)
+    return np.asarray(-10.0 * elementwise.log10(thermal + jammed), dtype=np.float64)
 
 
 def loss_db(satellites: int) -> float:
@@ -49,7 +51,7 @@ def loss_db(satellites: int) -> float:
     It is where the weakest of the `LEAST_SATELLITES` strongest signals falls to `TRACKING_DB_HZ`.
     """
     signal = AUTHENTIC_DBM + float(np.linspace(-SPREAD_DB, SPREAD_DB, satellites)[-LEAST_SATELLITES])
-    most = 10.0 ** (-TRACKING_DB_HZ / 10.0) - 10.0 ** ((NOISE_DBM_HZ - signal) / 10.0)
+    most = elementary.exp10(-TRACKING_DB_HZ / 10.0) - elementary.exp10((NOISE_DBM_HZ - signal) / 10.0)
     return signal + 10.0 * log10(most * QUALITY * CHIPS_PER_S) - AUTHENTIC_DBM
 
 
@@ -60,7 +62,7 @@ def total_dbm(signal_dbm: float, signals: int) -> float:
 
 def code_jitter_m(db_hz: float) -> float:
     """Thermal code jitter of a non-coherent delay lock loop, metres, one sigma (Kaplan and Hegarty, 2006, eq. 5.23)."""
-    ratio = 10.0 ** (db_hz / 10.0)
+    ratio = elementary.exp10(db_hz / 10.0)
     squaring = 1.0 + 2.0 / (INTEGRATION_S * ratio * (2.0 - SPACING_CHIPS))
     return CHIP_M * sqrt(LOOP_HZ / (2.0 * ratio) * SPACING_CHIPS * squaring)
 
@@ -71,8 +73,10 @@ def error_growth(used_db_hz: Floats, db_hz: Floats, accuracy_m: float) -> float:
     Jitter adds to the error, and dilution grows with the root of the satellites that are not used.
     """
     clean = code_jitter_m(float(effective_db_hz(np.array([-np.inf]), len(db_hz)).mean()))
-    extra_m2 = code_jitter_m(float(used_db_hz.mean())) ** 2 - clean**2
-    return sqrt(1.0 + max(extra_m2, 0.0) / max(accuracy_m, 0.1) ** 2) * sqrt(len(db_hz) / len(used_db_hz))
+    extra_m2 = elementary_python.square(code_jitter_m(float(used_db_hz.mean()))) - (clean * clean)
+    return sqrt(1.0 + max(extra_m2, 0.0) / elementary_python.square(max(accuracy_m, 0.1))) * sqrt(
+        len(db_hz) / len(used_db_hz)
+    )
 
 
 @dataclass(slots=True)

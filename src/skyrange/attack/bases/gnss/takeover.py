@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import dist, exp, sqrt
+from math import sqrt
 from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
@@ -43,6 +43,9 @@ from skyrange.attack.exclusive import Exclusive
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.params import Number, items, refuse
 from skyrange.contracts.plugins.form import param
+from skyrange.core import elementary_python
+from skyrange.core.elementary import exp
+from skyrange.core.elementary_python import distance
 from skyrange.core.errors import Problem
 from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds
 from skyrange.world.sensing import sensor_errors
@@ -169,10 +172,10 @@ class SimulatedSignals:
         difference of the delays that are common to all signals.
         """
         place = self.place(seconds)
-        path_m, delay_m = dist(position, antenna), self.delay_ns * 1e-9 * SPEED_OF_LIGHT_MPS
-        common_m = path_m + delay_m - (dist(place, antenna) if self.leads else 0.0)
+        path_m, delay_m = distance(position, antenna), self.delay_ns * 1e-9 * SPEED_OF_LIGHT_MPS
+        common_m = path_m + delay_m - (distance(place, antenna) if self.leads else 0.0)
         radial = sum((p - a) * v for p, a, v in zip(position, antenna, velocity, strict=True)) / max(path_m, 1.0)
-        return dist(place, position) + abs(common_m), dist(self.velocity_mps, velocity) + abs(radial)
+        return distance(place, position) + abs(common_m), distance(self.velocity_mps, velocity) + abs(radial)
 
 
 DEFAULT_DBM: Final = -10.0
@@ -193,7 +196,8 @@ class Takeover(Radiation):
         f"{reach_of_loss_m(DEFAULT_DBM):.0f} m at {DEFAULT_DBM:g} dBm per signal in free space, from the height of the "
         f"aircraft, and half of that from 30 degrees below; {reach_of_loss_m(DEFAULT_DBM + 20.0):.0f} m at "
         f"{DEFAULT_DBM + 20.0:g} dBm",
-        "budget": f"{10.0 ** (DEFAULT_DBM / 10.0):g} mW per signal, for as long as it acts; less if they are aligned",
+        "budget": f"{elementary_python.exp10(DEFAULT_DBM / 10.0):g} mW per signal, for as long as it "
+        "acts; less if they are aligned",
         "counterfactual": "sham",
         "load": "the sham: the same receivers have no fix, or a worse one, at the same times; its difference from a "
         "run without the attack is the denial",

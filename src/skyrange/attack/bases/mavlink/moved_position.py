@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import atan2, degrees, hypot
+from math import degrees
 from typing import Any, Final
 
 from skyrange.attack.bases.mavlink.message_fields import move_place, put
 from skyrange.attack.contract import Place
+from skyrange.core.elementary import atan2, hypot
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
 

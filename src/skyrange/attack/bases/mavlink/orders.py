@@ -6,7 +6,6 @@ operator's station and the answers of the autopilot.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -17,6 +16,7 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Replace
+from skyrange.core import elementary_python
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
@@ -212,7 +212,7 @@ class Leader:
             return
         east, north = self.origin.enu_of(message.lat * 1e-7, message.lon * 1e-7)
         here = (east, north, message.alt * 1e-3 - self.origin.alt_msl_m)
-        if math.dist(here, self.track[self.at]) <= self.within_m:
+        if elementary_python.distance(here, self.track[self.at]) <= self.within_m:
             if self.at + 1 < len(self.track):
                 self.at += 1
             else:

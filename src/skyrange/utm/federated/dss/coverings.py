@@ -15,6 +15,7 @@ from typing import Final
 from s2sphere import LatLng, LatLngRect, RegionCoverer
 
 from skyrange.codec.f3548.values import MAX_ALTITUDE_M, MIN_ALTITUDE_M, Area
+from skyrange.core import elementary_python
 from skyrange.core.geodesy import unwrap_outline, wrap_longitude
 from skyrange.core.time import NEVER, Time
 
@@ -101,7 +102,7 @@ def _box(area: Area) -> tuple[int, int, int, int]:
 def _cover(box: tuple[int, int, int, int]) -> frozenset[int]:
     south, west, north, east = (step * _STEP_DEG for step in box)
     height_km = (north - south) * _KM_PER_DEG
-    width_km = (east - west) * _KM_PER_DEG * math.cos(math.radians((south + north) / 2.0))
+    width_km = (east - west) * _KM_PER_DEG * elementary_python.cos(math.radians((south + north) / 2.0))
     if height_km * width_km > MAX_AREA_KM2:
         raise AreaError(f"area too large: {height_km * width_km:.0f} km², at most {MAX_AREA_KM2:.0f} km² are searched")
     rect = LatLngRect(LatLng.from_degrees(south, west), LatLng.from_degrees(north, wrap_longitude(east)))

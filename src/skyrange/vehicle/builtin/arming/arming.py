@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from skyrange.codec.mavlink import dialect
+from skyrange.core import elementary
 from skyrange.core.time import NEVER, Time, from_seconds
 from skyrange.vehicle.builtin import fence, loop, pilot
 from skyrange.vehicle.builtin.arming import prearm
@@ -65,7 +66,7 @@ def _refusal(fleet: Fleet, vehicle: Vehicle) -> str:
     if not allows_arming(vehicle.reported_mode, int(fleet.param(vehicle, "AUTO_OPTIONS"))):
         return f"{Mode(vehicle.reported_mode).name} mode not armable"
     checks = int(fleet.param(vehicle, "ARMING_CHECK"))
-    lean = math.hypot(float(fleet.estimate["roll"][vehicle.row]), float(fleet.estimate["pitch"][vehicle.row]))
+    lean = elementary.hypot(float(fleet.estimate["roll"][vehicle.row]), float(fleet.estimate["pitch"][vehicle.row]))
     if checks & (prearm.ArmingCheck.ALL | prearm.ArmingCheck.INS) and lean > math.radians(
         fleet.param(vehicle, "ANGLE_MAX") * 0.01
     ):

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
+from skyrange.core import elementary_python, elementwise
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.vehicle.builtin import battery_monitor, fence, locations
 from skyrange.vehicle.builtin.estimation import validity
@@ -173,11 +174,11 @@ def _ins_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
 
 
 def _compass_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
-    field = 1000.0 * np.sqrt((fleet.estimate["compass"][inputs.rows] ** 2).sum(axis=1))
+    field = 1000.0 * np.sqrt((elementary_python.square(fleet.estimate["compass"][inputs.rows])).sum(axis=1))
     odd = (field > _FIELD_MAX_MGAUSS) | (field < _FIELD_MIN_MGAUSS)
 
     def describe(vehicle: Vehicle) -> str:
-        mgauss = 1000.0 * float(np.sqrt((fleet.estimate["compass"][vehicle.row] ** 2).sum()))
+        mgauss = 1000.0 * float(np.sqrt((elementary_python.square(fleet.estimate["compass"][vehicle.row])).sum()))
         return f"Check mag field: {mgauss:4.0f}, max {_FIELD_MAX_MGAUSS}, min {_FIELD_MIN_MGAUSS}"
 
     return [(inputs.check_enabled(ArmingCheck.COMPASS) & odd, describe)]
@@ -189,12 +190,12 @@ def _gps_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
     enabled = inputs.check_enabled(ArmingCheck.GPS) & (inputs.requires_position | inputs.fence_requires_position)
     lost = (estimate["gnss_fix"][rows] < _FIX_3D) | (estimate["gnss_age_s"][rows] > _GNSS_LOST_S)
     away = estimate["pos"][rows, :2] - estimate["gnss_pos"][rows, :2]
-    apart = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2)
+    apart = np.sqrt((away[:, 0] * away[:, 0]) + (away[:, 1] * away[:, 1]))
     rough = estimate["gnss_hdop"][rows] * 100.0 > fleet.settings["GPS_HDOP_GOOD"][rows]
 
     def describe(vehicle: Vehicle) -> str:
         east, north, _ = (estimate["pos"][vehicle.row] - estimate["gnss_pos"][vehicle.row]).tolist()
-        return f"GPS and AHRS differ by {np.hypot(east, north):4.1f}m"
+        return f"GPS and AHRS differ by {elementwise.hypot(east, north):4.1f}m"
 
     return [
         (enabled & lost, "GPS 1: Bad fix"),

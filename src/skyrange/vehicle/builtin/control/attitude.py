@@ -11,14 +11,15 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from skyrange.core import elementary, elementary_python
 from skyrange.core.compiled import compiled, inlined
 from skyrange.vehicle.builtin.control.gains import GRAVITY_MPS2
 from skyrange.vehicle.builtin.control.shaping import clamp, sqrt_controller
 
 _TILT_ERROR_RAD = math.radians(30.0)  # AC_ATTITUDE_THRUST_ERROR_ANGLE_RAD
-TILT_NEAR2 = math.sin(0.5 * _TILT_ERROR_RAD) ** 2
+TILT_NEAR2 = elementary_python.square(elementary_python.sin(0.5 * _TILT_ERROR_RAD))
 """Squared sine of half the thrust angle error up to which the target's rates are fed forward as they are."""
-TILT_FAR2 = math.sin(_TILT_ERROR_RAD) ** 2
+TILT_FAR2 = elementary_python.square(elementary_python.sin(_TILT_ERROR_RAD))
 """The same from which they are not fed forward at all."""
 _SERIES_LIMIT = 1e-3  # squared sine up to which three terms of a series are exact to 1e-9
 _SMALL = 0.04  # squared sine up to which series are used
@@ -39,13 +40,13 @@ def angle_of_half_sine2(s2: float) -> float:
     """Return an angle from the squared sine of its half."""
     s2 = clamp(s2, 0.0, 1.0)
     s = math.sqrt(s2)
-    return s * _double_arcsine(s2) if s2 < 0.04 else 2.0 * math.asin(s)
+    return s * _double_arcsine(s2) if s2 < 0.04 else 2.0 * elementary.asin(s)
 
 
 @compiled
 def _angle_over_sine(s: float, c: float) -> float:
     """2·atan2(s, c) / s for the sine s ≥ 0 and cosine c of half an angle."""
-    return 2.0 * math.atan2(s, c) / s if s > 0.0 else 2.0
+    return 2.0 * elementary.atan2(s, c) / s if s > 0.0 else 2.0
 
 
 @inlined
@@ -141,8 +142,8 @@ def input_quaternion(f: Any, g: Any, dt_s: float) -> None:
 @compiled
 def inertial_frame_reset(f: Any, yaw: float) -> None:
     """Turn the attitude target about the vertical (`inertial_frame_reset`)."""
-    s = math.sin(0.5 * yaw)
-    c = math.cos(0.5 * yaw)
+    s = elementary.sin(0.5 * yaw)
+    c = elementary.cos(0.5 * yaw)
     w = f.att_target[0]
     x = f.att_target[1]
     y = f.att_target[2]
@@ -195,7 +196,7 @@ def input_thrust_vector(  # noqa: PLR0917
     w, x, y, f.tilt_cos = thrust_attitude(acc_e, acc_n)
     z = 0.0
     if not turning:
-        w, x, y, z = turn_to_heading(w, x, y, math.cos(0.5 * yaw), math.sin(0.5 * yaw))
+        w, x, y, z = turn_to_heading(w, x, y, elementary.cos(0.5 * yaw), elementary.sin(0.5 * yaw))
     shape_target(f, g, w, x, y, z, turning, yaw_rate, dt_s)
 
 
@@ -274,4 +275,4 @@ def feed_forward_share(tilt: float) -> float:
     """Return how much of the target's rates is fed forward for a squared sine of half the thrust angle error, 0 … 1."""
     if tilt <= TILT_NEAR2:
         return 1.0
-    return 2.0 - 2.0 * math.asin(math.sqrt(tilt)) / _TILT_ERROR_RAD if tilt <= TILT_FAR2 else 0.0
+    return 2.0 - 2.0 * elementary.asin(math.sqrt(tilt)) / _TILT_ERROR_RAD if tilt <= TILT_FAR2 else 0.0

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.vehicle.builtin.control.shaping import clamp
@@ -95,7 +96,7 @@ def compute_gains(g: Any, p: Any, dt_s: float) -> None:
     g.accel_max[1] = p.ATC_ACCEL_P_MAX * _CDEG
     g.accel_max[2] = p.ATC_ACCEL_Y_MAX * _CDEG
     g.slew_yaw = p.ATC_SLEW_YAW * _CDEG
-    g.lean_accel = GRAVITY_MPS2 * math.tan(p.ANGLE_MAX * _CDEG)
+    g.lean_accel = GRAVITY_MPS2 * elementary.tan(p.ANGLE_MAX * _CDEG)
     # PSC_ACCZ gains are per cm/s² and in 1/1000 of full throttle: 0.1 per m/s²
     g.accel_p = 0.1 * p.PSC_ACCZ_P
     g.accel_i = 0.1 * p.PSC_ACCZ_I * dt_s

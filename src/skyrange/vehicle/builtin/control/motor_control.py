@@ -21,6 +21,7 @@ import math
 from typing import Any, Final
 
 from skyrange.contracts.components import Floats
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled, inlined
 from skyrange.vehicle.builtin.control import attitude
 from skyrange.vehicle.builtin.control.shaping import clamp
@@ -307,8 +308,8 @@ def _find_large_error(s: Floats, k: int) -> None:
     most = s[_YAW_ERROR_MAX + k]
     if abs(yaw) > most:
         held = clamp(yaw, -most, most)
-        sine = math.sin(0.5 * (held - yaw))
-        cosine = math.cos(0.5 * (held - yaw))
+        sine = elementary.sin(0.5 * (held - yaw))
+        cosine = elementary.cos(0.5 * (held - yaw))
         aw, ax, ay, az = _four(s, _TARGET + k)
         s[_TARGET + k] = aw * cosine - az * sine
         s[_TARGET + LANES + k] = ax * cosine + ay * sine

@@ -16,6 +16,7 @@ import math
 from typing import Any
 
 from skyrange.contracts.components import Floats
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled, inlined
 from skyrange.vehicle.builtin.control import attitude
 from skyrange.vehicle.builtin.control.motor_control import LANES
@@ -146,8 +147,8 @@ def load_lane(  # noqa: PLR0917
     s[_LEVEL + k] = 1.0 if level else 0.0
     s[_TURNING + k] = 1.0 if turning else 0.0
     s[_YAW_RATE + k] = yaw_rate
-    s[_COS + k] = math.cos(0.5 * yaw)
-    s[_SIN + k] = math.sin(0.5 * yaw)
+    s[_COS + k] = elementary.cos(0.5 * yaw)
+    s[_SIN + k] = elementary.sin(0.5 * yaw)
     for axis in range(3):
         at = axis * LANES + k
         s[_POS_E + at] = e.pos[axis]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.vehicle.builtin.control.shaping import clamp
 from skyrange.vehicle.builtin.estimation.covariance import correct_gyro_bias, rotate_attitude
@@ -62,7 +63,7 @@ def read_compass(e: Any, k: Any, p: Any, now: int, compass: Vector3, field: Vect
     # a wrong yaw shows in the horizontal components; their length and the vertical one show a wrong field
     worst = max(max(abs(east - field[0]), abs(north - field[1])), abs(up - field[2]))
     k.mag_test = worst * worst / (gate_squared(p.EK3_MAG_I_GATE) * (noise + k.cov_yaw[0] * level * level))
-    off = math.atan2(east * field[1] - north * field[0], east * field[0] + north * field[1])
+    off = elementary.atan2(east * field[1] - north * field[0], east * field[0] + north * field[1])
     if k.mag_test < 1.0:
         k.mag_pass = now
         w = k.cov_yaw
@@ -82,7 +83,7 @@ def read_compass(e: Any, k: Any, p: Any, now: int, compass: Vector3, field: Vect
 @compiled
 def align_yaw(e: Any, k: Any, by: float) -> None:
     """Turn the estimated attitude about the vertical, by any angle."""
-    cosine, sine = math.cos(0.5 * by), math.sin(0.5 * by)
+    cosine, sine = elementary.cos(0.5 * by), elementary.sin(0.5 * by)
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     e.quat[0] = w * cosine - z * sine
     e.quat[1] = x * cosine - y * sine

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.components import Floats, Sensors
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
@@ -150,14 +151,19 @@ def initialise_filters(  # noqa: PLR0917
         for axis in range(3):
             k.force[axis] = valid_reading(accel[i, axis], 0.0, ACCEL_MAX_MPS2)
         a, b, c = k.force[0], k.force[1], k.force[2]
-        pitch = math.atan2(-a, math.sqrt(b * b + c * c)) if a * a + b * b + c * c > 1.0 else 0.0
-        roll = math.atan2(b, c) if b * b + c * c > 1.0 else 0.0
-        cr, sr, cp, sp = math.cos(0.5 * roll), math.sin(0.5 * roll), math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+        pitch = elementary.atan2(-a, math.sqrt(b * b + c * c)) if a * a + b * b + c * c > 1.0 else 0.0
+        roll = elementary.atan2(b, c) if b * b + c * c > 1.0 else 0.0
+        cr, sr, cp, sp = (
+            elementary.cos(0.5 * roll),
+            elementary.sin(0.5 * roll),
+            elementary.cos(0.5 * pitch),
+            elementary.sin(0.5 * pitch),
+        )
         e.quat[0], e.quat[1], e.quat[2], e.quat[3] = cr * cp, sr * cp, cr * sp, -sr * sp
         east, north, _ = body_to_local(e, compass[i, 0], compass[i, 1], compass[i, 2])
         level = field[0] * field[0] + field[1] * field[1]
         if level > 0.0 and east * east + north * north > 1e-4:
-            align_yaw(e, k, math.atan2(east * field[1] - north * field[0], east * field[0] + north * field[1]))
+            align_yaw(e, k, elementary.atan2(east * field[1] - north * field[0], east * field[0] + north * field[1]))
         else:
             align_yaw(e, k, heading)
         k.reset_delta_yaw = 0.0

@@ -11,6 +11,7 @@ import math
 from typing import Any, Final
 
 from skyrange.contracts.components import Floats
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled, inlined
 from skyrange.vehicle.builtin.control.gains import GRAVITY_MPS2
 from skyrange.vehicle.builtin.control.shaping import clamp
@@ -207,7 +208,7 @@ def _set_yaw_reference(e: Any, k: Any) -> None:
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     k.yaw_cos = 1 - 2 * (y * y + z * z)
     k.yaw_sin = 2 * (w * z + x * y)
-    k.yaw_ref = math.atan2(k.yaw_sin, k.yaw_cos)
+    k.yaw_ref = elementary.atan2(k.yaw_sin, k.yaw_cos)
     e.yaw = k.yaw_ref
 
 
@@ -222,10 +223,10 @@ def update_roll_pitch(e: Any) -> None:
         t2 = t * t
         e.roll = t * (1.0 - t2 * (1.0 / 3.0 - t2 * (0.2 - t2 / 7.0)))
     else:
-        e.roll = math.atan2(across, ahead)
+        e.roll = elementary.atan2(across, ahead)
     s = 2 * (w * y - z * x)
     if abs(s) < _SERIES_LIMIT:
         s2 = s * s
         e.pitch = s * (1.0 + s2 * (1.0 / 6.0 + s2 * (0.075 + s2 * 15.0 / 336.0)))
     else:
-        e.pitch = math.asin(clamp(s, -1.0, 1.0))
+        e.pitch = elementary.asin(clamp(s, -1.0, 1.0))

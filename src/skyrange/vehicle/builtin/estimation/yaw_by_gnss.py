@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.builtin.control.shaping import wrap_pi
@@ -80,7 +81,7 @@ def fuse_velocity(  # noqa: PLR0917
         return
     dt_s = min(max(measured - k.gsf_at, 0), NS_PER_S) / NS_PER_S
     k.gsf_at = measured
-    cosine, sine = math.cos(k.gsf_yaw), math.sin(k.gsf_yaw)
+    cosine, sine = elementary.cos(k.gsf_yaw), elementary.sin(k.gsf_yaw)
     d_e, d_n = then[3] - k.gsf_imu_vel[0], then[4] - k.gsf_imu_vel[1]
     k.gsf_imu_vel[0], k.gsf_imu_vel[1] = then[3], then[4]
     east, north = cosine * d_e - sine * d_n, sine * d_e + cosine * d_n

@@ -17,6 +17,7 @@ import numpy as np
 
 from skyrange.codec.mavlink import dialect
 from skyrange.contracts.components import Floats
+from skyrange.core import elementary, elementary_python
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.builtin.arming.arming import disarm
@@ -32,15 +33,15 @@ _ACCEL_MAX = 3.0  # CRASH_CHECK_ACCEL_MAX
 def check_crash(fleet: Fleet, vehicle: Vehicle) -> None:
     """After two seconds far from the target attitude, disarm, unless the check is off or the lean is small."""
     row, flight, estimate = vehicle.row, fleet.flight, fleet.estimate
-    level = math.cos(float(estimate["roll"][row])) * math.cos(float(estimate["pitch"][row]))
-    lean_deg = math.degrees(math.acos(min(max(level, -1.0), 1.0)))
+    level = elementary.cos(float(estimate["roll"][row])) * elementary.cos(float(estimate["pitch"][row]))
+    lean_deg = math.degrees(elementary.acos(min(max(level, -1.0), 1.0)))
     if fleet.param(vehicle, "FS_CRASH_CHECK") == 0 or lean_deg <= _ANGLE_MIN_DEG:
         flight["crash_s"][row] = 0.0
         flight["flags"][row] &= ~FlightEvent.CRASH
         flight["handled_flags"][row] &= ~FlightEvent.CRASH
         return
     error_deg = math.degrees(float(flight["tilt_error"][row]))
-    accel = float(np.sqrt((flight["land_accel"][row] ** 2).sum()))
+    accel = float(np.sqrt((elementary_python.square(flight["land_accel"][row])).sum()))
     why = f"AngErr={error_deg:.0f}>{_ANGLE_ERROR_DEG:.0f}, Accel={accel:.1f}<{_ACCEL_MAX:.1f}"
     fleet.send_text(vehicle, dialect.MAV_SEVERITY_EMERGENCY, f"Crash: Disarming: {why}")
     disarm(fleet, vehicle, "crash", ())

@@ -6,10 +6,10 @@ and ArduCopter/fence.cpp (`fence_checks_async`, `fence_check`). Checked at 10 Hz
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from skyrange.codec.mavlink import dialect
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.builtin import fence
@@ -162,7 +162,7 @@ def check_fence(e: Any, f: Any, p: Any, b: Any, z: Any, w: Any, now_ns: int) -> 
     if off & _ALT_MIN == 0:
         _auto_enable_alt_min(p, b, above)
     if in_force & _CIRCLE != 0:
-        fresh |= _check_circle(p, b, math.hypot(e.pos[0] - w.home[0], e.pos[1] - w.home[1]), now_ns)
+        fresh |= _check_circle(p, b, elementary.hypot(e.pos[0] - w.home[0], e.pos[1] - w.home[1]), now_ns)
     if in_force & _POLYGON != 0:
         fresh |= _check_polygon(e, p, b, z, now_ns)
     else:

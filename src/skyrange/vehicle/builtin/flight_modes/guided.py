@@ -12,6 +12,7 @@ import math
 from typing import Any, NamedTuple
 
 from skyrange.codec.mavlink import dialect
+from skyrange.core import elementary
 from skyrange.core.time import from_seconds
 from skyrange.vehicle.builtin import fence, locations, loop
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Timer, Vehicle
@@ -118,7 +119,7 @@ def _to_enu(fleet: Fleet, vehicle: Vehicle, frame: int, x: float, y: float, z: f
     if frame not in _BODY_FRAMES:
         return y, x, -z
     yaw = float(fleet.estimate["yaw"][vehicle.row])
-    return x * math.cos(yaw) + y * math.sin(yaw), x * math.sin(yaw) - y * math.cos(yaw), -z
+    return x * elementary.cos(yaw) + y * elementary.sin(yaw), x * elementary.sin(yaw) - y * elementary.cos(yaw), -z
 
 
 def is_sane(vector: Vector | None, most: float) -> bool:
@@ -280,9 +281,9 @@ def frd_ned_to_flu_enu(w: float, x: float, y: float, z: float) -> tuple[float, f
 
 def quaternion_of_euler(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
     """Return the quaternion of a yaw, then a pitch, then a roll, rad (Quaternion::from_euler)."""
-    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
-    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
-    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    cr, sr = elementary.cos(0.5 * roll), elementary.sin(0.5 * roll)
+    cp, sp = elementary.cos(0.5 * pitch), elementary.sin(0.5 * pitch)
+    cy, sy = elementary.cos(0.5 * yaw), elementary.sin(0.5 * yaw)
     return (
         cr * cp * cy + sr * sp * sy,
         sr * cp * cy - cr * sp * sy,
@@ -307,7 +308,7 @@ def on_timeout(fleet: Fleet, vehicle: Vehicle) -> None:
     auto_yaw.stop_yaw_rate(fleet, vehicle)
     if control == ControlMode.ATTITUDE:
         yaw = float(fleet.estimate["yaw"][row])
-        flight["guided_quat"][row] = (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
+        flight["guided_quat"][row] = (elementary.cos(0.5 * yaw), 0.0, 0.0, elementary.sin(0.5 * yaw))
         flight["guided_ang_vel"][row] = 0.0
         flight["guided_climb_rate"][row] = 0.0
         flight["rates_only"][row] = 0

@@ -7,8 +7,7 @@ point. Used by the mode and by the mission command.
 
 from __future__ import annotations
 
-import math
-
+from skyrange.core import elementary
 from skyrange.core.time import NS_PER_MS
 from skyrange.vehicle.builtin import fence, locations, loop
 from skyrange.vehicle.builtin.fleet import Fleet, SubMode, Timer, Vehicle
@@ -55,7 +54,7 @@ def _return_altitude(fleet: Fleet, vehicle: Vehicle, east: float, north: float) 
     height = max(fleet.param(vehicle, "RTL_ALT") * 0.01, least, to_up - home_up, 0.0)
     slope = fleet.param(vehicle, "RTL_CONE_SLOPE")
     if slope >= _MIN_CONE_SLOPE:
-        height = min(height, max(math.hypot(east - to_east, north - to_north) * slope, least))
+        height = min(height, max(elementary.hypot(east - to_east, north - to_north) * slope, least))
     return home_up + max(min(height, fence.safe_alt_max_m(fleet, vehicle)), now)
 
 

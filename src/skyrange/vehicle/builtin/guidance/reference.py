@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.vehicle.builtin import pilot
 from skyrange.vehicle.builtin.control.shaping import (
@@ -160,8 +161,8 @@ def _update_circle(e: Any, f: Any, p: Any, dt_s: float) -> None:
     f.circle_ang_vel += clamp(most - f.circle_ang_vel, -accel * dt_s, accel * dt_s)
     f.circle_angle = wrap_pi(f.circle_angle - f.circle_ang_vel * dt_s)
     f.circle_angle_total += f.circle_ang_vel * dt_s
-    f.target_pos[0] = f.centre[0] + radius * math.cos(f.circle_angle)
-    f.target_pos[1] = f.centre[1] + radius * math.sin(f.circle_angle)
+    f.target_pos[0] = f.centre[0] + radius * elementary.cos(f.circle_angle)
+    f.target_pos[1] = f.centre[1] + radius * elementary.sin(f.circle_angle)
     _input_pos_vel_accel_ne(e, f, p, dt_s)
     _input_vel_accel_u(e, f, p, 0.0, 0.0, dt_s)
 

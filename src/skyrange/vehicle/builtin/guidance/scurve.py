@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 
 SEGMENTS = 23
@@ -43,7 +44,7 @@ def calculate_path(
     if reach < jerk * tj:
         if v0 <= 0.0:
             tj = min(tj, math.sqrt(math.sqrt(length * math.pi / (8.0 * snap))))
-            tj = min(tj, (v1 * math.pi / (4.0 * snap)) ** (1.0 / 3.0))
+            tj = min(tj, elementary.power(v1 * math.pi / (4.0 * snap), 1.0 / 3.0))
             tj = min(tj, math.sqrt(accel * math.pi / (2.0 * snap)))
             jerk = 2.0 * snap * tj / math.pi
             accel = jerk * tj
@@ -403,8 +404,8 @@ def motion_at(c: Any, t: float) -> tuple[float, float, float]:
     else:
         moved = p + v * s + 0.5 * a * s * s
         gained = v + a * s
-    sine = math.sin(s / per)
-    cosine = math.cos(s / per)
+    sine = elementary.sin(s / per)
+    cosine = elementary.cos(s / per)
     return (
         max(moved + half * (s * s * s / 6.0 - per * per * s + per * per * per * sine), 0.0),
         gained + half * (0.5 * s * s + per * per * (cosine - 1.0)),

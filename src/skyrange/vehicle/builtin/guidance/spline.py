@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.vehicle.builtin.control.shaping import clamp
 from skyrange.vehicle.builtin.guidance.scurve import kinematic_limit
@@ -98,7 +99,7 @@ def _calc_limits(c: Any, f: Any, t: float, ahead_m: float) -> tuple[float, float
         if jerk <= 1e-9:
             return 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
         e, n, u = 6.0 * je / jerk, 6.0 * jn / jerk, 6.0 * ju / jerk
-        dt = (6.0 * ahead_m / jerk) ** (1.0 / 3.0)
+        dt = elementary.power(6.0 * ahead_m / jerk, 1.0 / 3.0)
     along = ae * e + an * n + au * u
     ce, cn, cu = ae - e * along, an - n * along, au - u * along
     across = math.sqrt(ce * ce + cn * cn + cu * cu)

@@ -13,6 +13,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.vehicle.builtin.control.gains import GRAVITY_MPS2
 from skyrange.vehicle.builtin.control.shaping import clamp, limit_xy, stopping_distance
@@ -54,7 +55,7 @@ def _init_controllers(e: Any, f: Any, p: Any) -> None:
     else:
         acc_e = p.PSC_VELXY_P * f.vel_err[0] + f.vel_i[0] + p.PSC_VELXY_D * f.vel_d[0] + f.ref_acc[0]
         acc_n = p.PSC_VELXY_P * f.vel_err[1] + f.vel_i[1] + p.PSC_VELXY_D * f.vel_d[1] + f.ref_acc[1]
-    most = min(GRAVITY_MPS2 * math.tan(p.ANGLE_MAX * _CDEG), p.PSC_VELXY_IMAX * 0.01)
+    most = min(GRAVITY_MPS2 * elementary.tan(p.ANGLE_MAX * _CDEG), p.PSC_VELXY_IMAX * 0.01)
     f.vel_i[0], f.vel_i[1] = limit_xy(acc_e, acc_n, most)
     for axis in range(2):
         f.vel_err[axis] = 0.0

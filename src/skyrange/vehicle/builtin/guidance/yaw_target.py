@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 from skyrange.vehicle.builtin.control.shaping import wrap_pi
 from skyrange.vehicle.builtin.layout import AutoYawMode, Records
@@ -32,7 +33,7 @@ FLT_EPSILON: Final = 2.0**-23
 @compiled
 def yaw_of_quat(w: float, x: float, y: float, z: float) -> float:
     """Return the yaw of an attitude quaternion."""
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return elementary.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 @compiled
@@ -54,7 +55,7 @@ def _look_along_track(f: Any) -> float:
     square = vel_e * vel_e + vel_n * vel_n
     least = _MIN_SPEED_SHARE * f.speed_xy
     if square > least * least and square > 0.0:
-        f.target_yaw = math.atan2(vel_n, vel_e)
+        f.target_yaw = elementary.atan2(vel_n, vel_e)
         rate: float = (f.ref_acc[1] * vel_e - f.ref_acc[0] * vel_n) / square
         return rate
     f.target_yaw = _attitude_target_yaw(f)
@@ -84,12 +85,12 @@ def update_yaw_target(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
         return False, wrap_pi(f.target_yaw), 0.0
     elif kind == _LOOK_AHEAD:
         if e.vel[0] * e.vel[0] + e.vel[1] * e.vel[1] > _LOOK_AHEAD_MPS * _LOOK_AHEAD_MPS:
-            f.target_yaw = math.atan2(e.vel[1], e.vel[0])
+            f.target_yaw = elementary.atan2(e.vel[1], e.vel[0])
     elif kind == _ANGLE_RATE:
         f.target_yaw = wrap_pi(f.target_yaw + f.target_yaw_rate * dt_s)
         return False, f.target_yaw, f.target_yaw_rate
     elif kind == _CIRCLE and f.circle_radius > 0.0:
-        f.target_yaw = math.atan2(f.centre[1] - f.ref_pos[1], f.centre[0] - f.ref_pos[0])
+        f.target_yaw = elementary.atan2(f.centre[1] - f.ref_pos[1], f.centre[0] - f.ref_pos[0])
     elif kind == _CIRCLE:
         f.target_yaw = f.circle_angle
     return False, f.target_yaw, 0.0
@@ -117,7 +118,7 @@ def _yaw_towards(f: Any, e: Any, east: float, north: float) -> float:
     if d_e * d_e + d_n * d_n < 1e-6:
         kept: float = f.target_yaw
         return kept
-    return math.atan2(d_n, d_e)
+    return elementary.atan2(d_n, d_e)
 
 
 @compiled

@@ -8,12 +8,12 @@ MISSION_ITEM_REACHED.
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
 
 from skyrange.codec.mavlink import dialect
+from skyrange.core import elementary
 from skyrange.core.time import NS_PER_MS, NS_PER_S, from_seconds
 from skyrange.vehicle.builtin import fence, locations
 from skyrange.vehicle.builtin.fleet import Fleet, MissionItem, Timer, Vehicle
@@ -147,7 +147,7 @@ def wp_distance_m(fleet: Fleet, vehicle: Vehicle) -> float:
     if not vehicle.paused and fleet.control(vehicle) not in (ControlMode.LEG, ControlMode.POSITION, ControlMode.CIRCLE):
         return 0.0
     here, goal = fleet.position(vehicle), fleet.flight["target_pos"][vehicle.row].tolist()
-    return math.hypot(goal[0] - here[0], goal[1] - here[1])
+    return elementary.hypot(goal[0] - here[0], goal[1] - here[1])
 
 
 def change_speed(fleet: Fleet, vehicle: Vehicle, kind: int, speed_mps: float) -> bool:

@@ -21,6 +21,7 @@ import math
 from typing import Final
 
 from skyrange.codec.mavlink import dialect
+from skyrange.core import elementary_python
 from skyrange.core.time import NS_PER_MS
 from skyrange.vehicle.builtin import locations, loop
 from skyrange.vehicle.builtin.arming.arming import disarm
@@ -375,7 +376,7 @@ def nearest_start(fleet: Fleet, vehicle: Vehicle) -> int | None:
         if placed is None:
             continue
         place = locations.to_enu(fleet, vehicle, placed.frame, placed.x, placed.y, placed.z)
-        away = math.inf if place is None else math.dist(place, here)
+        away = math.inf if place is None else elementary_python.distance(place, here)
         if nearest is None or away < least:
             nearest, least = seq, away
     return nearest

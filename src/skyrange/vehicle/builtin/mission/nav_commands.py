@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from skyrange.codec.mavlink import dialect
+from skyrange.core import elementary, elementary_python
 from skyrange.core.time import NS_PER_MS, from_seconds
 from skyrange.vehicle.builtin import locations, loop
 from skyrange.vehicle.builtin.arming.arming import start_takeoff
@@ -198,12 +199,12 @@ def _do_circle(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
     flight["circle_radius"][row] = radius
     flight["circle_rate"][row] = -rate if item.param3 < 0.0 else rate
     stop = wpnav.stopping_point_of(fleet.estimate, flight, fleet.settings, row)
-    away = math.dist(stop, centre)
+    away = elementary_python.distance(stop, centre)
     if away > 1e-6:
         east, north = (c + (s - c) / away * radius for c, s in zip(centre[:2], stop[:2], strict=True))
     else:
         yaw = float(fleet.estimate["yaw"][row])
-        east, north = centre[0] - radius * math.cos(yaw), centre[1] - radius * math.sin(yaw)
+        east, north = centre[0] - radius * elementary.cos(yaw), centre[1] - radius * elementary.sin(yaw)
     if away <= _NEAR_EDGE_M:  # ArduPilot uses the distance to the centre here, not to the edge
         _start_circle(fleet, vehicle)
         return
@@ -212,7 +213,7 @@ def _do_circle(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
     anew = fleet.control(vehicle) != ControlMode.LEG
     wpnav.start_leg(fleet.estimate, flight, fleet.legs, fleet.settings, row, edge, anew)
     if auto_yaw.mode(fleet, vehicle) != AutoYawMode.ROI:
-        off = math.hypot(here[0] - centre[0], here[1] - centre[1])
+        off = elementary.hypot(here[0] - centre[0], here[1] - centre[1])
         if off > radius and off > _INSIDE_M:
             auto_yaw.set_mode_to_default(fleet, vehicle)
         else:
@@ -227,7 +228,7 @@ def _start_circle(fleet: Fleet, vehicle: Vehicle) -> None:
     flight["ref_vel"][row] = flight["ref_acc"][row] = 0.0
     centre = flight["centre"][row]
     if flight["circle_radius"][row] > 0.0:
-        flight["circle_angle"][row] = math.atan2(north - centre[1], east - centre[0])
+        flight["circle_angle"][row] = elementary.atan2(north - centre[1], east - centre[0])
     else:
         flight["circle_angle"][row] = fleet.estimate["yaw"][row]
     flight["circle_ang_vel"][row] = flight["circle_angle_total"][row] = 0.0
@@ -291,7 +292,7 @@ def _guided_limit_reached(fleet: Fleet, vehicle: Vehicle) -> bool:
         (seconds > 0.0 and fleet.now - since >= from_seconds(seconds))
         or (lowest != 0.0 and here[2] < lowest)
         or (highest != 0.0 and here[2] > highest)
-        or (away > 0.0 and math.hypot(here[0] - east, here[1] - north) > away)
+        or (away > 0.0 and elementary.hypot(here[0] - east, here[1] - north) > away)
     )
 
 
@@ -302,7 +303,10 @@ def _do_nav_attitude_time(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> 
     if fleet.landed(vehicle):
         return
     roll, pitch, yaw = math.radians(item.param2), math.radians(item.param3), math.radians(item.param4)
-    lean, most = math.hypot(roll, pitch), max(_MIN_LEAN_RAD, math.radians(fleet.param(vehicle, "ANGLE_MAX") * 0.01))
+    lean, most = (
+        elementary.hypot(roll, pitch),
+        max(_MIN_LEAN_RAD, math.radians(fleet.param(vehicle, "ANGLE_MAX") * 0.01)),
+    )
     if lean > most:
         roll, pitch = roll * most / lean, pitch * most / lean
     fleet.set_control(vehicle, ControlMode.ATTITUDE)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from skyrange.codec.mavlink.message_columns import MessageTable
 from skyrange.contracts.frames import Ints
+from skyrange.core import elementwise
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_MS, NS_PER_US
 from skyrange.vehicle.builtin.fleet import Fleet
@@ -103,7 +104,7 @@ def heading_cdeg(yaw: Floats) -> Ints:
 
 def course_cdeg(east: Floats, north: Floats) -> Ints:
     """Return the direction of a velocity, clockwise from north, hundredths of a degree, 0…35999."""
-    return _cdeg(np.degrees(np.arctan2(east, north)))
+    return _cdeg(np.degrees(elementwise.atan2(east, north)))
 
 
 def _cdeg(degrees: Floats) -> Ints:

@@ -20,6 +20,7 @@ from skyrange.codec.f3411 import values
 from skyrange.codec.mavlink import dialect
 from skyrange.codec.mavlink.message_columns import MessageTable
 from skyrange.contracts.frames import Ints
+from skyrange.core import elementary_python, elementwise
 from skyrange.core.compiled import compiled
 from skyrange.core.projection import geodetic_of
 from skyrange.core.time import GPS_LEAP_S, NS_PER_MS, NS_PER_S
@@ -79,9 +80,9 @@ def attitude_quaternion(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     rate = e["rate"][rows]
     half_roll, half_pitch = 0.5 * e["roll"][rows], -0.5 * e["pitch"][rows]
     half_yaw = 0.5 * columns.heading_rad(e["yaw"][rows])
-    cr, sr = np.cos(half_roll), np.sin(half_roll)
-    cp, sp = np.cos(half_pitch), np.sin(half_pitch)
-    cy, sy = np.cos(half_yaw), np.sin(half_yaw)
+    cr, sr = elementwise.cos(half_roll), elementwise.sin(half_roll)
+    cp, sp = elementwise.cos(half_pitch), elementwise.sin(half_pitch)
+    cy, sy = elementwise.cos(half_yaw), elementwise.sin(half_yaw)
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     out["q1"] = cr * cp * cy + sr * sp * sy
     out["q2"] = sr * cp * cy - cr * sp * sy
@@ -151,8 +152,8 @@ def vfr_hud(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """VFR_HUD; without an airspeed sensor `airspeed` is the receiver's ground speed."""
     e, f = fleet.estimate, fleet.flight
     vel, gnss_vel = e["vel"][rows], columns.finite_or_zeros(e["gnss_vel"][rows])
-    out["airspeed"] = np.hypot(gnss_vel[:, 0], gnss_vel[:, 1])
-    out["groundspeed"] = np.hypot(vel[:, 0], vel[:, 1])
+    out["airspeed"] = elementwise.hypot(gnss_vel[:, 0], gnss_vel[:, 1])
+    out["groundspeed"] = elementwise.hypot(vel[:, 0], vel[:, 1])
     out["heading"] = columns.heading_cdeg(e["yaw"][rows]) // 100
     out["throttle"] = np.where(f["armed"][rows] == 1, clip_to_field(f["throttle"][rows] * 100.0, 100, 0), 0)
     out["alt"] = fleet.origin.alt_msl_m + e["pos"][rows, 2]
@@ -202,15 +203,15 @@ def nav_controller_output(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     away = f["target_pos"][rows] - e["pos"][rows]
     behind = f["ref_pos"][rows] - e["pos"][rows]
     along = f["ref_vel"][rows, :2]
-    speed = np.hypot(along[:, 0], along[:, 1])
+    speed = elementwise.hypot(along[:, 0], along[:, 1])
     across = np.abs(behind[:, 0] * along[:, 1] - behind[:, 1] * along[:, 0]) / np.maximum(speed, 1e-6)
     roll, pitch, yaw = _euler_of_quats(f["att_target"][rows])
     out["nav_roll"] = np.degrees(roll)
     out["nav_pitch"] = -np.degrees(pitch)
     out["nav_bearing"] = clip_to_field(np.degrees(columns.heading_rad(yaw)), 180)
-    bearing = np.degrees(np.arctan2(away[:, 0], away[:, 1]))
+    bearing = np.degrees(elementwise.atan2(away[:, 0], away[:, 1]))
     out["target_bearing"] = np.where(going, clip_to_field(bearing, 180), 0)
-    out["wp_dist"] = np.where(going, clip_to_field(np.hypot(away[:, 0], away[:, 1]), U16), 0)
+    out["wp_dist"] = np.where(going, clip_to_field(elementwise.hypot(away[:, 0], away[:, 1]), U16), 0)
     out["alt_error"] = np.where(flying, behind[:, 2], 0.0)
     out["xtrack_error"] = np.where(going & (speed > 0.01), across, 0.0)
 
@@ -218,9 +219,9 @@ def nav_controller_output(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
 def _euler_of_quats(quats: Floats) -> tuple[Floats, Floats, Floats]:
     """Roll, pitch and yaw of attitudes (n, 4), in the frames east-north-up and forward-left-up; radians."""
     w, x, y, z = quats.T
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    return roll, pitch, np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    roll = elementwise.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = elementwise.asin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    return roll, pitch, elementwise.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def position_target_global_int(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
@@ -277,7 +278,7 @@ _MAX_CLIMB_MPS, _NO_CLIMB_MPS = 62.0, 63.0  # ODID_MAX_SPEED_V, ODID_INV_SPEED_V
 _NO_TIME_S: Final = 65_535.0  # ODID_INV_TIMESTAMP
 _UNKNOWN_CM: Final = -100_000.0  # ODID_INV_ALT
 _ONE_SECOND: Final = int(dialect.MAV_ODID_TIME_ACC_1_0_SECOND)
-_STANDARD_PRESSURE_OFFSET_M: Final = (1.0 - (1013.25 / 1013.2) ** (1.0 / 5.25588)) / 2.25577e-5
+_STANDARD_PRESSURE_OFFSET_M: Final = (1.0 - elementary_python.power(1013.25 / 1013.2, 1.0 / 5.25588)) / 2.25577e-5
 """Height of 1013.25 hPa, the standard's sea level, over 1013.2 hPa, which is 0 here (ISO 2533)."""
 _HOUR_MS: Final = 3_600_000
 _HORIZONTAL, _VERTICAL, _SPEED = (
@@ -297,7 +298,7 @@ def open_drone_id_location(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     out["status"] = np.where(danger, dialect.MAV_ODID_STATUS_EMERGENCY, flying)
     out["latitude"], out["longitude"] = columns.lat_lon_e7(fleet, pos[:, 0], pos[:, 1])
     out["direction"] = np.where(fixed, columns.course_cdeg(vel[:, 0], vel[:, 1]), _NO_TRACK_CDEG)
-    speed, climb = np.trunc(np.hypot(vel[:, 0], vel[:, 1])), np.trunc(vel[:, 2])
+    speed, climb = np.trunc(elementwise.hypot(vel[:, 0], vel[:, 1])), np.trunc(vel[:, 2])
     out["speed_horizontal"] = np.where(speed <= _MAX_MPS, speed, _NO_SPEED_MPS) * 100.0
     out["speed_vertical"] = np.where(np.abs(climb) <= _MAX_CLIMB_MPS, climb, _NO_CLIMB_MPS) * 100.0
     zero_m = fleet.origin.alt_msl_m

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from skyrange.codec.mavlink import dialect
 from skyrange.codec.mavlink.message_columns import MessageTable
 from skyrange.contracts.frames import Ints
+from skyrange.core import elementary, elementwise
 from skyrange.core.compiled import compiled
 from skyrange.core.projection import geodetic_of
 from skyrange.core.time import NS_PER_US
@@ -75,7 +76,7 @@ def _fill_gps_raw_int(  # noqa: PLR0917
             o.eph = _UNKNOWN_DOP
             o.epv = _UNKNOWN_DOP
         o.vel = to_whole(math.sqrt(vel_e * vel_e + vel_n * vel_n) * 100.0, 0, U16 - 1)
-        o.cog = int(math.atan2(vel_e, vel_n) * (180.0 / math.pi) % 360.0 * 100.0) % 36_000
+        o.cog = int(elementary.atan2(vel_e, vel_n) * (180.0 / math.pi) % 360.0 * 100.0) % 36_000
         o.satellites_visible = e.gnss_sats
         o.h_acc = to_whole(e.gnss_acc[0] * 1e3, 0, I32)
         o.v_acc = to_whole(e.gnss_acc[1] * 1e3, 0, I32)
@@ -122,7 +123,7 @@ def scaled_pressure(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """SCALED_PRESSURE(2): the height of the barometer as a pressure of the standard atmosphere (ISO 2533)."""
     height = fleet.origin.alt_msl_m + columns.finite_or_zeros(fleet.estimate["baro_up"][rows])
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
-    out["press_abs"] = _SEA_LEVEL_HPA * np.maximum(1.0 - 2.25577e-5 * height, 0.0) ** 5.25588
+    out["press_abs"] = _SEA_LEVEL_HPA * elementwise.power(np.maximum(1.0 - 2.25577e-5 * height, 0.0), 5.25588)
     out["temperature"] = clip_to_field(1500.0 - 0.65 * height, I16)
 
 
@@ -156,7 +157,7 @@ def esc_telemetry(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """
     power = fleet.battery
     speed = np.abs(fleet.rotor_speeds[rows])
-    work = speed**3
+    work = speed * speed * speed
     share = work / np.maximum(work.sum(axis=1, keepdims=True), 1e-9)
     out["voltage"] = clip_to_field(power["voltage"][rows] * 100.0, U16, 0)[:, None]
     out["current"] = clip_to_field(power["current"][rows, None] * share * 100.0, U16, 0)

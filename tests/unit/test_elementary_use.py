@@ -1,0 +1,137 @@
+"""Does simulated code leave functions to libraries that round as they please? It has those of `core.elementary`."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import skyrange
+
+ROOT = Path(skyrange.__file__).parent
+SIMULATED = (
+    "assembly", "attack", "codec/f3411", "codec/f3548", "codec/mavlink", "core", "defence", "detect", "fault", "gcs",
+    "kernel", "radio", "remoteid", "runtime/cores", "scenario", "utm", "vehicle/avoidance", "vehicle/builtin",
+    "vehicle/claimed_tracks.py", "vehicle/companion", "vehicle/event_detection.py", "vehicle/reported_poses.py",
+    "world",
+)  # fmt: skip
+"""What `frames` and `truth` depend on."""
+ROUNDED = frozenset(
+    [
+        "sin",
+        "cos",
+        "tan",
+        "asin",
+        "acos",
+        "atan",
+        "atan2",
+        "arcsin",
+        "arccos",
+        "arctan",
+        "arctan2",
+        "sinh",
+        "cosh",
+        "tanh",
+        "exp",
+        "exp2",
+        "expm1",
+        "log",
+        "log2",
+        "log10",
+        "log1p",
+        "pow",
+        "power",
+        "float_power",
+        "hypot",
+        "dist",
+        "erf",
+        "erfc",
+        "gamma",
+        "lgamma",
+        "cbrt",
+        "logaddexp",
+        "dot",
+        "vdot",
+        "inner",
+        "matmul",
+        "einsum",
+        "tensordot",
+        "linalg",
+        "interp",
+        "convolve",
+        "sumprod",
+    ]
+)
+SUSPECT = re.compile(rf"\*\*|\b(math|np)\.({'|'.join(ROUNDED)})\b|^from (math|numpy) import| @ | @= ", re.MULTILINE)
+DELIBERATE = {
+    "attack/bases/gnss/emitter.py": {"interp": "a table at import, of values that are exact in between"},
+    "fault/gnss/multipath.py": {"linalg": "the condition number only says whether directions give a fix at all"},
+}
+"""By file, what it uses nevertheless, and why no bit depends on it."""
+
+
+def found_in(source: str) -> Iterator[tuple[int, str]]:
+    """Line and name of what a source leaves to a library."""
+    if SUSPECT.search(source) is None:
+        return
+    tree = ast.parse(source)
+    compiled = [
+        range(node.lineno, (node.end_lineno or node.lineno) + 1)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef)
+        and any(isinstance(one, ast.Name) and one.id in {"compiled", "inlined"} for one in node.decorator_list)
+    ]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module in {"math", "numpy"}:
+            yield from ((node.lineno, name.name) for name in node.names if name.name in ROUNDED)
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in {"math", "np"}:
+            if node.attr in ROUNDED:
+                yield node.lineno, node.attr
+        elif isinstance(node, ast.BinOp | ast.AugAssign) and isinstance(node.op, ast.MatMult):
+            yield node.lineno, "@"
+        elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow) and not is_exact(node, compiled):
+            yield node.lineno, "**"
+
+
+def is_exact(node: ast.BinOp, compiled: list[range]) -> bool:
+    """Whether a power is one of 2 or of a whole number, or a square or cube in `compiled` lines, which multiply."""
+    base = node.left.operand if isinstance(node.left, ast.UnaryOp) else node.left
+    if isinstance(base, ast.Constant) and (isinstance(base.value, int) or base.value == 2.0):
+        return True
+    within = any(node.lineno in lines for lines in compiled)
+    return within and isinstance(node.right, ast.Constant) and node.right.value in {2, 3}
+
+
+def test_simulated_code_uses_functions_with_the_same_bits_everywhere() -> None:
+    files = [
+        file for part in SIMULATED for file in ([ROOT / part] if part.endswith(".py") else (ROOT / part).rglob("*.py"))
+    ]
+    assert len(files) > 300
+    wrong = [
+        f"{file.relative_to(ROOT)}:{line}: {name}"
+        for file in files
+        for line, name in found_in(file.read_text(encoding="utf-8"))
+        if name not in DELIBERATE.get(str(file.relative_to(ROOT)), {})
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize(
+    ("line", "name"),
+    [
+        ("math.sin(x)", "sin"), ("np.hypot(x, y)", "hypot"), ("a @ b", "@"), ("x ** 2", "**"), ("x ** 0.4", "**"),
+        ("from math import exp", "exp"), ("np.linalg.norm(x)", "linalg"), ("0.5 ** n", "**"),
+    ],
+)  # fmt: skip
+def test_it_finds_them(line: str, name: str) -> None:
+    assert list(found_in(line)) == [(1, name)]
+
+
+@pytest.mark.parametrize(
+    "line", ["2 ** 31", "2.0 ** -23", "math.sqrt(x)", "x * x", "@compiled\ndef f(x):\n    return x ** 2"]
+)
+def test_it_lets_exact_ones_be(line: str) -> None:
+    assert list(found_in(line)) == []
