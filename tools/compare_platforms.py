@@ -24,6 +24,7 @@ import typer
 
 KINDS: dict[str, dict[str, str]] = {
     "native": {},
+    "other-interpreter": {},
     "old-libraries": {
         "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
         "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F,-AVX2_Usable,-AVX2,-FMA_Usable,-FMA,-FMA4",
@@ -43,7 +44,7 @@ KINDS: dict[str, dict[str, str]] = {
         "OPENBLAS_CORETYPE": "Nehalem",
     },
 }
-"""Environment variables by kind."""
+"""Environment variables by kind. `--python` names the interpreter of all kinds but `native`."""
 
 FLY = """
 import json, sys

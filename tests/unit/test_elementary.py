@@ -124,6 +124,15 @@ def test_arrays_have_the_bits_of_their_elements(pairs: list[tuple[float, float]]
     assert elementwise.length(table).tolist() == [math.sqrt(x * x + y * y) for x, y in table.tolist()]
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_single_precision_and_whole_numbers_count_as_double(name: str) -> None:
+    count = {"atan2": 2, "hypot": 2, "power": 2, "hypot3": 3}.get(name, 1)
+    for kind in (np.float32, np.int64):
+        given = [kind(value) for value in (0.7 if kind is np.float32 else 1, 3, 5)[:count]]
+        found = getattr(elementary, name)(*given)
+        assert found == getattr(elementary_python, name)(*map(float, given)), (kind, found)
+
+
 def test_shapes_are_those_of_numpy() -> None:
     assert isinstance(elementwise.sin(0.5), float)
     assert elementwise.hypot(np.ones((2, 1)), np.ones(3)).shape == (2, 3)

@@ -133,7 +133,7 @@ def atan2(y: float, x: float) -> float:
     """The angle of the point (x, y) from the x axis, in radians, with the signs and limits of C's atan2."""
     if x != x or y != y:
         return math.nan
-    across, along = abs(y), abs(x)
+    across, along = abs(y * 1.0), abs(x * 1.0)  # of double precision, where a compiled function has another
     if across == 0.0 and along == 0.0:
         angle = 0.0
     elif across == math.inf and along == math.inf:
@@ -184,6 +184,7 @@ def exp(x: float) -> float:
 
 def expm1(x: float) -> float:
     """E to the power of x, minus 1, exact where x is small."""
+    x = x * 1.0  # of double precision, where a compiled function has another
     if not abs(x) <= 0.35:
         return exp(x) - 1.0
     p = 1.0 / 6.0 + x * (1.0 / 24.0 + x * (1.0 / 120.0 + x * (1.0 / 720.0 + x * (1.0 / 5040.0 + x * (
@@ -255,12 +256,12 @@ def power(base: float, exponent: float) -> float:
 
 def hypot(x: float, y: float) -> float:
     """The length of the vector (x, y)."""
-    a, b = abs(x), abs(y)
+    a, b = abs(x * 1.0), abs(y * 1.0)  # of double precision, where a compiled function has another
     most = max(a, b)
     if a == math.inf or b == math.inf:
         return math.inf
-    if _SMALL < most < _LARGE or most == 0.0 or x != x or y != y:
-        return math.sqrt(x * x + y * y)
+    if _SMALL < most < _LARGE or most == 0.0 or a != a or b != b:
+        return math.sqrt(a * a + b * b)
     a /= most
     b /= most
     return most * math.sqrt(a * a + b * b)
@@ -268,12 +269,12 @@ def hypot(x: float, y: float) -> float:
 
 def hypot3(x: float, y: float, z: float) -> float:
     """The length of the vector (x, y, z)."""
-    a, b, c = abs(x), abs(y), abs(z)
+    a, b, c = abs(x * 1.0), abs(y * 1.0), abs(z * 1.0)  # of double precision, where a compiled function has another
     most = max(a, b, c)
     if a == math.inf or b == math.inf or c == math.inf:
         return math.inf
-    if _SMALL < most < _LARGE or most == 0.0 or x != x or y != y or z != z:
-        return math.sqrt(x * x + y * y + z * z)
+    if _SMALL < most < _LARGE or most == 0.0 or a != a or b != b or c != c:
+        return math.sqrt(a * a + b * b + c * c)
     a /= most
     b /= most
     c /= most
@@ -288,7 +289,7 @@ def erfc(x: float) -> float:
     """
     if x != x:
         return x
-    a = abs(x)
+    a = abs(x * 1.0)  # of double precision, where a compiled function has another
     square = a * a
     if a > 27.3:
         value = 0.0
