@@ -138,7 +138,7 @@ def _unary(which: int, values: ArrayLike) -> Floats:
 
 def _binary(which: int, first: ArrayLike, second: ArrayLike) -> Floats:
     one, other = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
-    shape = np.broadcast_shapes(one.shape, other.shape)
+    shape = one.shape if one.shape == other.shape else np.broadcast_shapes(one.shape, other.shape)
     out = np.empty(math.prod(shape))
     _fill_binary(which, _spread(one, shape), _spread(other, shape), out)
     return out.reshape(shape)[()]

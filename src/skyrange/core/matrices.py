@@ -56,15 +56,22 @@ def factor(matrix: ArrayLike) -> Floats:
 def _multiply_two(first: Floats, second: Floats) -> Floats:
     one = first[None, :] if first.ndim == 1 else first
     other = second[:, None] if second.ndim == 1 else second
-    stack = np.broadcast_shapes(one.shape[:-2], other.shape[:-2])
     rows, inner, columns = one.shape[-2], one.shape[-1], other.shape[-1]
     if other.shape[-2] != inner:
         raise ValueError(f"matrices of shapes {first.shape} and {second.shape} have no product")
+    stack: tuple[int, ...] = ()
+    if one.ndim > 2 or other.ndim > 2:
+        stack = np.broadcast_shapes(one.shape[:-2], other.shape[:-2])
+        one = np.broadcast_to(one, (*stack, rows, inner))
+        other = np.broadcast_to(other, (*stack, inner, columns))
     count = math.prod(stack)
-    one = np.array(np.broadcast_to(one, (*stack, rows, inner)), order="C").reshape(count, rows, inner)
-    other = np.array(np.broadcast_to(other, (*stack, inner, columns)), order="C").reshape(count, inner, columns)
     out = np.empty((count, rows, columns))
-    _multiply_all(one, other, out)
+    # copies, because a kernel for arrays that are read-only or not contiguous would be another one
+    _multiply_all(
+        np.array(one, order="C").reshape(count, rows, inner),
+        np.array(other, order="C").reshape(count, inner, columns),
+        out,
+    )
     shape = (*stack, *((rows,) if first.ndim > 1 else ()), *((columns,) if second.ndim > 1 else ()))
     return out.reshape(shape)
 
