@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.city.wall_index import WallIndex, cell_of, distance_to_footprint
-from skyrange.core import elementary_python
+from skyrange.core import elementary
 from skyrange.core.compiled import compiled
 
 Floats = NDArray[np.float64]
@@ -135,7 +135,7 @@ def search(  # noqa: PLR0917
 def is_free(field: Floats, west: float, south: float, step_m: float, margin_m: float, a: Floats, b: Floats) -> bool:  # noqa: PLR0917
     """Whether every place near the straight line from `a` to `b` (east, north, up) is free at its lower end."""
     low_m = min(a[2], b[2])
-    length = elementary_python.hypot(b[0] - a[0], b[1] - a[1])
+    length = elementary.hypot(b[0] - a[0], b[1] - a[1])
     count = math.ceil(length / (0.25 * step_m)) + 1
     for k in range(count + 1):
         share = k / count
