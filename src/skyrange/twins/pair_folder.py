@@ -14,7 +14,7 @@ from typing_extensions import TypedDict
 
 from skyrange.core.errors import InputError
 from skyrange.core.files import expand_user
-from skyrange.core.parquet_files import read_table
+from skyrange.core.parquet_files import check_ranges, read_table
 from skyrange.core.typed_json import Finite, Int64, read_formatted, require_type
 from skyrange.record import RunRecord, load
 from skyrange.statistics.means import Interval, estimate_mean
@@ -121,11 +121,13 @@ class Pair:
     @property
     def attribution(self) -> pa.Table:
         """The table of `attribution.parquet`: how each attack relates to each effect."""
-        return self._read(
+        table = self._read(
             ATTRIBUTION,
             attribution_table([]).schema,
             {"vehicle": self._fleet, "outcome": NAMES, "relation": get_args(Relation)},
         )
+        check_ranges(table, {"placebos": (0, 2**31 - 1), "level": (0.0, 1.0)}, str(self.path), ATTRIBUTION)
+        return table
 
     @property
     def propagation(self) -> pa.Table:
