@@ -22,7 +22,7 @@ from skyrange.core.ids import ID_PATTERN, hash64
 from skyrange.core.typed_json import Finite, Int64, require_type
 from skyrange.dataset.families import family_of
 from skyrange.metrics.exact_difference import identify_flight
-from skyrange.record.manifest import read_manifest
+from skyrange.record.manifest import fleet_of, read_manifest
 from skyrange.statistics.clusters import find_clusters
 
 Scalar = str | int | float | bool
@@ -181,7 +181,7 @@ def traits_of(member: Member) -> Traits:
     manifest = read_manifest(member.record)
     named = member.factors.get("city", name_city(manifest))
     families = frozenset(family_of(row) for row in manifest.get("attacks") or ())
-    return Traits(families, str(named), len(manifest["vehicles"]))
+    return Traits(families, str(named), len(fleet_of(manifest, str(member.record))))
 
 
 def name_city(manifest: Mapping[str, Any]) -> str:
