@@ -14,8 +14,11 @@ import pytest
 from skyrange.core.errors import InputError
 from skyrange.core.parquet_files import check_ranges
 from skyrange.dataset.columns import VIEWS, view_schema
+from skyrange.dataset.members import read_members
 from skyrange.dataset.reading import read_view
+from skyrange.record import load
 from skyrange.record.manifest import fleet_of, read_manifest, require_entry
+from skyrange.study.design.model import read_study
 from skyrange.twins.attribution import attribution_table
 from skyrange.twins.pair_folder import FORMAT, load_pair
 
@@ -153,3 +156,29 @@ def test_the_runs_of_a_pair_have_the_same_vehicles(tmp_path: Path) -> None:
     assert load_pair(write_pair(tmp_path / "pair")).run("nominal").status == "complete"
     with pytest.raises(InputError, match=r"manifest\.json: vehicles: blue/b2 — expected the vehicles of the attacked"):
         load_pair(write_pair(tmp_path / "other", "blue/b2")).run("nominal")
+
+
+LONG = "x" * 300
+"""A name that no file can have."""
+
+
+@pytest.mark.parametrize("name", [LONG, f"folder/{LONG}", "a\0b"])
+def test_a_name_that_no_file_can_have_is_refused_in_what_names_files(name: str, tmp_path: Path) -> None:
+    row = {"folder": name, "block": "b", "arm": "nominal"}
+    (tmp_path / "members.json").write_text(json.dumps({"runs": [row]}))
+    with pytest.raises(InputError, match=r"runs\[0\]\.folder"):
+        read_members(tmp_path / "members.json")
+    (tmp_path / "s.toml").write_text("")
+    toml_name = name.replace("\0", "\\u0000")
+    factor = f'{{ name = "c", key = "buildings", values = ["{toml_name}/c.geojson", ""] }}'
+    for expected, text in (
+        ("a shipped scenario", f'scenario = "{toml_name}.toml"'),
+        ("a file of buildings", f'scenario = "s.toml"\nfactors = [{factor}]'),
+    ):
+        (tmp_path / "study.toml").write_text(f'name = "s"\n{text}\n')
+        with pytest.raises(InputError, match=expected):
+            read_study(tmp_path / "study.toml")
+    for entry, content in (("counts", 1), ("files", {})):
+        run = write_run(tmp_path / entry, **{entry: {f"frames.parquet/{name}": content}})
+        with pytest.raises(InputError, match=f"frames.parquet/{re.escape(name)}"):
+            load(run)

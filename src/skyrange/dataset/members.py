@@ -5,6 +5,7 @@ Blocks that share a seed or a flight are one cluster: in two splits, a detector 
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -92,7 +93,7 @@ def _member(base: Path, where: str, row: Any, problems: list[Problem]) -> Member
         return None
     folder = base / expand_user(row["folder"])
     scenario = folder / SCENARIO
-    if not scenario.is_file():
+    if not os.path.isfile(scenario):  # false for a name that no file can have
         problems.append(Problem(f"{where}.folder", str(folder), "the folder of a run with its scenario.toml"))
         return None
     data = read_input(scenario, str(folder), max_bytes=_MAX_BYTES)
