@@ -318,6 +318,7 @@ FILES: Final[dict[str, WrittenFile]] = {
     "attribution of a pair": WrittenFile("pair/attribution.parquet", _PAIR),
     "propagation of a pair": WrittenFile("pair/propagation.parquet", _PAIR),
     "manifest of a run": WrittenFile("pair/attacked/manifest.json", (*_RUN, ("verify", "@pair/attacked"))),
+    "manifest of a run of a pair": WrittenFile("pair/attacked/manifest.json", _PAIR),
     "buildings of a run": WrittenFile("pair/attacked/city.json", _RUN),
     "scenario of a run": WrittenFile("pair/attacked/scenario.toml", _RUN),
     **{

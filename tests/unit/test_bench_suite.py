@@ -276,6 +276,7 @@ def test_a_page_shows_all_and_lets_nothing_of_the_data_be_markup(suite: list[Ben
     assert "<script" not in page
     assert "Sums &lt;b&gt;of&lt;/b&gt; numbers." in page
     assert "peak 20 MB" in page
+    assert "peak – MB" in make_page(changed(results, benchmarks__0__cases__0__memory__peak_mb=None))
     assert page.count("Memory: sums, 10 numbers") == 2  # the figure's label and its title
     assert "Speed of each case" in page
     compared = make_page(results, changed(results, machine__cores=64))

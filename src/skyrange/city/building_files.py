@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any, Final
 
@@ -76,4 +77,4 @@ def files_of(path: Path) -> list[Path]:
     if path.suffix.lower() != ".shp":
         return [path]
     beside = (path.with_suffix(suffix) for suffix in (".shx", ".dbf", ".prj", ".cpg"))
-    return [path, *(file for file in beside if file.exists())]
+    return [path, *(file for file in beside if os.path.exists(file))]

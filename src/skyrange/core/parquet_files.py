@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -61,6 +61,23 @@ def check_values(batch: pa.RecordBatch | pa.Table, declared: pa.Schema, who: str
             raise InputError.one(
                 who, f"{where}: {field.name}", "lists with nothing in them", "lists of values", _DAMAGED
             )
+
+
+def check_ranges(table: pa.Table, ranges: Mapping[str, tuple[float, float]], who: str, where: str) -> None:
+    """Raise `InputError` for a number outside the range of its column, such as (0, 1), or for one that is not a number.
+
+    Ranges of columns that the table does not have are ignored.
+    """
+    for name, (low, high) in ranges.items():
+        if name not in table.column_names:
+            continue
+        column = table.column(name)
+        least, most = pa.scalar(low, column.type), pa.scalar(high, column.type)  # an integer is compared as it is
+        is_inside = pc.and_(pc.greater_equal(column, least), pc.less_equal(column, most))
+        found = column.filter(pc.invert(is_inside))  # NaN is outside, and nulls are left out
+        if len(found):
+            value = f"{found[0]}, in {len(found)} of {len(column)} rows"
+            raise InputError.one(who, f"{where}: {name}", value, f"a number from {low} to {high}", _DAMAGED)
 
 
 def read_table(

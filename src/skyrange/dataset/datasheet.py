@@ -13,6 +13,7 @@ from typing import Final
 from skyrange.core.files import atomic_write
 from skyrange.dataset.columns import VIEWS
 from skyrange.dataset.contents import RUNS, Contents
+from skyrange.record.manifest import fleet_of
 
 _LICENSES: Final = {
     "https://creativecommons.org/licenses/by/4.0/": "cc-by-4.0",
@@ -136,7 +137,7 @@ A version is never altered; a correction is a new data set with a name of its ow
 
 def write_datasheet(folder: Path, contents: Contents) -> None:
     """Write `README.md`, after the files that it describes."""
-    seconds = sum(record.duration * len(record.manifest["vehicles"]) for record in contents.records)
+    seconds = sum(record.duration * len(fleet_of(record.manifest, str(record.path))) for record in contents.records)
     view = next((view for view in ("flows", *VIEWS) if contents.rows_of(view)), "flows")
     text = _TEXT.format(
         header=format_card_header(folder, contents),

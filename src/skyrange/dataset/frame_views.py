@@ -21,6 +21,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port
 from skyrange.dataset.labels import FrameLabels
 from skyrange.dataset.windows import WINDOW_NS, by_whole_windows
+from skyrange.record.manifest import fleet_of
 from skyrange.record.read.run import RunRecord
 from skyrange.record.read.station_frames import payload_column
 from skyrange.record.read.time_order import STRAGGLER_ROWS, sort_by_time
@@ -252,8 +253,8 @@ def describe_receptions(record: RunRecord, labels: FrameLabels) -> Iterator[pa.T
 
     Receivers are those on the ground and the aircraft; radios of attacks are none of the defenders' sensors.
     """
-    rows = [*(record.manifest.get("receivers") or ()), *record.manifest["vehicles"]]
-    receivers = pa.array([str(row["id"]) for row in rows], pa.string())
+    grounds = [str(row["id"]) for row in record.manifest.get("receivers") or ()]
+    receivers = pa.array([*grounds, *fleet_of(record.manifest, str(record.path))], pa.string())
 
     def observed() -> Iterator[pa.Table]:
         for batch in record.batches("observations"):

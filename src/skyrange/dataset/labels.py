@@ -18,6 +18,7 @@ from skyrange.core.ids import FrameId, endpoint, link_name
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.dataset.columns import ESTIMATES
 from skyrange.dataset.families import family_of
+from skyrange.record.manifest import fleet_of, require_entry
 from skyrange.record.read.observations import frame_ids
 from skyrange.record.read.run import RunRecord
 from skyrange.record.read.station_frames import payload_column
@@ -67,7 +68,8 @@ def read_acts(record: RunRecord, family_of: Callable[[Mapping[str, Any]], str] =
     attacks = {row["id"] for row in manifest.get("attacks") or ()}
     kinds = {row["id"]: str(row["kind"]) for row in declared}
     rows = record.table("labels").sort_by([("at_ns", "ascending"), ("frame", "ascending")]).to_pylist()
-    owners = {row["id"] for row in (*manifest["vehicles"], *manifest["operators"])}
+    operators = require_entry(manifest, "operators", str(record.path))
+    owners = {*fleet_of(manifest, str(record.path)), *(row["id"] for row in operators)}
     ends = {row["id"]: row for row in declared}
     first: dict[str, int] = {}
     acts = []

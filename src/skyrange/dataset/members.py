@@ -5,6 +5,7 @@ Blocks that share a seed or a flight are one cluster: in two splits, a detector 
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -22,7 +23,7 @@ from skyrange.core.ids import ID_PATTERN, hash64
 from skyrange.core.typed_json import Finite, Int64, require_type
 from skyrange.dataset.families import family_of
 from skyrange.metrics.exact_difference import identify_flight
-from skyrange.record.manifest import read_manifest
+from skyrange.record.manifest import fleet_of, read_manifest
 from skyrange.statistics.clusters import find_clusters
 
 Scalar = str | int | float | bool
@@ -92,7 +93,7 @@ def _member(base: Path, where: str, row: Any, problems: list[Problem]) -> Member
         return None
     folder = base / expand_user(row["folder"])
     scenario = folder / SCENARIO
-    if not scenario.is_file():
+    if not os.path.isfile(scenario):  # false for a name that no file can have
         problems.append(Problem(f"{where}.folder", str(folder), "the folder of a run with its scenario.toml"))
         return None
     data = read_input(scenario, str(folder), max_bytes=_MAX_BYTES)
@@ -181,7 +182,7 @@ def traits_of(member: Member) -> Traits:
     manifest = read_manifest(member.record)
     named = member.factors.get("city", name_city(manifest))
     families = frozenset(family_of(row) for row in manifest.get("attacks") or ())
-    return Traits(families, str(named), len(manifest["vehicles"]))
+    return Traits(families, str(named), len(fleet_of(manifest, str(member.record))))
 
 
 def name_city(manifest: Mapping[str, Any]) -> str:

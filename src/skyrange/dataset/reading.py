@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import pyarrow as pa
 
-from skyrange.core.parquet_files import name_damaged_file, read_table
+from skyrange.core.parquet_files import check_ranges, name_damaged_file, read_table
 from skyrange.dataset.columns import view_schema
 from skyrange.dataset.contents import RUNS
 
@@ -25,9 +25,24 @@ _RUN_COLUMNS: Final = pa.schema(
 """What audits read of the runs."""
 
 
+_TIMES: Final = (-(2**62), 2**62)
+"""Range of times in ns: a window can be added to or subtracted from each of them."""
+_EXACT: Final = (-(2**53), 2**53)
+"""Range of other integers: audits convert them to doubles."""
+
+
 def read_view(folder: Path, view: str, path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     """The rows of a view in the file `path` of the data set in `folder`, all columns or some. Raises `InputError`."""
-    return read_table(path, str(folder), str(path.relative_to(folder)), view_schema(view), columns=columns)
+    schema, where = view_schema(view), str(path.relative_to(folder))
+    table = read_table(path, str(folder), where, schema, columns=columns)
+    ranges = {
+        field.name: _TIMES if field.metadata[b"unit"] == b"ns" else _EXACT
+        for field in schema
+        if field.type.equals(pa.int64())
+    }
+    ranges.pop("end_ns", None)  # the last act may have no end
+    check_ranges(table, ranges, str(folder), where)
+    return table
 
 
 def read_runs(folder: Path) -> list[dict[str, Any]]:

@@ -26,6 +26,7 @@ from skyrange.dataset.frame_views import (
 )
 from skyrange.dataset.labels import ATTACK, WindowLabeller, dropped_at, read_acts, trace_frames
 from skyrange.dataset.windows import WINDOW_NS, number_keys
+from skyrange.record.manifest import fleet_of
 from skyrange.record.message_groups import GROUPS, group_messages
 from skyrange.record.read.run import RunRecord
 from skyrange.record.read.station_frames import payload_column
@@ -179,7 +180,7 @@ def _distinct(key: Ints, values: Ints, begin: Ints) -> Ints:
 
 def describe_episodes(record: RunRecord, labeller: WindowLabeller, seen_acts: SeenActs) -> pa.Table:
     """One row for each author that acted and each aircraft that it acted on or touches, without the run's columns."""
-    fleet = [str(row["id"]) for row in record.manifest["vehicles"]]
+    fleet = fleet_of(record.manifest, str(record.path))
     declared = {
         row["id"]: row for row in (*(record.manifest.get("attacks") or ()), *(record.manifest.get("faults") or ()))
     }
@@ -228,8 +229,7 @@ def describe_aircraft(
         name: record.telemetry(name)
         for name in {*AGED, *(telemetry_field.message for telemetry_field in FIELDS)} & {*record.messages}
     }
-    for row in record.manifest["vehicles"]:
-        vehicle = str(row["id"])
+    for vehicle in fleet_of(record.manifest, str(record.path)):
         vehicle_messages = {
             name: table.filter(pc.equal(table.column("vehicle"), vehicle)) for name, table in messages.items()
         }

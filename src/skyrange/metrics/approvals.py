@@ -18,7 +18,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import operator_of
 from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time
 from skyrange.metrics.time_series import Record, RecordedNote, Track
-from skyrange.record.manifest import origin_of
+from skyrange.record.manifest import origin_of, start_unix_ns_of
 from skyrange.utm.intent_states import OFF_NOMINAL, IntentState
 from skyrange.utm.messages import DecisionBody, IntentBody, decode_request, decode_response
 
@@ -54,7 +54,7 @@ class ClaimReader:
         self.claims: dict[str, list[Claim]] = {}
         """The claims of each vehicle, in the order of their acceptance."""
         self._origin = origin_of(manifest) or Origin(0.0, 0.0)
-        self._epoch = Epoch(int(manifest.get("start_unix_ns") or 0))
+        self._epoch = Epoch(start_unix_ns_of(manifest) or 0)
         self._requests: dict[tuple[str, int], IntentBody] = {}
         self._holders: dict[str, str] = {}
 

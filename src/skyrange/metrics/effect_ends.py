@@ -22,6 +22,7 @@ from typing import Final
 from skyrange.attack.contract import Persistence
 from skyrange.core.time import Time, from_seconds
 from skyrange.metrics.time_series import RecordedNote, read_notes
+from skyrange.record.manifest import fleet_of
 from skyrange.record.read.run import RunRecord
 
 _BEGINS: Final = frozenset({"event.armed", "event.takeoff"})
@@ -43,7 +44,7 @@ _REWRITES: Final[Mapping[str, tuple[frozenset[str], frozenset[str]]]] = {
 
 def read_persistence(record: RunRecord) -> dict[str, Persistence]:
     """By id of an attack: what ends its effect, `acts` where its kind does not say."""
-    return {row["id"]: row["persists"] or "acts" for row in record.manifest.get("attacks") or ()}
+    return {row["id"]: row.get("persists") or "acts" for row in record.manifest.get("attacks") or ()}
 
 
 def read_effect_ends_ns(record: RunRecord, last_ns: Mapping[tuple[str, str], Time]) -> dict[tuple[str, str], Time]:
@@ -52,8 +53,8 @@ def read_effect_ends_ns(record: RunRecord, last_ns: Mapping[tuple[str, str], Tim
     An empty aircraft stands for the whole run.
     """
     persistence = read_persistence(record)
-    notes: dict[str, list[RecordedNote]] = {str(row["id"]): [] for row in record.manifest["vehicles"]}
-    if any(persistence[attack] != "acts" for attack, _ in last_ns):
+    notes: dict[str, list[RecordedNote]] = {vehicle: [] for vehicle in fleet_of(record.manifest, str(record.path))}
+    if any(persistence.get(attack, "acts") != "acts" for attack, _ in last_ns):
         for note in (*read_notes(record, "decisions"), *read_notes(record, "events")):
             if note.about in notes:
                 notes[note.about].append(note)
@@ -64,7 +65,7 @@ def read_effect_ends_ns(record: RunRecord, last_ns: Mapping[tuple[str, str], Tim
     end_ns = from_seconds(record.duration)
     return {
         (attack, vehicle): find_effect_end_ns(
-            persistence[attack], at_ns, [vehicle] if vehicle else list(notes), notes, end_ns
+            persistence.get(attack, "acts"), at_ns, [vehicle] if vehicle else list(notes), notes, end_ns
         )
         for (attack, vehicle), at_ns in last_ns.items()
     }

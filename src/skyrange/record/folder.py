@@ -176,7 +176,7 @@ def check_file(folder: Path, name: str, entry: Any) -> Iterator[str]:
     path = folder / name
     if not isinstance(entry, dict) or Path(name).is_absolute() or ".." in Path(name).parts:
         yield f"{MANIFEST}: files: {name} — expected the name of a file in the folder, with bytes and blake2b"
-    elif not path.is_file():
+    elif not os.path.isfile(path):
         yield f"{name}: missing — expected a file of {entry.get('bytes')} bytes"
     elif (description := describe_file(path, str(folder), name)) != entry:
         what = "bytes" if description["bytes"] != entry.get("bytes") else "blake2b"

@@ -113,6 +113,20 @@ def _check_record(record: Any) -> Iterator[Problem]:
         yield Problem(f"{MANIFEST}: record.features_hz", repr(rate_hz)[:80], "a rate in Hz above 0", hint)
 
 
+def require_entry(manifest: Mapping[str, Any], name: str, who: str) -> Any:
+    """An entry of a run's manifest. Raises `InputError` in the name of `who` for a manifest without it."""
+    value = manifest.get(name)
+    if value is None:
+        hint = "The file was changed by hand or is damaged."
+        raise InputError.one(who, f"{MANIFEST}: {name}", "missing", "a value", hint)
+    return value
+
+
+def fleet_of(manifest: Mapping[str, Any], who: str) -> list[str]:
+    """The ids of a run's vehicles, in their order. Raises `InputError` as `require_entry`."""
+    return [str(row["id"]) for row in require_entry(manifest, "vehicles", who)]
+
+
 def origin_of(manifest: Mapping[str, Any]) -> Origin | None:
     """The origin of a run's local coordinates, by its manifest; None if the manifest has none."""
     declared = manifest.get("origin")

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Required
 
-from pydantic import ConfigDict, Field, with_config
+from pydantic import AfterValidator, ConfigDict, Field, with_config
+from pydantic_core import PydanticCustomError
 from typing_extensions import TypedDict
 
 from skyrange.core.typed_json import Count, Finite, Int64
 
 Place = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 """East, north and up in metres."""
+Corner = Annotated[list[Finite], Field(min_length=2, max_length=2)]
+"""East and north in metres."""
 _OTHERS = ConfigDict(extra="allow")
+
+
+def _require_place_or_none(numbers: list[float]) -> list[float]:
+    """A radio that is not in the scenario's space has the place []."""
+    if len(numbers) not in (0, 3):
+        raise PydanticCustomError("place", "three numbers or none")
+    return numbers
 
 
 @with_config(_OTHERS)
@@ -32,12 +42,14 @@ class _Operator(TypedDict, total=False):
 class _Vehicle(TypedDict, total=False):
     id: Required[str]
     operator: Required[str]
+    uas_id: str
     color: str
     autopilot: str
     airframe: str
     plan: str
     expected: str
     home_enu_m: Place | None
+    network: Count
     system_id: Count
 
 
@@ -62,6 +74,12 @@ class _Identified(TypedDict, total=False):
 
 
 @with_config(_OTHERS)
+class _Radio(TypedDict, total=False):
+    endpoint: Required[str]
+    at_enu_m: Annotated[list[Finite], AfterValidator(_require_place_or_none)]
+
+
+@with_config(_OTHERS)
 class _Act(TypedDict, total=False):
     id: Required[str]
     kind: Required[str]
@@ -70,8 +88,44 @@ class _Act(TypedDict, total=False):
     honest: bool
     manual: bool
     start_s: Finite | None
+    stop_s: Finite | None
+    for_s: Finite | None
+    anchor: str
     params: dict[str, Any]
     touches: list[str]
+    technique: str
+    family: str
+    persists: str | None
+    threat: dict[str, Any]
+    radios: list[_Radio]
+    shown: dict[str, Place]
+
+
+@with_config(_OTHERS)
+class _Defence(TypedDict, total=False):
+    id: Required[str]
+    kind: Required[str]
+    muted: bool
+    params: dict[str, Any]
+    touches: list[str]
+
+
+@with_config(_OTHERS)
+class _HonestAircraft(TypedDict, total=False):
+    id: Required[str]
+    uas_id: Required[str]
+    airframe: Required[str]
+
+
+@with_config(_OTHERS)
+class _Constraint(TypedDict, total=False):
+    id: Required[str]
+    corners_m: Required[Annotated[list[Corner], Field(min_length=3)]]
+    lower_m: Required[Finite]
+    upper_m: Required[Finite]
+    start_s: Required[Finite]
+    end_s: Required[Finite]
+    published_s: Required[Finite]
 
 
 @with_config(_OTHERS)
@@ -147,6 +201,11 @@ class _Repeatable(TypedDict, total=False):
 
 
 @with_config(_OTHERS)
+class _Medium(_Repeatable, total=False):
+    builtin_waveforms: list[Any]
+
+
+@with_config(_OTHERS)
 class _Live(TypedDict, total=False):
     outside: list[str]
 
@@ -161,7 +220,7 @@ class RunManifest(TypedDict, total=False):
     name: str | None
     seed: Int64 | None
     start_utc: str
-    start_unix_ns: Any
+    start_unix_ns: Int64 | None
     duration_s: Finite | None
     simulated_s: Annotated[float, Field(ge=0.0, lt=2**63 / 1e9)] | None
     reason: str | None
@@ -171,17 +230,17 @@ class RunManifest(TypedDict, total=False):
     vehicles: list[_Vehicle]
     links: list[_Link]
     receivers: list[_Receiver]
-    constraints: list[_Identified]
+    constraints: list[_Constraint]
     city: _City | None
     mission_files: list[_MissionFile]
     placing: list[_Placing]
     attacks: list[_Act]
     faults: list[_Act]
-    defences: list[_Identified]
+    defences: list[_Defence]
     detectors: list[_Identified]
-    honest: list[_Identified]
+    honest: list[_HonestAircraft]
     engines: list[_Repeatable]
-    medium: _Repeatable | None
+    medium: _Medium | None
     live: _Live | None
     warnings: list[str]
     withheld: list[str]
@@ -191,13 +250,9 @@ class RunManifest(TypedDict, total=False):
     digests: dict[str, str]
     outcomes: dict[str, _Outcome]
     timings: dict[str, Finite | None]
-    not_kept: dict[str, Any]
+    not_kept: dict[str, Count]
     cores: _Cores | None
     spooled: bool
-
-
-Corner = Annotated[list[Finite], Field(min_length=2, max_length=2)]
-"""East and north in metres."""
 
 
 @with_config(_OTHERS)
@@ -205,4 +260,5 @@ class Building(TypedDict, total=False):
     """One building of `city.json`."""
 
     height_m: Finite
+    base_m: Finite
     rings: Required[list[Annotated[list[Corner], Field(min_length=3)]]]

@@ -11,6 +11,7 @@ A table that is complete is one Parquet file or a folder of part files.
 from __future__ import annotations
 
 import errno
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -197,8 +198,8 @@ def table_files(path: Path) -> list[Path]:
 
 def table_shards(path: Path) -> list[list[Path]]:
     """The files of a table, as `table_files` has them, for each process that recorded some."""
-    if not path.is_dir():
-        return [[path]] if path.exists() else []
+    if not os.path.isdir(path):  # false, as below, for a name that no file can have
+        return [[path]] if os.path.exists(path) else []
     prefixes = {part.name.rpartition("-")[0] for part in path.glob("*.parquet")}
     shards = (_numbered(path, f"{prefix}-*.parquet") for prefix in sorted(prefixes, key=_shard_number))
     return [[part for _, part in sorted(parts.items())] for parts in shards if parts]

@@ -17,6 +17,7 @@ from skyrange.metrics.effect_ends import read_effect_ends_ns
 from skyrange.metrics.exact_difference import identify_flight
 from skyrange.metrics.safety import NEAR_M
 from skyrange.record import RunRecord
+from skyrange.record.manifest import fleet_of, require_entry
 from skyrange.study.columns import column_of
 from skyrange.study.design.blocks import Block, city_of
 from skyrange.study.design.model import Study, StudyArm
@@ -65,11 +66,11 @@ def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], 
                 "status": str(manifest["status"]),
                 "error": "",
                 "failed_missions": _describe_failed(arm, record),
-                "simulated_s": float(manifest["simulated_s"]),
-                "vehicles": len(manifest["vehicles"]),
+                "simulated_s": float(require_entry(manifest, "simulated_s", str(record.path))),
+                "vehicles": len(fleet_of(manifest, str(record.path))),
                 "city": city_of(study, block) or name_city(manifest),
                 "families": " ".join(_declared_families(record)),
-                "fingerprint": str(manifest["digests"]["fingerprint"]),
+                "fingerprint": str((manifest.get("digests") or {}).get("fingerprint", "")),
                 "flight": identify_flight(manifest),
                 **measures,
             }
@@ -127,7 +128,7 @@ def measure_acts(record: RunRecord) -> list[dict[str, Any]]:
     (with the last act, but for attacks); an empty aircraft stands for none in particular.
     """
     run_acts = read_acts(record, _family_or_kind)
-    fleet = {str(row["id"]) for row in record.manifest["vehicles"]}
+    fleet = {*fleet_of(record.manifest, str(record.path))}
     spans: dict[tuple[str, str, str], list[int]] = {}
     for act in run_acts.acts:
         if act.role == SHAM:

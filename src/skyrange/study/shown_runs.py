@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -42,7 +43,7 @@ class ShownRun:
     @property
     def kept(self) -> RunRecord | None:
         """Its record, if that was kept with truth."""
-        if not (self.folder / MANIFEST).is_file():
+        if not os.path.isfile(self.folder / MANIFEST):
             return None
         record = load(self.folder)
         return record if record.keeps("truth") else None

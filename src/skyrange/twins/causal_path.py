@@ -72,7 +72,7 @@ def find_causal_path(run: RunRecord, propagation: Sequence[Row]) -> CausalPath:
     """Number of the departure step of each aircraft."""
     decisions = read_notes(run, "decisions")
     stages = [note for note in read_notes(run, "events") if note.kind == "event.campaign_stage"]
-    uas_ids = {vehicle["uas_id"]: vehicle["id"] for vehicle in run.manifest["vehicles"]}
+    uas_ids = {vehicle.get("uas_id"): vehicle["id"] for vehicle in run.manifest.get("vehicles") or ()}
     for effect in departures:
         vehicle = effect["vehicle"]
         vehicle_rows = [row for row in rows if row["vehicle"] == vehicle and row["at_ns"] <= effect["at_ns"]]

@@ -12,6 +12,7 @@ from skyrange.gcs.protocols.mission_transfer import LIST_NAMES
 from skyrange.metrics.safety import first_mishaps
 from skyrange.metrics.time_series import read_notes
 from skyrange.record import RunRecord
+from skyrange.record.manifest import require_entry
 
 REJECTIONS: Final = (
     *(f"{name} {failure}" for name in LIST_NAMES.values() for failure in ("upload refused", "read-back differs")),
@@ -68,7 +69,9 @@ def find_failed_missions(record: RunRecord, arm: str) -> FailedMissions | None:
         and expecting.get(name) != FAILURE
         and not (name in expecting and name in rejected)
     }
-    return FailedMissions(arm, int(record.manifest["seed"]), reasons, len(fleet)) if reasons else None
+    if not reasons:
+        return None
+    return FailedMissions(arm, require_entry(record.manifest, "seed", str(record.path)), reasons, len(fleet))
 
 
 def require_baseline(failures: Iterable[str], folder: Path) -> None:

@@ -14,9 +14,10 @@ from typing_extensions import TypedDict
 
 from skyrange.core.errors import InputError
 from skyrange.core.files import expand_user
-from skyrange.core.parquet_files import read_table
+from skyrange.core.parquet_files import check_ranges, read_table
 from skyrange.core.typed_json import Finite, Int64, read_formatted, require_type
 from skyrange.record import RunRecord, load
+from skyrange.record.manifest import fleet_of
 from skyrange.statistics.means import Interval, estimate_mean
 from skyrange.twins.arms import ATTACKED, NOMINAL, SHAM
 from skyrange.twins.attribution import Relation, attribution_table
@@ -111,7 +112,14 @@ class Pair:
         if arm not in self.arms or seed not in self.seeds:
             expected = f"one of {', '.join(self.arms)} with a seed of {', '.join(map(str, self.seeds))}"
             raise InputError.one(str(self.path), "run", f"{arm}, seed {seed}", expected)
-        return load(self.path / folder_of(arm, seed, self.seeds))
+        record = load(self.path / folder_of(arm, seed, self.seeds))
+        fleet = fleet_of(record.manifest, str(record.path))
+        if arm != ATTACKED and fleet != self._fleet:
+            expected = f"the vehicles of the {ATTACKED} run, {', '.join(self._fleet[:20])}"
+            hint = "The file was changed by hand or is damaged."
+            value = ", ".join(fleet[:20]) or "none"
+            raise InputError.one(str(record.path), "manifest.json: vehicles", value, expected, hint)
+        return record
 
     @property
     def effects(self) -> pa.Table:
@@ -121,11 +129,13 @@ class Pair:
     @property
     def attribution(self) -> pa.Table:
         """The table of `attribution.parquet`: how each attack relates to each effect."""
-        return self._read(
+        table = self._read(
             ATTRIBUTION,
             attribution_table([]).schema,
             {"vehicle": self._fleet, "outcome": NAMES, "relation": get_args(Relation)},
         )
+        check_ranges(table, {"placebos": (0, 2**31 - 1), "level": (0.0, 1.0)}, str(self.path), ATTRIBUTION)
+        return table
 
     @property
     def propagation(self) -> pa.Table:
@@ -153,7 +163,8 @@ class Pair:
 
     @cached_property
     def _fleet(self) -> list[str]:
-        return [str(vehicle["id"]) for vehicle in self.run(ATTACKED).manifest["vehicles"]]
+        record = self.run(ATTACKED)
+        return fleet_of(record.manifest, str(record.path))
 
     @cached_property
     def failed_missions(self) -> list[FailedMissions]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -278,7 +279,7 @@ def _lost_tables(record: RunRecord) -> Iterator[str]:
         if not table_files(record.path / f"{name}.parquet"):
             yield f"{name}.parquet"
     for name in record.manifest.get("files") or ():
-        if ".parquet/" in name and not (record.path / name).is_file():
+        if ".parquet/" in name and not os.path.isfile(record.path / name):
             yield name
 
 

@@ -195,7 +195,8 @@ def _places(run: RunRecord) -> dict[str, Place]:
         for name, place in attack.get("shown", {}).items():
             places[name if name not in places else f"{name} of {attack['id']}"] = tuple(place)
         for radio in attack.get("radios", []):
-            places[str(radio["endpoint"])] = tuple(radio["at_enu_m"])
+            if at_enu_m := radio.get("at_enu_m"):
+                places[str(radio["endpoint"])] = tuple(at_enu_m)
     return places
 
 
@@ -204,7 +205,7 @@ def _forged(run: RunRecord, tracks: Mapping[str, Track], spans: Sequence[Span]) 
     begun = {attack: start for start, _, attack in spans}
     forged: dict[str, tuple[Place, Place]] = {}
     for attack in _declared(run):
-        name = attack["params"].get("vehicle")
+        name = str(attack.get("params", {}).get("vehicle"))
         claimed = attack.get("shown", {}).get(f"{name} as claimed")
         track = tracks.get(name)
         if claimed is not None and track is not None and len(track) and attack["id"] in begun:
@@ -303,7 +304,8 @@ def _attack(
     row: Mapping[str, Any], acted: tuple[float, float] | None, propagation: Sequence[Mapping[str, Any]]
 ) -> Mapping[str, Any]:
     count = sum(label["attack"] == row["id"] and label["phase"] in ("onset", "act") for label in propagation)
-    params = {name: value for name, value in row["params"].items() if value not in ([], {}, "") and name != "threat"}
+    given = row.get("params", {})
+    params = {name: value for name, value in given.items() if value not in ([], {}, "") and name != "threat"}
     if row.get("anchor"):
         params["anchor"] = row["anchor"]
     begin, end = acted or (None, None)
@@ -311,7 +313,7 @@ def _attack(
         "id": row["id"],
         "kind": row["kind"],
         "params": params,
-        "touches": row["touches"],
+        "touches": row.get("touches", []),
         "technique": row.get("technique", ""),
         "threat": {name: text for name, text in row.get("threat", {}).items() if text},
         "numbers": (
@@ -342,7 +344,7 @@ def _lie_and_truth(pair: Pair, subject: Subject, seed: int) -> Mapping[str, Any]
     rows = [row for row in pair.lie_and_truth.to_pylist() if row["seed"] == seed]
     if not rows:
         return None
-    aircraft = pair.run(HONEST, seed).manifest["honest"]
+    aircraft = pair.run(HONEST, seed).manifest.get("honest") or []
     return {
         "aircraft": ", ".join(
             f"{honest_aircraft['id']} ({honest_aircraft['airframe']}, {honest_aircraft['uas_id']})"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -332,7 +333,7 @@ def read_study(file: str | Path, changes: Iterable[str] = ()) -> Study:
     `changes` are those of `change_data`. Raises `InputError` with all problems.
     """
     path, who = SHIPPED.get(str(file)) or expand_user(file), str(file)
-    if path.suffix != ".toml" and not path.exists():
+    if path.suffix != ".toml" and not os.path.exists(path):
         raise InputError.one("study", "name", who, "a shipped study or a TOML file", nearest(who, SHIPPED))
     text = read_input(path, who, max_bytes=MAX_TEXT_BYTES, expected="a TOML file").decode("utf-8", errors="replace")
     return parse_study(text, who, path.parent, changes)
@@ -370,10 +371,10 @@ def _check_data(data: dict[str, Any], who: str) -> Study:
         if problems:
             raise InputError(who, problems)
     for name in scenarios_of(study):
-        if not source_of(name).is_file():
+        if not os.path.isfile(source_of(name)):  # false for a name that no file can have
             raise InputError.one(who, "scenario", name, "a shipped scenario or a TOML file")
     for file in cities_of(study):
-        if not Path(file).is_file():
+        if not os.path.isfile(file):
             raise InputError.one(who, "buildings", file, "a file of buildings, 'grid:SEED', or '' for the scenario's")
     return study
 

@@ -247,7 +247,7 @@ def _load_complete(planned: PlannedRun, scenario: Scenario, folder: Path) -> Run
     except InputError:
         return None
     manifest = record.manifest
-    same = (manifest["name"], int(manifest["seed"])) == (scenario.name, scenario.seed)
+    same = (manifest.get("name"), manifest.get("seed")) == (scenario.name, scenario.seed)
     has_windows = planned.windows is None or (folder / WINDOWS_FILE).is_file()
     return record if manifest["status"] == "complete" and same and has_windows else None
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -156,7 +157,7 @@ def digest_files(files: Iterable[Path]) -> bytes:
     """
     hasher = hashlib.sha256()
     for path in files:
-        if path.exists():
+        if os.path.exists(path):  # false for a name that no file can have
             with open_input(path, "study", "file") as file:
                 hasher.update(hashlib.file_digest(file, "sha256").digest())
         else:

@@ -17,6 +17,7 @@ from skyrange.metrics.exact_difference import identify_flight
 from skyrange.metrics.links import link_statistics, measure_transit_ms
 from skyrange.metrics.safety import NEAR_M
 from skyrange.metrics.time_series import read_notes
+from skyrange.record.manifest import require_entry
 from skyrange.record.read.run import RunRecord
 from skyrange.scoring.matching import count_episodes
 from skyrange.scoring.result_file import ScoreSettings
@@ -161,7 +162,8 @@ def measure_cell(runs: Mapping[str, RunRecord], cell: Cell, measure: str, detect
     stop_ns = max((at for kind, at in events if kind in _STOPS), default=end_ns)
     series = _SERIES[measure](attacked, twin) if measure in _SERIES else None
     baseline = ArmOutcomes.read(twin, NEAR_M)
-    rows = effect_rows(int(attacked.manifest["seed"]), "", ArmOutcomes.read(attacked, NEAR_M), baseline, DEPARTED_M)
+    seed = require_entry(attacked.manifest, "seed", str(attacked.path))
+    rows = effect_rows(seed, "", ArmOutcomes.read(attacked, NEAR_M), baseline, DEPARTED_M)
     if measure == "strayed_m" and series is not None:
         effect = float(series.away_m.max(initial=0.0))
     elif measure == "telemetry":

@@ -122,7 +122,7 @@ class OperatorFiles:
         operators = [str(row["id"]) for row in manifest.get("operators") or []]
         self._folder = folder
         self._epoch = epoch_of(manifest)
-        self._networks = {str(row["id"]): int(row.get("network", 0)) for row in manifest.get("vehicles") or []}
+        self._networks = {str(row["id"]): row.get("network", 0) for row in manifest.get("vehicles") or []}
         self._open_files = ExitStack()
         self._csv: dict[str, IO[bytes]] = {}
         self._cells: dict[str, dict[str, str]] = {}
