@@ -179,6 +179,20 @@ def test_every_benchmark_has_names_of_its_own() -> None:
         assert len({quantity.name for quantity in one.quantities}) == len(one.quantities)
 
 
+def test_a_measure_that_one_row_lacks_moves_no_other_one(suite: list[Benchmark]) -> None:
+    data = run_benchmarks().model_dump(mode="json")
+    whole = make_tables(Results.model_validate(data))[0]
+    lacks = data["benchmarks"][0]["cases"][0]["rows"][0]["measures"].pop(0)["name"]
+    table = make_tables(Results.model_validate(data))[0]
+    assert sorted(table.head) == sorted(whole.head)
+    for before, after in zip(whole.rows, table.rows, strict=True):
+        cells = dict(zip(table.head, after, strict=True))
+        expected = dict(zip(whole.head, before, strict=True))
+        if before is whole.rows[0]:
+            expected |= {head: "–" for head in whole.head if head.split(",")[0] == lacks}
+        assert cells == expected
+
+
 def test_results_are_read_as_they_were_written(suite: list[Benchmark], tmp_path: Path) -> None:
     results = run_benchmarks()
     write_results(results, tmp_path / "results.json")

@@ -105,9 +105,12 @@ def name_case(case: str, row: str) -> str:
 
 def _measured(benchmark: BenchmarkResult) -> Table:
     measured = [(name_case(case.name, row.name), row.measures) for case in benchmark.cases for row in case.rows]
-    head = ["case", *(_head(measure) for measure in _sorted(measured[0][1]))]
-    rows = [[name, *(format_value(measure.value) for measure in _sorted(measures))] for name, measures in measured]
-    return Table(benchmark.name, benchmark.about, head, rows)
+    heads = list(dict.fromkeys(map(_head, _sorted([measure for _, measures in measured for measure in measures]))))
+    rows = []
+    for name, measures in measured:
+        cells = {_head(measure): format_value(measure.value) for measure in measures}
+        rows.append([name, *(cells.get(head, NONE) for head in heads)])
+    return Table(benchmark.name, benchmark.about, ["case", *heads], rows)
 
 
 def _compared(name: str, about: str, changes: Sequence[Change]) -> Table:
