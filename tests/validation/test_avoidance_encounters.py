@@ -88,8 +88,11 @@ def test_the_table_in_the_docs_is_what_is_measured(name: str) -> None:
     kinds += [Orca] if importlib.util.find_spec("pyrvo") else []
     for cell, kind in zip(cells, kinds, strict=False):
         now = told(name, kind)
+        if kind is not Orca:
+            assert cell == now
+            continue
         assert NUMBER.sub("#", cell) == NUMBER.sub("#", now)
-        # another machine's sine may turn a decision by a step of 0.25 s, at 10 m/s
+        # RVO2 has a sine of another library, which may turn a decision by a step of 0.25 s, at 10 m/s
         assert [float(n) for n in NUMBER.findall(cell)] == pytest.approx(
             [float(n) for n in NUMBER.findall(now)], abs=2.5
         )
