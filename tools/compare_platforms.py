@@ -71,6 +71,10 @@ def main(
     from skyrange.scenario.shipped import SHIPPED
 
     chosen = kinds.split(",")
+    if wrong := [kind for kind in chosen if kind not in KINDS]:
+        raise typer.BadParameter(f"{wrong[0]}: expected one of {', '.join(KINDS)}", param_hint="--kinds")
+    if wrong := [name for name in names or () if name not in SHIPPED]:
+        raise typer.BadParameter(f"{wrong[0]}: expected a shipped scenario", param_hint="NAMES")
     found: dict[str, Digests] = {kind: {} for kind in chosen}
     if compare_with is not None:
         found[str(compare_with)] = json.loads(compare_with.read_text())

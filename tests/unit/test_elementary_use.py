@@ -69,7 +69,6 @@ SUSPECT = re.compile(
     rf"\*\*|\b(math|np)\.({'|'.join(ROUNDED)})\b|^from (math|numpy) import| @ | @= |@compiled|@inlined", re.MULTILINE
 )
 DELIBERATE = {
-    "attack/bases/gnss/emitter.py": {"interp": "a table at import, of values that are exact in between"},
     "fault/gnss/multipath.py": {"linalg": "the condition number only says whether directions give a fix at all"},
 }
 """By file, what it uses nevertheless, and why no bit depends on it."""

@@ -28,4 +28,4 @@ class Near:
         columns = [truth[name] for name in ("east_m", "north_m", "up_m")]
         here = np.array([column[rows[0]] for column in columns])
         there = np.array(self.place_enu_m if self.place_enu_m is not None else [c[rows[1]] for c in columns])
-        return float((elementary_python.square(here - there)).sum()) <= (self.within_m * self.within_m)
+        return float(elementary_python.square(here - there).sum()) <= (self.within_m * self.within_m)

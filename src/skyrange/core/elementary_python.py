@@ -5,13 +5,14 @@ These functions use addition, multiplication, division, square roots and exact o
 to the bit. Whatever `frames` and `truth` depend on calls them instead of those of `math` and numpy, here or compiled
 (`core.elementary`); `tests/unit/test_elementary_use.py` holds this.
 
-Polynomials are Taylor series. Their coefficients are ratios of whole numbers, and in the reduced range their remainder
-is below 2^-57 of the result. `tests/unit/test_elementary.py` compares the functions with a reference of 60 digits.
+Polynomials are Taylor series. Their coefficients are ratios of whole numbers. In the reduced range their remainder is
+below 2^-53 of the result for the sine, and below 2^-57 for all others. `tests/unit/test_elementary.py` compares the
+functions with a reference of 60 digits.
 
 The reductions are those of W. J. Cody & W. Waite, Software Manual for the Elementary Functions (1980): constants in
 parts, whose products with small whole numbers are exact. These constants are written in hexadecimal.
 
-A call takes 1 to 2 µs. That is less than compiled functions cost where a process calls them seldom.
+A call takes three times as long as one of a compiled function, which has to be loaded or compiled first.
 """
 
 from __future__ import annotations

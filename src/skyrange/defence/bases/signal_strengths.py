@@ -101,11 +101,6 @@ def shadowing_db(lower_m: float) -> float:
     return max(5.0 * exp(-0.01 * max(lower_m, 0.0)), 2.0)
 
 
-def distance_m(a: Place, b: Place) -> float:
-    """Distance of two places."""
-    return elementary_python.distance(a, b)
-
-
 @dataclass(slots=True)
 class _Cell:
     """Means of the receptions of one receiver while both ends stay in their cells."""
@@ -126,7 +121,7 @@ class _Cell:
     @property
     def power_dbm(self) -> float:
         """Radiated power that the claim implies."""
-        return self.strength_dbm + free_space_loss_db(distance_m(self.receiver, self.claimed))
+        return self.strength_dbm + free_space_loss_db(elementary_python.distance(self.receiver, self.claimed))
 
     @property
     def variance(self) -> float:

@@ -10,7 +10,7 @@ from typing import ClassVar, Final
 import skyrange.plugin as sky
 from skyrange.core import elementary_python
 from skyrange.core.elementary import log
-from skyrange.defence.bases.signal_strengths import SignalJudge, channel_of, distance_m, free_space_loss_db
+from skyrange.defence.bases.signal_strengths import SignalJudge, channel_of, free_space_loss_db
 from skyrange.defence.receptions import Claim, Finding, Held, Sender
 from skyrange.defence.remote_id.signal import ErrorRate, is_in_sight
 
@@ -102,7 +102,7 @@ class AppearanceCheck(SignalJudge):
             x, y, z = (p - v * second for p, v in zip(claim.place, claim.velocity, strict=True))
             if here is None or not self._in_reach(here, (x, y, z)):
                 return None
-        away_m = distance_m(claim.place, self.own.place_at(now) or claim.place)
+        away_m = elementary_python.distance(claim.place, self.own.place_at(now) or claim.place)
         return Finding(KIND, 1.0, (("away_m", away_m), ("missing", float(missing))))
 
     def _in_reach(self, here: tuple[float, float, float], claimed: tuple[float, float, float]) -> bool:
@@ -113,5 +113,5 @@ class AppearanceCheck(SignalJudge):
             elementary_python.square(channel.shadowing_db(min(here[2], claimed[2])))
             + (channel.fading_db * channel.fading_db)
         )
-        strength = self.power_dbm - free_space_loss_db(distance_m(here, claimed))
+        strength = self.power_dbm - free_space_loss_db(elementary_python.distance(here, claimed))
         return strength >= SENSITIVITY_DBM + MARGIN * spread and is_in_sight(self.city, here, claimed)

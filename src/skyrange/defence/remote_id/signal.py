@@ -9,8 +9,9 @@ from typing import Annotated, ClassVar, Final
 from pydantic import AfterValidator, BeforeValidator, Field
 
 import skyrange.plugin as sky
+from skyrange.core import elementary_python
 from skyrange.core.elementary import hypot, log
-from skyrange.defence.bases.signal_strengths import WAVELENGTH_M, SignalJudge, StrengthTest, channel_of, distance_m
+from skyrange.defence.bases.signal_strengths import WAVELENGTH_M, SignalJudge, StrengthTest, channel_of
 from skyrange.defence.receptions import UNKNOWN_M, Claim, Finding, Held, Place, Sender
 
 KIND: Final = "remote_id.signal"
@@ -103,7 +104,7 @@ def is_usable(city: sky.City | None, a: Place, b: Place, off_m: float) -> bool:
 
 def is_in_sight(city: sky.City | None, a: Place, b: Place, off_m: float = 0.0) -> bool:
     """Whether no building is in the way, nor within 0.6 of the first Fresnel zone and `off_m` on top."""
-    clear_m = 0.3 * math.sqrt(WAVELENGTH_M * distance_m(a, b))
+    clear_m = 0.3 * math.sqrt(WAVELENGTH_M * elementary_python.distance(a, b))
     return city is None or city.is_clear([a, b], clear_m + off_m)
 
 

@@ -46,9 +46,9 @@ from skyrange.detect.series import Floats, grown, step_errors
 
 GRAVITY_MPS2: Final = 9.80665
 _PRIOR: Final = (0.3, 0.0, 0.0)
-_PRIOR_VARIANCE: Final = ((0.15 * 0.15), 2.0**2, 2.0**2)
+_PRIOR_VARIANCE: Final = (0.15 * 0.15, 4.0, 4.0)
 """k in 1/s: 0.1 to 0.5 for multirotors of 0.5 to 2 kg; c in m/s²: a wind of 6 m/s."""
-_WANDER: Final = ((0.01 * 0.01), (0.1 * 0.1), (0.1 * 0.1))
+_WANDER: Final = (0.01 * 0.01, 0.1 * 0.1, 0.1 * 0.1)
 """Variance per second: c follows gusts of moderate turbulence within 10 s."""
 
 

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core import elementary_python
+from skyrange.core import elementwise
 from skyrange.core.compiled import compiled
 from skyrange.radio.propagation.path_loss import free_space_db, wavelength_m
 
@@ -114,7 +114,7 @@ def loss_table(
 
 def free_space_of(place_enu_m: Floats, grid: LossGrid, frequency_mhz: float) -> Floats:
     """(heights, rows, columns) losses in free space between a place and the points of a grid, in dB."""
-    distance = np.sqrt((elementary_python.square(grid.points_enu_m - place_enu_m)).sum(axis=-1))
+    distance = elementwise.length(grid.points_enu_m - place_enu_m)
     return _free_space(distance.ravel(), float(wavelength_m(frequency_mhz))).reshape(grid.shape)
 
 

@@ -39,7 +39,11 @@ _STEP_DEG: Final = 5.0
 def gain_dbic(elevation_deg: Floats) -> Floats:
     """Gain towards a source at elevations from the antenna's horizon (n,), dBic, for the polarisation of satellites."""
     steps = (90.0 - np.asarray(elevation_deg)) / _STEP_DEG
-    attenuation = np.interp(steps, np.arange(len(ATTENUATION_DB)), ATTENUATION_DB)
+    table = np.array(ATTENUATION_DB)
+    places = np.clip(steps, 0.0, len(table) - 1.0)
+    below = np.fmin(np.floor(places), len(table) - 2.0)  # numpy's own interpolation may be contracted
+    left = np.fmax(below, 0.0).astype(np.int64)
+    attenuation = (table[left + 1] - table[left]) * (places - left) + table[left]
     return np.asarray(np.maximum(ZENITH_DBIC - attenuation, LEAST_DBIC), dtype=np.float64)
 
 

@@ -105,11 +105,9 @@ def converged(assumed: FilterParameters) -> InnovationModel:
     step_s = assumed.period_s / _SUBSTEPS
     move, climb = _level(step_s), _vertical(step_s)
     noise = (
-        np.diag([0.0, (ACC_P_NSE * ACC_P_NSE), (GYRO_P_NSE * GYRO_P_NSE), (GBIAS_P_NSE * GBIAS_P_NSE)])
-        * TARGET_DT_S
-        * step_s
+        np.diag([0.0, ACC_P_NSE * ACC_P_NSE, GYRO_P_NSE * GYRO_P_NSE, GBIAS_P_NSE * GBIAS_P_NSE]) * TARGET_DT_S * step_s
     )
-    climb_stir = np.diag([0.0, (ACC_P_NSE * ACC_P_NSE), (ABIAS_P_NSE * ABIAS_P_NSE)]) * TARGET_DT_S * step_s
+    climb_stir = np.diag([0.0, ACC_P_NSE * ACC_P_NSE, ABIAS_P_NSE * ABIAS_P_NSE]) * TARGET_DT_S * step_s
     position_spread = velocity_spread = 0.0
     velocity_gain = position_gain = np.zeros(4)
     for _ in range(_CONVERGED_FIXES):
@@ -117,7 +115,7 @@ def converged(assumed: FilterParameters) -> InnovationModel:
             p = matrices.multiply(move, p, move.T) + noise
             u = matrices.multiply(climb, u, climb.T) + climb_stir
             if step % (_SUBSTEPS // 2) == 0:
-                _, u = _updated(u, 0, (ALT_M_NSE * ALT_M_NSE))
+                _, u = _updated(u, 0, ALT_M_NSE * ALT_M_NSE)
         position_spread = 2.0 * (p[0, 0] + position_noise)
         velocity_spread = 2.0 * (p[1, 1] + check) + u[1, 1] + check
         velocity_gain, p = _updated(p, 1, velocity_noise)

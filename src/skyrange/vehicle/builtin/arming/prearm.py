@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
-from skyrange.core import elementary_python, elementwise
+from skyrange.core import elementwise
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.vehicle.builtin import battery_monitor, fence, locations
 from skyrange.vehicle.builtin.estimation import validity
@@ -174,11 +174,11 @@ def _ins_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
 
 
 def _compass_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
-    field = 1000.0 * np.sqrt((elementary_python.square(fleet.estimate["compass"][inputs.rows])).sum(axis=1))
+    field = 1000.0 * elementwise.length(fleet.estimate["compass"][inputs.rows])
     odd = (field > _FIELD_MAX_MGAUSS) | (field < _FIELD_MIN_MGAUSS)
 
     def describe(vehicle: Vehicle) -> str:
-        mgauss = 1000.0 * float(np.sqrt((elementary_python.square(fleet.estimate["compass"][vehicle.row])).sum()))
+        mgauss = 1000.0 * float(elementwise.length(fleet.estimate["compass"][vehicle.row]))
         return f"Check mag field: {mgauss:4.0f}, max {_FIELD_MAX_MGAUSS}, min {_FIELD_MIN_MGAUSS}"
 
     return [(inputs.check_enabled(ArmingCheck.COMPASS) & odd, describe)]

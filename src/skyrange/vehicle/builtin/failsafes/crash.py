@@ -17,7 +17,7 @@ import numpy as np
 
 from skyrange.codec.mavlink import dialect
 from skyrange.contracts.components import Floats
-from skyrange.core import elementary, elementary_python
+from skyrange.core import elementary, elementwise
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.builtin.arming.arming import disarm
@@ -41,7 +41,7 @@ def check_crash(fleet: Fleet, vehicle: Vehicle) -> None:
         flight["handled_flags"][row] &= ~FlightEvent.CRASH
         return
     error_deg = math.degrees(float(flight["tilt_error"][row]))
-    accel = float(np.sqrt((elementary_python.square(flight["land_accel"][row])).sum()))
+    accel = float(elementwise.length(flight["land_accel"][row]))
     why = f"AngErr={error_deg:.0f}>{_ANGLE_ERROR_DEG:.0f}, Accel={accel:.1f}<{_ACCEL_MAX:.1f}"
     fleet.send_text(vehicle, dialect.MAV_SEVERITY_EMERGENCY, f"Crash: Disarming: {why}")
     disarm(fleet, vehicle, "crash", ())
