@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from pathlib import Path
@@ -12,13 +13,15 @@ import pyarrow.parquet as pq
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.core.parquet_files import check_ranges
+from skyrange.core.parquet_files import check_ranges, read_table
 from skyrange.dataset.columns import VIEWS, view_schema
 from skyrange.dataset.members import read_members
 from skyrange.dataset.reading import read_view
 from skyrange.record import load
 from skyrange.record.manifest import fleet_of, read_manifest, require_entry
+from skyrange.scenario.validation.error_messages import UNIT_SUFFIXES, suggest_key
 from skyrange.study.design.model import read_study
+from skyrange.study.feature_windows import SCHEMA
 from skyrange.twins.attribution import attribution_table
 from skyrange.twins.pair_folder import FORMAT, load_pair
 
@@ -182,3 +185,33 @@ def test_a_name_that_no_file_can_have_is_refused_in_what_names_files(name: str, 
         run = write_run(tmp_path / entry, **{entry: {f"frames.parquet/{name}": content}})
         with pytest.raises(InputError, match=f"frames.parquet/{re.escape(name)}"):
             load(run)
+
+
+@pytest.mark.parametrize("entry", ["height_m", "base_m"])
+def test_a_building_higher_than_the_earth_is_refused(entry: str, tmp_path: Path) -> None:
+    building = {"height_m": 9.0, "rings": [[[0.0, 0.0], [9.0, 0.0], [9.0, 9.0]]]}
+    run = write_run(tmp_path / "run")
+    (run / "city.json").write_text(json.dumps([building]))
+    assert load(run).city == [building]
+    (run / "city.json").write_text(json.dumps([building | {entry: 2**53 + 1}]))
+    with pytest.raises(InputError, match=rf"city\.json: 0\.{entry}"):
+        _ = load(run).city
+
+
+def test_a_window_of_no_vehicle_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "nominal.parquet"
+    row = dict.fromkeys(SCHEMA.names, 0.0) | {"time_ns": 1, "link": "a/b>c", "vehicle": "a/b"}
+    pq.write_table(pa.Table.from_pylist([row], schema=SCHEMA), path)
+    assert read_table(path, "who", path.name, SCHEMA).num_rows == 1
+    nullable = pa.schema([field.with_nullable(nullable=True) for field in SCHEMA])
+    pq.write_table(pa.Table.from_pylist([row | {"vehicle": None}], schema=nullable), path)
+    with pytest.raises(InputError, match=r"nominal\.parquet: vehicle"):
+        read_table(path, "who", path.name, SCHEMA)
+
+
+def test_a_key_with_any_other_unit_is_answered() -> None:
+    for written, known in itertools.permutations(UNIT_SUFFIXES, 2):
+        found = suggest_key(f"alt_{written}", 3.0, [f"alt_{known}"])
+        assert found is not None
+        assert found[0] == f"alt_{known}"
+        assert f"Write alt_{known}" in found[1]

@@ -10,9 +10,11 @@ from typing_extensions import TypedDict
 
 from skyrange.core.typed_json import Count, Finite, Int64
 
-Place = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+Metres = Annotated[float, Field(ge=-2e7, le=2e7, allow_inf_nan=False)]
+"""A length in east, north or up: no two places on Earth are further apart, and its decimetres fit in 32 bits."""
+Place = Annotated[list[Metres], Field(min_length=3, max_length=3)]
 """East, north and up in metres."""
-Corner = Annotated[list[Finite], Field(min_length=2, max_length=2)]
+Corner = Annotated[list[Metres], Field(min_length=2, max_length=2)]
 """East and north in metres."""
 _OTHERS = ConfigDict(extra="allow")
 
@@ -76,7 +78,7 @@ class _Identified(TypedDict, total=False):
 @with_config(_OTHERS)
 class _Radio(TypedDict, total=False):
     endpoint: Required[str]
-    at_enu_m: Annotated[list[Finite], AfterValidator(_require_place_or_none)]
+    at_enu_m: Annotated[list[Metres], AfterValidator(_require_place_or_none)]
 
 
 @with_config(_OTHERS)
@@ -259,6 +261,6 @@ class RunManifest(TypedDict, total=False):
 class Building(TypedDict, total=False):
     """One building of `city.json`."""
 
-    height_m: Finite
-    base_m: Finite
+    height_m: Metres
+    base_m: Metres
     rings: Required[list[Annotated[list[Corner], Field(min_length=3)]]]

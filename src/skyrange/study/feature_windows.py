@@ -29,10 +29,10 @@ COLLECTOR: Final = "windows"
 """Id of the monitor that collects it."""
 SCHEMA: Final = pa.schema(
     [
-        ("time_ns", pa.int64()),
-        ("link", pa.string()),
-        ("vehicle", pa.string()),
-        *((name, pa.float64()) for name in NAMES),
+        pa.field("time_ns", pa.int64(), nullable=False),
+        pa.field("link", pa.string(), nullable=False),
+        pa.field("vehicle", pa.string(), nullable=False),
+        *(pa.field(name, pa.float64(), nullable=False) for name in NAMES),
     ]
 )
 """The end of each window, the link and its owner, and the features."""

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Annotated, Any, Final, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -56,7 +56,8 @@ _TO_OURS = {
 }
 """Exact factors of the international foot, statute and nautical mile (1959 agreement; BIPM SI brochure, table 8)."""
 
-_SUFFIXES = sorted({*UNIT_NAMES, *(unit for unit, _ in _TO_OURS)}, key=len, reverse=True)
+UNIT_SUFFIXES: Final = sorted({*UNIT_NAMES, *(unit for unit, _ in _TO_OURS)}, key=len, reverse=True)
+"""Every unit suffix that a key may have, the longest first."""
 _QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-z/°]*)\s*$")
 _SPELLINGS = {"m/s": "mps", "km/h": "kmh", "°": "deg", "sec": "s", "metres": "m", "meters": "m", "foot": "ft"}
 
@@ -64,7 +65,7 @@ _SPELLINGS = {"m/s": "mps", "km/h": "kmh", "°": "deg", "sec": "s", "metres": "m
 def split_unit(key: str) -> tuple[str, str]:
     """A key's stem and unit suffix, "" if it has none: `alt_m` is ("alt", "m")."""
     stem, _, last = key.rpartition("_")
-    return (stem, last.lower()) if stem and last.lower() in _SUFFIXES else (key, "")
+    return (stem, last.lower()) if stem and last.lower() in UNIT_SUFFIXES else (key, "")
 
 
 def suggest_key(key: str, value: object, known: Iterable[str]) -> tuple[str, str] | None:
@@ -86,7 +87,7 @@ def suggest_number(text: str, key: str) -> str:
     expected_unit = split_unit(key)[1]
     if not unit or unit == expected_unit:
         return f"Write {key} = {match[1]}" + (
-            f" without quotes, in {UNIT_NAMES[expected_unit]}." if expected_unit else " without quotes."
+            f" without quotes, in {_name_unit(expected_unit)}." if expected_unit else " without quotes."
         )
     if not expected_unit:
         return "Write a number without quotes and without a unit."
@@ -98,8 +99,13 @@ def _as(value: object, unit: str, key: str, expected_unit: str) -> str:
     if unit == "" or unit == expected_unit:
         factor = 1.0 if unit else None
     if factor is not None and isinstance(value, (int, float)) and not isinstance(value, bool):
-        return f"Write {key} = {value * factor:.10g}, in {UNIT_NAMES[expected_unit]}."
-    return f"Write {key}, in {UNIT_NAMES[expected_unit]}."
+        return f"Write {key} = {value * factor:.10g}, in {_name_unit(expected_unit)}."
+    return f"Write {key}, in {_name_unit(expected_unit)}."
+
+
+def _name_unit(suffix: str) -> str:
+    """The name of a unit; the suffix itself for one that only files other than scenarios have."""
+    return UNIT_NAMES.get(suffix, suffix)
 
 
 def model_of(annotation: Any) -> type[BaseModel] | None:
