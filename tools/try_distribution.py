@@ -2,8 +2,8 @@
 
 `python -m tools.try_distribution dist/skyrange-0.1.0-py3-none-any.whl` makes a virtual environment of the Python that
 executes it, installs the file with its dependencies from the package index, and flies the demo with an empty cache of
-compiled functions. It prints what that took, and exits with 1 if something fails or if two versions differ. It needs
-nothing but the standard library.
+compiled functions. It prints what that took and the digests of the runs, which are the same with each Python, and
+exits with 1 if something fails or if two versions differ. It needs nothing but the standard library.
 """
 
 from __future__ import annotations
@@ -68,7 +68,9 @@ def try_distribution(file: Path, folder: Path) -> list[str]:
     call(command, *DEMO)
     manifests = sorted((folder / "runs").glob("*/*/manifest.json"))
     for manifest in manifests:
-        versions[str(manifest.relative_to(folder))] = json.loads(manifest.read_text(encoding="utf-8"))["skyrange"]
+        found = json.loads(manifest.read_text(encoding="utf-8"))
+        versions[str(manifest.relative_to(folder))] = found["skyrange"]
+        print(manifest.parent.name, *(f"{table} {digest}" for table, digest in sorted(found["digests"].items())))
     size_mb = sum(one.stat().st_size for one in environment.rglob("*") if one.is_file()) / 1e6
     print(f"the environment has {size_mb:.0f} MB; {len(manifests)} runs were flown")
     return find_differences(expected, versions) + ([] if manifests else ["no run has a manifest"])

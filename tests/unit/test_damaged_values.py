@@ -15,8 +15,9 @@ import pytest
 from skyrange.core.errors import InputError
 from skyrange.core.parquet_files import check_ranges, read_table
 from skyrange.dataset.columns import VIEWS, view_schema
+from skyrange.dataset.contents import RUNS
 from skyrange.dataset.members import read_members
-from skyrange.dataset.reading import read_view
+from skyrange.dataset.reading import read_runs, read_view
 from skyrange.record import load
 from skyrange.record.manifest import fleet_of, read_manifest, require_entry
 from skyrange.scenario.validation.error_messages import UNIT_SUFFIXES, suggest_key
@@ -215,3 +216,14 @@ def test_a_key_with_any_other_unit_is_answered() -> None:
         assert found is not None
         assert found[0] == f"alt_{known}"
         assert f"Write alt_{known}" in found[1]
+
+
+@pytest.mark.parametrize("name", ["x" * 40, "+".join(["abc"] * 60), "a\n", "*", "a/b", ""])
+def test_a_block_whose_name_no_file_may_have_is_refused(name: str, tmp_path: Path) -> None:
+    row = {"run": "r", "block": "a+b", "split": "train", "seed": 1, "repeats": True, "setting": "s"}
+    (tmp_path / RUNS).parent.mkdir(exist_ok=True, parents=True)
+    pq.write_table(pa.Table.from_pylist([row]), tmp_path / RUNS)
+    assert read_runs(tmp_path) == [row]
+    pq.write_table(pa.Table.from_pylist([row | {"block": name}]), tmp_path / RUNS)
+    with pytest.raises(InputError, match="block"):
+        read_runs(tmp_path)

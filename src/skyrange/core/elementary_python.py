@@ -18,7 +18,7 @@ A call takes three times as long as one of a compiled function, which has to be 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Final, TypeVar
 
 T = TypeVar("T", bound=Any)
@@ -313,6 +313,14 @@ def square(x: T) -> T:
     """X times x, in Python: `x ** 2` is a power, which C libraries round as they please."""
     product: T = x * x
     return product
+
+
+def add_up(numbers: Iterable[float]) -> float:
+    """The sum of numbers, in their order: Python's `sum` makes up for rounding from 3.12 on, and not before."""
+    total = 0.0
+    for number in numbers:
+        total += number
+    return total
 
 
 def distance(a: Sequence[float], b: Sequence[float]) -> float:

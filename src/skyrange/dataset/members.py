@@ -29,6 +29,9 @@ from skyrange.statistics.clusters import find_clusters
 Scalar = str | int | float | bool
 
 SCENARIO: Final = "scenario.toml"
+NAME: Final = "ids of letters, digits, _ and -, joined with +"
+"""What the name of a block or an arm is."""
+_MAX_NAME: Final = 200
 _MAX_BYTES: Final = 64 * 1024 * 1024
 _KEYS: Final = frozenset({"folder", "block", "arm", "split", "factors", "seed", "effects_s"})
 
@@ -56,6 +59,11 @@ class Member:
     def run(self) -> str:
         """The id of the run in the data set: block and arm."""
         return f"{self.block}.{self.arm}"
+
+
+def is_name(text: str) -> bool:
+    """Whether a block or an arm can have this name, which becomes a part of the names of files."""
+    return len(text) <= _MAX_NAME and all(ID_PATTERN.fullmatch(part) for part in text.split("+"))
 
 
 def read_members(file: Path | str) -> list[Member]:
@@ -141,8 +149,8 @@ def check_members(members: list[Member]) -> None:
     seen: set[str] = set()
     for member in members:
         for name, value in (("block", member.block), ("arm", member.arm)):
-            if not ID_PATTERN.match(value) and not all(ID_PATTERN.match(part) for part in value.split("+")):
-                problems.append(Problem(name, value, "an id of letters, digits, _ and -"))
+            if not is_name(value):
+                problems.append(Problem(name, value, NAME))
         if member.run in seen:
             problems.append(Problem("runs", member.run, "each arm of a block once"))
         seen.add(member.run)

@@ -8,9 +8,11 @@ from typing import Any, Final
 
 import pyarrow as pa
 
+from skyrange.core.errors import InputError
 from skyrange.core.parquet_files import check_ranges, name_damaged_file, read_table
 from skyrange.dataset.columns import view_schema
 from skyrange.dataset.contents import RUNS
+from skyrange.dataset.members import NAME, is_name
 
 _RUN_COLUMNS: Final = pa.schema(
     [
@@ -53,4 +55,9 @@ def read_runs(folder: Path) -> list[dict[str, Any]]:
         with name_damaged_file(str(folder), RUNS):
             table = table.append_column("flight", every.column("flight").cast(pa.string()))
     rows: list[dict[str, Any]] = table.to_pylist()
+    for row in rows:
+        if not is_name(row["block"]):
+            raise InputError.one(
+                str(folder), f"{RUNS}: block", row["block"], NAME, "The file was changed by hand or is damaged."
+            )
     return rows

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.chance import Chance
+from skyrange.core.elementary_python import add_up
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.extras import missing_module
 from skyrange.core.ids import hash64, operator_of, vehicle_id
@@ -196,11 +197,11 @@ class Task:
     ) -> dict[str, float]:
         """By agent, what the step that began at `begun` is worth; `scores` are those of `Outcomes.end_step`."""
         _, act = choices.red
-        rewards = {RED: -sum(scores.values()) - self.rewards.hostile_act * (act is not None)}
+        rewards = {RED: -add_up(scores.values()) - self.rewards.hostile_act * (act is not None)}
         for agent, acts in choices.blue.items():
             reactions = [name for name, blue_act in acts.items() if blue_act is not BlueAct.NOTHING]
             cost = self.rewards.false_reaction * outcomes.count_false(begun, reactions)
-            rewards[agent] = sum(scores[name] for name in acts) - cost
+            rewards[agent] = add_up(scores[name] for name in acts) - cost
         return rewards
 
     def inform(self, now: Time, outcomes: Outcomes) -> Infos:

@@ -102,7 +102,7 @@ def contrast(first: str, second: str) -> float:
 
 def _parsed(text: str) -> str | None:
     text = text.strip()
-    if _HEX.match(text):
+    if _HEX.fullmatch(text):
         return text.lower() if len(text) == 7 else "#" + "".join(2 * digit for digit in text[1:].lower())
     return _NAMES.get(text.lower().replace(" ", "").replace("-", ""))
 

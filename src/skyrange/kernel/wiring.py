@@ -290,12 +290,12 @@ def _find_name_problems(wiring: Wiring) -> Iterator[Problem]:
     attacks = [plan.id for plan in wiring.acts]
     yield from (Problem("attacks", id_, "ids that differ") for id_ in _repeated(attacks))
     for id_ in attacks:
-        if id_ == _NO_ATTACK or not ID_PATTERN.match(id_):
+        if id_ == _NO_ATTACK or not ID_PATTERN.fullmatch(id_):
             yield Problem("attacks", repr(id_), f"letters, digits, '-' or '_', at most 32, and not {_NO_ATTACK!r}")
     monitors = [placement.id for placement in wiring.monitors]
     yield from (Problem("monitors", id_, "ids that differ") for id_ in _repeated(monitors))
     for id_ in monitors:
-        if not ID_PATTERN.match(id_):
+        if not ID_PATTERN.fullmatch(id_):
             yield Problem("monitors", repr(id_), "letters, digits, '-' or '_', at most 32")
 
 

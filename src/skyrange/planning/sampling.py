@@ -163,4 +163,4 @@ def _shorten(city: City, points: list[Point3], limits: Limits) -> list[Point3]:
 
 
 def _price(costs: Costs, points: list[Point3]) -> float:
-    return sum(costs.of(start, end) for start, end in pairwise(points))
+    return elementary_python.add_up(costs.of(start, end) for start, end in pairwise(points))

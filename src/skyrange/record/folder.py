@@ -113,7 +113,7 @@ def put_file(folder: Path, name: str, data: bytes) -> None:
     uses itself, and if writing fails.
     """
     parts = PurePosixPath(name).parts
-    if not parts or not all(_PART.match(part) and ".." not in part for part in parts):
+    if not parts or not all(_PART.fullmatch(part) and ".." not in part for part in parts):
         raise InputError.one("attachment", "name", name, "a relative path of plain names, such as missions/a.plan")
     if parts[0].endswith(".parquet") or parts[0] in (MANIFEST, f"{MANIFEST}.new", "operators", "telemetry"):
         raise InputError.one("attachment", "name", name, "a name that the record does not use itself")

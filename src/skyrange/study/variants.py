@@ -118,7 +118,7 @@ def read_variants(texts: Sequence[str]) -> dict[str, list[str]]:
     problems = []
     for text in texts:
         name, colon, change = text.partition(":")
-        if not colon or not ID_PATTERN.match(name) or name == UNCHANGED:
+        if not colon or not ID_PATTERN.fullmatch(name) or name == UNCHANGED:
             expected = f"NAME:PATH=VALUE, with a name other than {UNCHANGED!r}"
             problems.append(
                 Problem("variant", repr(text), expected, "Such as federated:operators.*.approval=federated.")

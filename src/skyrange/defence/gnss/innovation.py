@@ -339,4 +339,4 @@ class ErrorFilter:
         self._squares.append(square)
         both = np.concatenate([white, -white])
         self._sums = np.maximum(self._sums + np.clip(both, -_CLIP, _CLIP) - _SHIFT / 2.0, 0.0)
-        return square, sum(self._squares), float(self._sums.max())
+        return square, elementary_python.add_up(self._squares), float(self._sums.max())

@@ -139,7 +139,9 @@ class MotionCheck(BroadcastJudge):
     def _noise_m(self, old: Claim, new: Claim) -> float:
         """Bound of the errors of two positions. For normal errors in the plane, r_p = r_95·√(ln p / ln 0.05)."""
         share = sqrt(log(0.5 * self.false_alarm) / log(0.05))
-        return share * sum(UNKNOWN_M if claim.horizontal_m is None else claim.horizontal_m for claim in (old, new))
+        return share * elementary_python.add_up(
+            UNKNOWN_M if claim.horizontal_m is None else claim.horizontal_m for claim in (old, new)
+        )
 
     def _find_other(self, claim: Claim, heard: _Heard) -> Finding | None:
         """Whether an address that was heard earlier sends the same id from a place that cannot be reached."""

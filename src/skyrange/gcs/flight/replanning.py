@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from skyrange.contracts.alerts import Scalar
 from skyrange.contracts.mailboxes import Turn
+from skyrange.core.elementary_python import add_up
 from skyrange.core.time import Time, to_seconds
 from skyrange.core.volumes import Volume4D
 from skyrange.gcs.flight.lifecycle import FlightState
@@ -112,7 +113,7 @@ class Replanner:
             return False
         self._short.add(place)
         turn.note("decision.battery_short", sequencer.flight.vehicle, {"left": left, "at_end": left - per_s * rest_s})
-        return_s = sum(leg.duration_s for leg in return_legs(plan, here))
+        return_s = add_up(leg.duration_s for leg in return_legs(plan, here))
         direct_s = rest_duration_s(plan, sequencer.progress, here, direct=True)
         if direct_s is not None and direct_s < min(return_s, rest_s):
             return not sequencer.request_reroute(turn, (), "the battery", direct=True)

@@ -11,6 +11,7 @@ import shapely
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.core.elementary_python import add_up
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import Time, from_seconds, to_seconds
 from skyrange.core.volumes import Volume4D
@@ -157,7 +158,7 @@ def _airspace_of(closed: Sequence[Volume4D]) -> Airspace:
 
 
 def _duration_s(plan: FlightPlan, here: Point) -> float:
-    return sum(leg.duration_s for leg in rest_legs(plan, here))
+    return add_up(leg.duration_s for leg in rest_legs(plan, here))
 
 
 def rest_legs(plan: FlightPlan, here: Point) -> tuple[Leg, ...]:

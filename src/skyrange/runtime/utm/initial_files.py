@@ -101,7 +101,7 @@ def _check(services: Mapping[str, Sequence[str]], first_port: int, ports: int, o
     problems = []
     for name, operators in services.items():
         for identifier in (name, *operators):
-            if not ID_PATTERN.match(identifier) or (identifier == name and identifier in (AUTHORIZATION, DSS)):
+            if not ID_PATTERN.fullmatch(identifier) or (identifier == name and identifier in (AUTHORIZATION, DSS)):
                 expected = f"a name of letters, digits, - and _, other than {AUTHORIZATION!r} and {DSS!r}"
                 problems.append(Problem(option, repr(identifier), expected, f"Write {example}."))
     if not 1 <= first_port <= 65_536 - ports:

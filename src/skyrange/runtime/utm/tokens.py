@@ -187,4 +187,4 @@ def _read_basic(header: str) -> tuple[str, str]:
         name, _, secret = base64.b64decode(text, validate=True).decode().partition(":")
     except (binascii.Error, UnicodeDecodeError):
         return "", ""
-    return (name, secret) if ID_PATTERN.match(name) else ("", "")
+    return (name, secret) if ID_PATTERN.fullmatch(name) else ("", "")

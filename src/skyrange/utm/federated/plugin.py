@@ -111,7 +111,7 @@ def _assign(params: FederatedParams, context: ApprovalContext) -> dict[str, tupl
     served: dict[str, str] = {}
     for name, operators in params.services.items():
         where = f"services.{name}"
-        if not ID_PATTERN.match(name) or name in (DSS, AIRSPACE):
+        if not ID_PATTERN.fullmatch(name) or name in (DSS, AIRSPACE):
             problems.append(
                 Problem(where, repr(name), f"a name of letters, digits, - and _, other than {DSS!r} and {AIRSPACE!r}")
             )

@@ -20,6 +20,7 @@ from skyrange.contracts.components import Floats, Sensors
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.form import param
 from skyrange.core.chance import Chance
+from skyrange.core.elementary_python import add_up
 from skyrange.core.ids import hash64
 from skyrange.core.time import from_seconds
 
@@ -102,4 +103,4 @@ class Radiation(OnReceivers):
         """Six deviates of mean 0 and variance 1 of the latest fix, each a sum of three uniforms; others by `block`."""
         who, time = hash64(self.vehicles[row]), int(self.seen[row])
         places = range(6 * block, 6 * block + 6)
-        return np.array([2.0 * (sum(self.chance.uniform4(self.stream, who, time, k)[:3]) - 1.5) for k in places])
+        return np.array([2.0 * (add_up(self.chance.uniform4(self.stream, who, time, k)[:3]) - 1.5) for k in places])

@@ -45,7 +45,7 @@ from skyrange.contracts.params import Number, items, refuse
 from skyrange.contracts.plugins.form import param
 from skyrange.core import elementary_python
 from skyrange.core.elementary import exp
-from skyrange.core.elementary_python import distance
+from skyrange.core.elementary_python import add_up, distance
 from skyrange.core.errors import Problem
 from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds
 from skyrange.world.sensing import sensor_errors
@@ -174,7 +174,7 @@ class SimulatedSignals:
         place = self.place(seconds)
         path_m, delay_m = distance(position, antenna), self.delay_ns * 1e-9 * SPEED_OF_LIGHT_MPS
         common_m = path_m + delay_m - (distance(place, antenna) if self.leads else 0.0)
-        radial = sum((p - a) * v for p, a, v in zip(position, antenna, velocity, strict=True)) / max(path_m, 1.0)
+        radial = add_up((p - a) * v for p, a, v in zip(position, antenna, velocity, strict=True)) / max(path_m, 1.0)
         return distance(place, position) + abs(common_m), distance(self.velocity_mps, velocity) + abs(radial)
 
 

@@ -130,7 +130,7 @@ class OperatorFiles:
         names = [
             operator_name
             for operator_name in dict.fromkeys([*operators, *survey.operators])
-            if ID_PATTERN.match(operator_name)
+            if ID_PATTERN.fullmatch(operator_name)
         ]
         if with_csv:
             for operator in names:
