@@ -188,6 +188,25 @@ def test_a_value_that_has_changed_is_seen_anew() -> None:
     assert compute_key(step, anew=True) != before
 
 
+@pytest.mark.parametrize(
+    ("text", "other"),
+    [("x[:6]", "x[:7]"), ("x[1:]", "x[:1]"), ("x[::2]", "x[::3]"), ("x in {1, 2}", "x in {1, 3}")],
+)
+def test_slices_and_sets_of_constants_count(text: str, other: str) -> None:
+    one, same, changed = (compute_key(function(f"def step(x):\n    return {text}")) for text in (text, text, other))
+    assert one == same != changed
+
+
+def test_a_slice_that_is_a_value_has_a_digest() -> None:
+    """From Python 3.14 on, slices are constants."""
+    one, same, other = (
+        compute_key(function("def step(x):\n    return x[PART]", PART=part))
+        for part in (slice(None, 6), slice(None, 6), slice(6))
+    )
+    assert one == same == other
+    assert compute_key(function("def step(x):\n    return x[PART]", PART=slice(None, 6, 2))) != one
+
+
 def test_a_value_without_digest_is_named() -> None:
     step = function("def step(x):\n    return x + LIMIT[0]", LIMIT=[1])
     with pytest.raises(TypeError, match=r"compiled function flights\.step: global LIMIT: \[1\] of type list has no"):

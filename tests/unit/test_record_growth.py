@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrange.contracts.mailboxes import Note
+from skyrange.core.errors import InputError
 from skyrange.record import Recorder, load
 from skyrange.record.read.growth import GrowingRun, GrowingSegment
 from skyrange.record.spool import SPOOL, Spool
@@ -53,6 +54,26 @@ def test_a_segment_that_is_cut_anywhere_gives_its_whole_batches_and_later_the_re
     else:
         assert found == names
         assert segment.ended
+
+
+def test_a_column_whose_name_is_no_text_ends_a_segment(tmp_path: Path) -> None:
+    data, _ = spooled(tmp_path, [3])
+    path = tmp_path / "growing.arrows"
+    path.write_bytes(data.replace(b"name", b"na\xffe"))
+    segment = GrowingSegment(path)
+    assert segment.read() == []
+    assert segment.ended
+    segment.close()
+
+
+def test_a_column_whose_name_is_no_text_is_damage_of_a_killed_run(tmp_path: Path) -> None:
+    recorder = Recorder.open(tmp_path / "run", HEADER, part_rows=7)
+    recorder.on_note(1, "someone", Note("event.mode", "blue/b1", {}))
+    recorder.flush()
+    (path,) = (tmp_path / "run" / SPOOL).glob("events-*.arrows")
+    path.write_bytes(path.read_bytes().replace(b"about", b"ab\xffut"))
+    with pytest.raises(InputError, match="events"):
+        load(tmp_path / "run").table("events")
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -166,6 +166,11 @@ def _describe_value(value: Any, known: dict[str, Any], callees: list[Dispatcher]
         return _describe_code(value, known, callees)
     if isinstance(value, tuple):
         return "tuple", _name(kind), [_describe_value(item, known, callees) for item in value]
+    if kind is slice:  # a constant from Python 3.14 on
+        parts = value.start, value.stop, value.step
+        return "slice", [_describe_value(part, known, callees) for part in parts]
+    if kind is frozenset:  # that of `x in {1, 2}`
+        return "set", sorted(repr(_describe_value(item, known, callees)) for item in value)
     if isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:
         layout = value.flags.c_contiguous, value.flags.f_contiguous, value.flags.aligned
         return "array", _name(kind), repr(value.dtype), value.shape, layout, blake2b(value.tobytes()).digest()

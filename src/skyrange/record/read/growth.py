@@ -77,11 +77,12 @@ class GrowingSegment:
         try:
             if self._reader is None and whole:
                 self._reader = pa.ipc.open_stream(pa.PythonFile(self._window, mode="r"))
+                _ = self._reader.schema.names  # which may be no text
             for _ in range(batches):
                 batch = self._reader.read_next_batch()
                 batch.validate(full=True)
                 found.append(batch)
-        except (pa.ArrowException, OSError, StopIteration):
+        except (pa.ArrowException, OSError, StopIteration, UnicodeDecodeError):
             self.ended = True
         return found
 

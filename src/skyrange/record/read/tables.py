@@ -204,7 +204,7 @@ class Tables:
         """The batch of another process, which may have damaged it. Raises `InputError` if it is not as declared."""
         try:
             decoded = decode_spooled(batch, schema)
-        except (KeyError, pa.ArrowException) as error:
+        except (KeyError, pa.ArrowException, UnicodeDecodeError) as error:
             reason = f"no column {error}" if isinstance(error, KeyError) else str(error).splitlines()[0]
             hint = "The file was changed by hand or is damaged."
             raise InputError.one(str(self.folder), where, reason, "the columns of a run in progress", hint) from error
