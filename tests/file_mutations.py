@@ -30,10 +30,10 @@ Path = tuple[str | int, ...]
 
 
 def mutate(data: bytes, kind: str, number: int) -> bytes:
-    """The bytes of a file of a kind (json, toml, words, parquet or arrows) after mutation `number`."""
+    """The bytes of a file of a kind (json, toml, words, parquet, arrows, else bytes) after mutation `number`."""
     chance = random.Random(number)
     if chance.random() < 0.2:
-        return _damage_bytes(data, chance, text=kind not in ("parquet", "arrows"))
+        return _damage_bytes(data, chance, text=kind not in ("parquet", "arrows", "bytes"))
     return _MUTATIONS[kind](data, chance)
 
 
@@ -185,7 +185,17 @@ def _extremes(kind: pa.DataType, rows: int, chance: random.Random) -> pa.Array:
     return pa.array(values * rows, pa.string() if pa.types.is_dictionary(kind) else kind).cast(kind)
 
 
+def _mutate_bytes(data: bytes, chance: random.Random) -> bytes:
+    """Numbers anywhere in a file: some bytes are overwritten, with extremes or at random."""
+    changed = bytearray(data)
+    for _ in range(chance.choice([1, 3, 30])):
+        at = chance.randrange(len(changed))
+        size = chance.choice([1, 2, 4, 8])
+        changed[at : at + size] = chance.choice([b"\0" * size, b"\xff" * size, b"\x7f" * size, chance.randbytes(size)])
+    return bytes(changed)
+
+
 _MUTATIONS: Final = {
     "json": _mutate_json, "toml": _mutate_toml, "words": _mutate_words, "parquet": _mutate_parquet,
-    "arrows": _mutate_stream,
+    "arrows": _mutate_stream, "bytes": _mutate_bytes,
 }  # fmt: skip

@@ -14,6 +14,7 @@ from skyrange.cli import (
     comparisons,
     exports,
     fleet_benchmarks,
+    flightlogs,
     installation,
     live,
     part_benchmarks,
@@ -409,6 +410,36 @@ def export(
         exports.export_files(run, [option.removeprefix("--") for option in chosen], out, as_json=as_json)
         return
     exports.export_captures(run, only.value if only is not None else None, receiver or [], out, as_json=as_json)
+
+
+@app.command("import", epilog="Example: skyrange import flight.tlog --out my-flight")
+def import_(
+    *,
+    flight: Annotated[
+        Path,
+        typer.Argument(
+            metavar="LOG",
+            help="A telemetry log (.tlog), a DataFlash log of ArduPilot (.BIN), or a ULog of PX4 (.ulg).",
+            show_default=False,
+        ),
+    ],
+    number: Annotated[
+        int | None,
+        typer.Option("--flight", metavar="N", help="Which flight of the log, from 1 on. Default: the longest."),
+    ] = None,
+    system: Annotated[
+        int | None,
+        typer.Option(metavar="ID", help="MAVLink system id of the vehicle. Default: the one with the most frames."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="A new or an empty folder. Default: the log's name and N.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Make a scenario of a real flight from its log, and a page that says what was taken, estimated, assumed and
+    ignored.
+    """
+    flightlogs.import_flight(flight, number, system, out, as_json=as_json)
 
 
 @app.command(epilog="Example: skyrange diff runs/squares runs/squares-2")

@@ -20,6 +20,7 @@ MODULES: Final[Mapping[str, tuple[str, ...]]] = {
     "sionna": ("sionna", "mitsuba"),
     "env": ("pettingzoo", "gymnasium"),
     "export": ("mcap",),
+    "logs": ("pyulog",),
     "scale": ("ray", "fsspec"),
     "study": ("scipy", "polars", "duckdb", "sklearn", "lightgbm", "cairosvg"),
 }

@@ -1,0 +1,69 @@
+"""Reading of a log whose format its first bytes tell, whatever the file is called."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from skyrange.core.errors import InputError
+from skyrange.core.files import expand_user
+from skyrange.flightlog.model import FlightLog, Remark
+
+_ULOG: Final = b"ULog\x01\x12\x35"
+_DATAFLASH: Final = b"\xa3\x95"
+_MAVLINK: Final = (0xFE, 0xFD)
+_SUFFIXES: Final = {"tlog": (".tlog", ".rlog"), "dataflash": (".bin", ".log"), "ulog": (".ulg", ".ulog")}
+_EXPECTED: Final = "a log of MAVLink frames with times (.tlog), of ArduPilot (.BIN) or of PX4 (.ulg)"
+_SEARCHED: Final = 4096
+"""Bytes at the beginning of a telemetry log in which a frame has to begin."""
+
+
+def find_format(data: bytes) -> str | None:
+    """The format of a log that begins with `data`: tlog, dataflash or ulog."""
+    if data.startswith(_ULOG):
+        return "ulog"
+    if data.startswith(_DATAFLASH):
+        return "dataflash"
+    for at in range(min(len(data) - 8, _SEARCHED)):
+        if data[at + 8] in _MAVLINK and _is_time(data[at : at + 8]):
+            return "tlog"
+    return None
+
+
+def _is_time(data: bytes) -> bool:
+    """Whether eight bytes are microseconds since 1970 of the years 2005 to 2100."""
+    return 1_104_537_600_000_000 <= int.from_bytes(data, "big") < 4_102_444_800_000_000
+
+
+def read_log(file: Path | str, system: int | None = None) -> FlightLog:
+    """The log of one vehicle: in a telemetry log of several, that with the MAVLink system id `system`.
+
+    Raises `InputError` for a file that is missing, is no log, or has nothing that can be read.
+    """
+    path = expand_user(file)
+    who = str(path)
+    try:
+        with path.open("rb") as opened:
+            data = opened.read(_SEARCHED + 9)
+    except OSError as error:
+        raise InputError.one(who, "file", error.strerror or str(error), _EXPECTED) from error
+    found = find_format(data)
+    if found is None:
+        raise InputError.one(who, "file", repr(data[:8]), _EXPECTED, "Text logs (.log) have to be converted first.")
+    if found == "ulog":
+        from skyrange.flightlog.ulog import read_ulog
+
+        log = read_ulog(path)
+    elif found == "dataflash":
+        from skyrange.flightlog.dataflash import read_dataflash
+
+        log = read_dataflash(path)
+    else:
+        from skyrange.flightlog.tlog import read_tlog
+
+        log = read_tlog(path, system)
+    if path.suffix.lower() in _SUFFIXES[found]:
+        return log
+    text = f"the file is called {path.suffix or 'without a suffix'}, and is read as what it is, a {found}"
+    return replace(log, remarks=(Remark("file", text), *log.remarks))
