@@ -6,6 +6,7 @@ import random
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -74,6 +75,20 @@ def test_a_column_whose_name_is_no_text_is_damage_of_a_killed_run(tmp_path: Path
     path.write_bytes(path.read_bytes().replace(b"about", b"ab\xffut"))
     with pytest.raises(InputError, match="events"):
         load(tmp_path / "run").table("events")
+
+
+def test_a_name_that_is_no_text_is_damage_of_a_run(tmp_path: Path) -> None:
+    recorder = Recorder.open(tmp_path / "run", HEADER)
+    recorder.on_note(1, "someone", Note("event.mode", "blue/b1", {}))
+    recorder.close()
+    (path,) = (tmp_path / "run").glob("events*.parquet")
+    table = pq.read_table(path)
+    place = table.schema.get_field_index("about")
+    damaged = pa.array([b"bl\xffe"]).view(pa.string()).dictionary_encode()
+    pq.write_table(table.set_column(place, "about", damaged), path)
+    for encoded in (True, False):
+        with pytest.raises(InputError, match="UTF"):
+            list(load(tmp_path / "run").tables.batches("events", encoded=encoded))
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -17,6 +17,7 @@ from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.flightlog.flights import Flight
 from skyrange.flightlog.flown_path import simplify_path
+from skyrange.flightlog.model import check_start
 from skyrange.flightlog.wind import ATTITUDE_DEG, WindEstimate, estimate_wind
 from skyrange.vehicle.builtin.parameters.renames import canonical_name, to_canonical
 from skyrange.vehicle.builtin.parameters.table import INDEX, PARAMETERS
@@ -164,10 +165,11 @@ def _params(params: Mapping[str, float], facts: list[Fact]) -> dict[str, float]:
 
 
 def _start(flight: Flight, facts: list[Fact]) -> datetime:
-    if flight.log.start_unix_s is None:
+    started_s = check_start(flight.log.start_unix_s)
+    if started_s is None:
         facts.append(Fact("assumed", "start", "2026-01-01 12:00:00 UTC", "the log has no time of day"))
         return datetime(2026, 1, 1, 12, tzinfo=UTC)
-    start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=round(flight.log.start_unix_s + flight.armed_s))
+    start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=round(started_s + flight.armed_s))
     source = "the ground station's clock" if flight.log.format == "tlog" else "GPS time"
     facts.append(Fact("taken", "start", f"{start:%Y-%m-%d %H:%M:%S} UTC", f"arming, by {source}"))
     return start

@@ -17,6 +17,7 @@ from pymavlink.DFReader import DFReader_binary
 
 from skyrange.codec.mission import MissionItem
 from skyrange.core.errors import InputError
+from skyrange.core.files import open_input
 from skyrange.flightlog.mission_transfer import MissionTransfer
 from skyrange.flightlog.model import FlightLog, Remark, TableBuilder
 
@@ -52,13 +53,6 @@ class _Silence(io.TextIOBase):
 class _Source(DFReader_binary):  # type: ignore[misc]
     """pymavlink's reader, which for ever reads a message without a length again."""
 
-    def __init__(self, path: Path) -> None:
-        with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-            for match in _DEFINITION.finditer(data):
-                if match[2][0] <= _HEADER:
-                    raise ValueError(f"{match[3].decode()} has messages of {match[2][0]} bytes, with their header")
-        super().__init__(str(path), zero_time_base=False)
-
     def _parse_next(self) -> Any:
         before = self.offset
         message = super()._parse_next()
@@ -70,9 +64,10 @@ class _Source(DFReader_binary):  # type: ignore[misc]
 def read_dataflash(path: Path) -> FlightLog:
     """The log of a vehicle. Raises `InputError` for a file with no message that can be read."""
     said = _Silence()
+    _check_lengths(path)
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            source = _Source(path)
+            source = _Source(str(path), zero_time_base=False)
     except Exception as error:  # pymavlink has errors of many kinds for damaged files
         reason = str(error) or type(error).__name__
         raise InputError.one(str(path), "DataFlash log", reason, "a log that ArduPilot wrote") from error
@@ -80,6 +75,16 @@ def read_dataflash(path: Path) -> FlightLog:
         return _Reader(path, source).read()
     finally:
         source.close()
+
+
+def _check_lengths(path: Path) -> None:
+    """Raise `InputError` if the log defines a message without a length, at which pymavlink's index never ends."""
+    who = str(path)
+    with open_input(path, who, "file") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+        found = [match for match in _DEFINITION.finditer(data) if match[2][0] <= _HEADER]
+        short = [f"{match[3].decode()} of {match[2][0]} bytes" for match in found]
+    if short:
+        raise InputError.one(who, "FMT", ", ".join(short), f"messages longer than their header of {_HEADER} bytes")
 
 
 class _Reader:
@@ -120,7 +125,7 @@ class _Reader:
 
     def read(self) -> FlightLog:
         while (message := self._receive()) is not None:
-            now_s = float(message._timestamp)
+            now_s = float(getattr(message, "_timestamp", self._last_s))
             if math.isnan(self._first_s):
                 self._first_s = now_s
             self._last_s = max(now_s, self._last_s) if not math.isnan(self._last_s) else now_s

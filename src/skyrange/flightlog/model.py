@@ -90,6 +90,11 @@ class FlightLog:
     remarks: Sequence[Remark]
 
 
+def check_start(unix_s: float | None) -> float | None:
+    """A time since 1970 in seconds; None if it is not in the years 2000 to 2100: that of a clock that was never set."""
+    return unix_s if unix_s is not None and 946_684_800.0 <= unix_s < 4_102_444_800.0 else None
+
+
 class TableBuilder:
     """Rows of tables as a reader meets them."""
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from skyrange.core.errors import InputError
-from skyrange.core.files import expand_user
+from skyrange.core.files import expand_user, open_input
 from skyrange.flightlog.model import FlightLog, Remark
 
 _ULOG: Final = b"ULog\x01\x12\x35"
@@ -43,11 +43,8 @@ def read_log(file: Path | str, system: int | None = None) -> FlightLog:
     """
     path = expand_user(file)
     who = str(path)
-    try:
-        with path.open("rb") as opened:
-            data = opened.read(_SEARCHED + 9)
-    except OSError as error:
-        raise InputError.one(who, "file", error.strerror or str(error), _EXPECTED) from error
+    with open_input(path, who, "file", expected=_EXPECTED) as opened:
+        data = opened.read(_SEARCHED + 9)
     found = find_format(data)
     if found is None:
         raise InputError.one(who, "file", repr(data[:8]), _EXPECTED, "Text logs (.log) have to be converted first.")

@@ -66,8 +66,8 @@ def _build(path: Path, log: Any) -> FlightLog:
     release = log.msg_info_dict.get("ver_sw_release")
     version = f" {release >> 24}.{release >> 16 & 255}.{release >> 8 & 255}" if isinstance(release, int) else ""
     firmware = f"{log.msg_info_dict.get('sys_name', '')}{version}".strip()
-    params = {name: float(value) for name, value in log.initial_parameters.items() if math.isfinite(value)}
-    params |= {name: float(value) for _, name, value in log.changed_parameters if math.isfinite(value)}
+    sent = [*log.initial_parameters.items(), *((name, value) for _, name, value in log.changed_parameters)]
+    params = {name: float(value) for name, value in sent if isinstance(value, int | float) and math.isfinite(value)}
     built, left_out = tables.build()
     return FlightLog(
         path, "ulog", start_unix_s, (log.last_timestamp - start_us) * _US, firmware, _name_type(topics, params),

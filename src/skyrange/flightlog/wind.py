@@ -34,6 +34,7 @@ _SMOOTH_S: Final = 1.0
 _LOW_M: Final = 3.0
 """Below this height the ground and the landing change the wind and the thrust."""
 _MAX_LEAN_RAD: Final = math.radians(45.0)
+_MAX_MPS: Final = 100.0
 _LEAST_S: Final = 15.0
 _LEAST_T: Final = 3.0
 """Least ratio of k to its standard error: with less, velocity and wind cannot be told apart."""
@@ -87,8 +88,10 @@ def estimate_wind(flight: Flight, first: float = 0.0, last: float = 1.0) -> Wind
     lean_north, lean_east = (_smooth(lean) for lean in _lean_mps2(roll, pitch, yaw))
     up_m = np.interp(times_s, position["time_s"], position["alt_msl_m"]) - flight.home[2]
     steady = (up_m > _LOW_M) & (np.abs(roll) < _MAX_LEAN_RAD) & (np.abs(pitch) < _MAX_LEAN_RAD)
+    steady &= (np.abs(north_mps) < _MAX_MPS) & (np.abs(east_mps) < _MAX_MPS) & np.isfinite(yaw)
     if steady.sum() * _STEP_S < _LEAST_S:
         return f"{steady.sum() * _STEP_S:.0f} s of the flight are above {_LOW_M:g} m, and {_LEAST_S:.0f} s are needed"
+
     push = np.stack([lean_north - np.gradient(north_mps, _STEP_S), lean_east - np.gradient(east_mps, _STEP_S)], axis=1)
     return _fit(np.stack([north_mps, east_mps], axis=1)[steady], push[steady])
 

@@ -216,6 +216,7 @@ class Tables:
         with self._name_damaged_file(path), pq.ParquetFile(path, read_dictionary=list(names)) as file:
             check_columns(file.schema_arrow, schema, who, where)
             for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=schema.names):
+                batch.validate(full=True)
                 check_values(batch, schema, who, where)
                 yield batch
 
