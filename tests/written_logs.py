@@ -77,11 +77,18 @@ class TlogWriter:
             self.data += struct.pack(">Q", START_US + self.shift_us + round(time_s * 1e6)) + frame
 
     def heartbeat(
-        self, time_s: float, *, armed: bool, mode: int = 3, system: int = 1, kind: int = dialect.MAV_TYPE_QUADROTOR
+        self,
+        time_s: float,
+        *,
+        armed: bool,
+        mode: int = 3,
+        system: int = 1,
+        kind: int = dialect.MAV_TYPE_QUADROTOR,
+        autopilot: int = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
     ) -> None:
-        """Add a heartbeat of ArduPilot."""
+        """Add a heartbeat of ArduPilot, or of another autopilot."""
         base = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
-        message = dialect.MAVLink_heartbeat_message(kind, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, base, mode, 4, 3)
+        message = dialect.MAVLink_heartbeat_message(kind, autopilot, base, mode, 4, 3)
         self.add(time_s, message, system)
 
     def moment(self, moment: Moment, *, boot_s: float = 0.0, system: int = 1, lost: bool = False) -> None:
@@ -120,6 +127,8 @@ def write_tlog(
     mission: bool = True,
     change: Callable[[TlogWriter, Moment], None] = lambda _writer, _moment: None,
     kind: int = dialect.MAV_TYPE_QUADROTOR,
+    autopilot: int = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
+    mode: int = 3,
     every_lost: int = 0,
 ) -> Path:
     """Write a telemetry log of a flight: armed while it is above the ground, and two seconds before and after."""
@@ -130,7 +139,7 @@ def write_tlog(
     for number, moment in enumerate(moments):
         change(writer, moment)
         armed = bool(flying) and flying[0] - 2.0 <= moment.time_s <= flying[-1] + 2.0
-        writer.heartbeat(moment.time_s, armed=armed, kind=kind)
+        writer.heartbeat(moment.time_s, armed=armed, mode=mode, kind=kind, autopilot=autopilot)
         writer.moment(moment, lost=bool(every_lost) and number % every_lost == 0)
     path.write_bytes(writer.data)
     return path

@@ -51,6 +51,15 @@ def test_the_mission_is_that_which_was_uploaded(kind: str, tmp_path: Path) -> No
     assert flight.modes == ("AUTO",)
 
 
+def test_a_mission_of_px4_has_no_home_among_its_items(tmp_path: Path) -> None:
+    mission = 4 << 16 | 4 << 24  # PX4_CUSTOM_MAIN_MODE_AUTO, PX4_CUSTOM_SUB_MODE_AUTO_MISSION
+    px4 = dialect.MAV_AUTOPILOT_PX4
+    (flight,) = split_flights(read_log(write_tlog(tmp_path / "a.tlog", hop(), autopilot=px4, mode=mission)))
+    assert flight.modes == ("MISSION",)
+    assert flight.mission is not None
+    assert [item.command for item in flight.mission.items] == [16, 22, 16, 21]
+
+
 def test_a_dataflash_log_has_parameters_battery_and_gps_time(tmp_path: Path) -> None:
     log = read_log(write_dataflash(tmp_path / "a.BIN", hop()))
     assert log.firmware == "ArduCopter V4.5.7"

@@ -21,9 +21,11 @@ from skyrange.flightlog.model import check_start
 from skyrange.flightlog.wind import ATTITUDE_DEG, WindEstimate, estimate_wind
 from skyrange.vehicle.builtin.parameters.renames import canonical_name, to_canonical
 from skyrange.vehicle.builtin.parameters.table import INDEX, PARAMETERS
+from skyrange.world.airframes import AIRFRAMES
 
 SCENARIO: Final = "scenario.toml"
 MISSION: Final = "mission.waypoints"
+_AIRFRAME: Final = "iris"
 _MARGIN_S: Final = 90.0
 """After the flight of the log: the simulated one may take longer, and nothing is lost by an end that is late."""
 _MULTIROTORS: Final = frozenset({"QUADROTOR", "HEXAROTOR", "OCTOROTOR", "TRICOPTER", "DODECAROTOR", "COAXIAL", ""})
@@ -80,7 +82,7 @@ def convert_flight(flight: Flight, name: str) -> Conversion:
             who, "vehicle", log.vehicle_type, "a multirotor", "skyrange has no model of other aircraft."
         )
     facts: list[Fact] = []
-    vehicle: dict[str, Any] = {"id": "v1", "airframe": "iris", "start": {"east_m": 0.0, "north_m": 0.0}}
+    vehicle: dict[str, Any] = {"id": "v1", "airframe": _AIRFRAME, "start": {"east_m": 0.0, "north_m": 0.0}}
     vehicle["start"]["heading_deg"] = _heading_deg(flight, facts)
     vehicle["plan"], mission = _plan(flight, facts)
     vehicle["depart_s"] = 0.0
@@ -120,7 +122,7 @@ def _heading_deg(flight: Flight, facts: list[Fact]) -> float:
 def _plan(flight: Flight, facts: list[Fact]) -> tuple[dict[str, Any], Mission | None]:
     if flight.mission is not None:
         mission = Mission(flight.mission.items, flight.home, source=flight.mission.source)
-        reason = "the last mission that was sent as a whole before the flight"
+        reason = "the last mission that was sent as a whole before its end"
         facts.append(Fact("taken", "mission", f"{len(mission.items)} items", reason))
         others = [mode for mode in flight.modes if mode not in ("AUTO", "MISSION")]
         if others:
@@ -216,7 +218,12 @@ def _list_assumptions(flight: Flight, facts: list[Fact]) -> None:
     log = flight.log
     kind = log.vehicle_type.lower() or "an unknown vehicle"
     facts.append(
-        Fact("assumed", "airframe", "iris, 1.5 kg", f"the log is of {kind}, and has neither its mass nor its size")
+        Fact(
+            "assumed",
+            "airframe",
+            f"{_AIRFRAME}, {AIRFRAMES[_AIRFRAME].mass_kg:g} kg",
+            f"the log is of {kind}, and has neither its mass nor its size",
+        )
     )
     facts.append(Fact("assumed", "autopilot", "builtin", f"the log is of {log.firmware or 'an unknown firmware'}"))
     facts.append(

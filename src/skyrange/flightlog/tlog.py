@@ -78,14 +78,14 @@ def read_tlog(path: Path, system: int | None = None) -> FlightLog:
 
     Raises `InputError` if no autopilot speaks in the log, or not that one.
     """
-    heard = _count_systems(path)
+    heard, autopilots = _count_systems(path)
     if not heard:
         raise InputError.one(str(path), "HEARTBEAT", "none of an autopilot", "a telemetry log of a vehicle")
     chosen = heard.most_common(1)[0][0] if system is None else system
     if chosen not in heard:
         known = ", ".join(map(str, sorted(heard)))
         raise InputError.one(str(path), "system", str(chosen), f"one of {known}")
-    reader = _Reader(path, chosen)
+    reader = _Reader(path, chosen, has_home=autopilots[chosen] == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA)
     log = reader.read()
     others = [f"{number} ({count} frames)" for number, count in sorted(heard.items()) if number != chosen]
     if not others:
@@ -98,10 +98,10 @@ def _open(path: Path) -> Any:
     return mavutil.mavlogfile(str(path), robust_parsing=True, notimestamps=False)
 
 
-def _count_systems(path: Path) -> Counter[int]:
-    """Frames by system id of each autopilot."""
+def _count_systems(path: Path) -> tuple[Counter[int], dict[int, int]]:
+    """Frames and MAV_AUTOPILOT by system id, of those with an autopilot."""
     frames: Counter[tuple[int, int]] = Counter()
-    pilots: set[tuple[int, int]] = set()
+    pilots: dict[tuple[int, int], int] = {}
     connection = _open(path)
     while (message := connection.recv_msg()) is not None:
         if message.get_type() == "BAD_DATA":
@@ -109,22 +109,22 @@ def _count_systems(path: Path) -> Counter[int]:
         source = message.get_srcSystem(), message.get_srcComponent()
         frames[source] += 1
         if message.get_type() == "HEARTBEAT" and message.autopilot != _NO_AUTOPILOT:
-            pilots.add(source)
+            pilots[source] = message.autopilot
     connection.close()
     found: Counter[int] = Counter()
     for source in pilots:
         found[source[0]] += frames[source]
-    return found
+    return found, {system: autopilot for (system, _), autopilot in pilots.items()}
 
 
 class _Reader:
-    def __init__(self, path: Path, system: int) -> None:
+    def __init__(self, path: Path, system: int, *, has_home: bool) -> None:
         self._path, self._system = path, system
         self._clock, self._boots = _Clock(), _BootTimes()
         self._tables = TableBuilder()
         self._timed: list[tuple[str, tuple[int, float], tuple[Any, ...]]] = []
         self._params: dict[str, float] = {}
-        self._mission = MissionTransfer(str(path), has_home=True)
+        self._mission = MissionTransfer(str(path), has_home=has_home)
         self._sequences: dict[int, int] = {}
         self._seconds: dict[int, list[int]] = {}
         self._bad = 0
