@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from skyrange.cli.app import app
+from skyrange.core.errors import InputError
 from skyrange.flightlog import read_log, split_flights
 from skyrange.flightlog.conversion import convert_flight
 from skyrange.flightlog.wind import WindEstimate
@@ -86,6 +87,17 @@ def test_an_imported_flight_flies_as_the_flight_did(tmp_path: Path) -> None:
     page = (tmp_path / "imported" / "import.html").read_text()
     for title in ("Taken", "Estimated", "Assumed", "Ignored"):
         assert f"<h2>{title}</h2>" in page
+
+
+def test_the_folder_of_a_run_is_read_as_the_log_of_its_station(tmp_path: Path) -> None:
+    by_file = read_log(fly(tmp_path))
+    by_folder = read_log(tmp_path / "run")
+    assert by_folder.format == "run"
+    for name, rows in by_file.tables.items():
+        assert rows.tobytes() == by_folder.tables[name].tobytes()
+    assert [sent.mission.items for sent in by_file.missions] == [sent.mission.items for sent in by_folder.missions]
+    with pytest.raises(InputError, match=r"--vehicle: blue/b2 — expected a vehicle of the run"):
+        read_log(tmp_path / "run", vehicle="blue/b2")
 
 
 def test_the_loss_of_the_link_is_found(tmp_path: Path) -> None:

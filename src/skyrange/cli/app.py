@@ -419,7 +419,8 @@ def import_(
         Path,
         typer.Argument(
             metavar="LOG",
-            help="A telemetry log (.tlog), a DataFlash log of ArduPilot (.BIN), or a ULog of PX4 (.ulg).",
+            help="A telemetry log (.tlog), a DataFlash log of ArduPilot (.BIN), a ULog of PX4 (.ulg), or the folder of "
+            "a run.",
             show_default=False,
         ),
     ],
@@ -431,6 +432,9 @@ def import_(
         int | None,
         typer.Option(metavar="ID", help="MAVLink system id of the vehicle. Default: the one with the most frames."),
     ] = None,
+    vehicle: Annotated[
+        str | None, typer.Option(metavar="ID", help="Vehicle of a run, such as blue/b1. Default: its first.")
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="A new or an empty folder. Default: the log's name and N.")
     ] = None,
@@ -439,7 +443,7 @@ def import_(
     """Make a scenario of a real flight from its log, and a page that says what was taken, estimated, assumed and
     ignored.
     """
-    flightlogs.import_flight(flight, number, system, out, as_json=as_json)
+    flightlogs.import_flight(flight, number, system, vehicle, out, as_json=as_json)
 
 
 @app.command(epilog="Example: skyrange diff runs/squares runs/squares-2")

@@ -11,14 +11,16 @@ from skyrange.core.errors import InputError
 from skyrange.core.files import expand_user
 
 
-def import_flight(file: Path, number: int | None, system: int | None, out: Path | None, *, as_json: bool) -> None:
+def import_flight(
+    file: Path, number: int | None, system: int | None, vehicle: str | None, out: Path | None, *, as_json: bool
+) -> None:
     """`skyrange import`."""
     from skyrange.flightlog.conversion import convert_flight
     from skyrange.flightlog.flights import split_flights
     from skyrange.flightlog.page import describe_flight, write_page
     from skyrange.flightlog.reading import read_log
 
-    log = read_log(file, system)
+    log = read_log(file, system, vehicle)
     flights = split_flights(log)
     who = str(log.path)
     if not flights:

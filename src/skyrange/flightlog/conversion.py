@@ -172,7 +172,7 @@ def _start(flight: Flight, facts: list[Fact]) -> datetime:
         facts.append(Fact("assumed", "start", "2026-01-01 12:00:00 UTC", "the log has no time of day"))
         return datetime(2026, 1, 1, 12, tzinfo=UTC)
     start = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=round(started_s + flight.armed_s))
-    source = "the ground station's clock" if flight.log.format == "tlog" else "GPS time"
+    source = "the ground station's clock" if flight.log.format in ("tlog", "run") else "GPS time"
     facts.append(Fact("taken", "start", f"{start:%Y-%m-%d %H:%M:%S} UTC", f"arming, by {source}"))
     return start
 

@@ -74,7 +74,7 @@ class FlightLog:
 
     path: Path
     format: str
-    """tlog, dataflash, or ulog."""
+    """tlog, dataflash, ulog, or run."""
     start_unix_s: float | None
     """The time of the first message, in seconds since 1970 UTC; None if the log does not say."""
     duration_s: float

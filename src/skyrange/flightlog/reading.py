@@ -36,13 +36,21 @@ def _is_time(data: bytes) -> bool:
     return 1_104_537_600_000_000 <= int.from_bytes(data, "big") < 4_102_444_800_000_000
 
 
-def read_log(file: Path | str, system: int | None = None) -> FlightLog:
-    """The log of one vehicle: in a telemetry log of several, that with the MAVLink system id `system`.
+def read_log(file: Path | str, system: int | None = None, vehicle: str | None = None) -> FlightLog:
+    """The log of one vehicle.
+
+    A telemetry log may have several: it is that with the MAVLink system id `system`. Of a run's folder it is `vehicle`.
 
     Raises `InputError` for a file that is missing, is no log, or has nothing that can be read.
     """
     path = expand_user(file)
     who = str(path)
+    if path.is_dir():
+        from skyrange.flightlog.run_folder import read_run
+
+        return read_run(path, vehicle)
+    if vehicle is not None:
+        raise InputError.one(who, "--vehicle", vehicle, "the folder of a run", "Vehicles of a .tlog have a --system.")
     with open_input(path, who, "file", expected=_EXPECTED) as opened:
         data = opened.read(_SEARCHED + 9)
     found = find_format(data)
