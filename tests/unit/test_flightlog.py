@@ -194,4 +194,4 @@ def test_parameters_of_the_airframe_are_ignored_and_named(tmp_path: Path) -> Non
     conversion = convert_flight(flight, "x")
     assert conversion.scenario["operators"][0]["vehicles"][0]["params"] == {"WPNAV_SPEED": 700.0}
     ignored = [fact.value for fact in conversion.facts if fact.kind == "ignored" and fact.subject == "parameters"]
-    assert ignored == ["ATC_RAT_RLL_P"]
+    assert ignored == ["1: ATC_RAT_RLL_P"]

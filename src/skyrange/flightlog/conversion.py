@@ -162,7 +162,7 @@ def _params(params: Mapping[str, float], facts: list[Fact]) -> dict[str, float]:
         facts.append(Fact("ignored", "parameters", ", ".join(outside), "outside the builtin autopilot's range"))
     if others:
         reason = "of the real airframe, its battery, sensors, radio or pilot, or unknown to the builtin autopilot"
-        facts.append(Fact("ignored", "parameters", ", ".join(others), reason))
+        facts.append(Fact("ignored", "parameters", f"{len(others)}: {', '.join(others)}", reason))
     return taken
 
 
