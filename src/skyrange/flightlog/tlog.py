@@ -21,7 +21,6 @@ _GAP_S: Final = 3600.0
 _NO_AUTOPILOT: Final = dialect.MAV_AUTOPILOT_INVALID
 _SIK: Final = (51, 68)
 """System and component of RADIO_STATUS from a SiK radio: '3', 'D'."""
-_MAX_TEXTS: Final = 1000
 
 
 class _Clock:

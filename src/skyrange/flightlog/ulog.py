@@ -17,7 +17,7 @@ from skyrange.flightlog.model import FlightLog, Remark, TableBuilder
 
 _READ: Final = (
     "vehicle_global_position", "vehicle_attitude", "vehicle_gps_position", "sensor_gps", "battery_status",
-    "estimator_status", "vehicle_status", "home_position", "vehicle_imu_status", "telemetry_status", "mission",
+    "estimator_status", "vehicle_status", "home_position", "mission",
 )  # fmt: skip
 _ARMED: Final = 2  # vehicle_status.ARMING_STATE_ARMED
 _MODES: Final = {0: "MANUAL", 1: "ALTCTL", 2: "POSCTL", 3: "AUTO", 4: "LOITER", 5: "RTL", 14: "OFFBOARD", 15: "STAB",
