@@ -202,6 +202,7 @@ def _channel(flight: Flight, facts: list[Fact]) -> dict[str, Any]:
     shown = f"{loss:.2%} of {received + lost:,} frames"
     facts.append(Fact("estimated", "loss of telemetry", shown, "gaps of the frames' sequence numbers"))
     facts.append(Fact("assumed", "loss of commands", f"{loss:.2%}", "a log shows one direction: the other is as good"))
+    facts.append(Fact("assumed", "losses", "independent", "each frame has this probability; real ones come in bursts"))
     facts.append(Fact("assumed", "delay of the link", "that of skyrange's default", "a log does not show it"))
     radio = flight.rows("radio", flight.armed_s, flight.disarmed_s)
     if len(radio):
