@@ -88,7 +88,7 @@ def test_flights_that_show_nothing_are_undecided(down: dict[str, Any]) -> None:
 
 def test_an_undecided_row_of_a_page_is_not_counted(tmp_path: Path) -> None:
     page = tmp_path / "parity.md"
-    page.write_text(f"{report.BEGIN}\n{report.END}\n")
+    page.write_text(f"{report.TABLE.begin}\n{report.TABLE.end}\n")
     nothing = replace(IGNORES, undecided="neither takes off")
     report.renew_page([*COMPARED, ComparedAttack("link.delay", nothing, nothing)], page)
     report.renew_page(COMPARED[:1], page)
@@ -185,7 +185,7 @@ def test_agreement_counts_attacks_with_an_effect() -> None:
 
 def test_a_page_with_marks_is_renewed(tmp_path: Path) -> None:
     page = tmp_path / "parity.md"
-    page.write_text(f"before\n{report.BEGIN}\nold\n{report.END}\nafter\n")
+    page.write_text(f"before\n{report.TABLE.begin}\nold\n{report.TABLE.end}\nafter\n")
     report.renew_page(COMPARED, page)
     text = page.read_text()
     assert text.startswith("before\n")
@@ -201,7 +201,7 @@ def test_a_page_with_marks_is_renewed(tmp_path: Path) -> None:
 
 def test_rows_of_kinds_that_were_not_flown_stay_and_count(tmp_path: Path) -> None:
     page = tmp_path / "parity.md"
-    page.write_text(f"{report.BEGIN}\n{report.END}\n")
+    page.write_text(f"{report.TABLE.begin}\n{report.TABLE.end}\n")
     report.renew_page(COMPARED, page)
     report.renew_page(
         [ComparedAttack("mavlink.mode", OBEYS, OBEYS), ComparedAttack("sensor.compass", OBEYS, IGNORES)], page
@@ -241,7 +241,7 @@ def test_the_command_prints_and_renews(monkeypatch: pytest.MonkeyPatch, tmp_path
 
     monkeypatch.setattr(module, "compare", compare)
     page = tmp_path / "page.md"
-    page.write_text(f"{report.BEGIN}\n{report.END}\n")
+    page.write_text(f"{report.TABLE.begin}\n{report.TABLE.end}\n")
     asked = ["parity", "attacks", "mavlink.mode", "--out", str(tmp_path / "a"), "--page", str(page)]
     said = CliRunner().invoke(app, asked, env={"COLUMNS": "160"})
     assert said.exit_code == 0, said.output
@@ -261,7 +261,9 @@ def test_reactions_over_seeds_are_counted_with_their_spread(tmp_path: Path) -> N
     assert report.seeds_words(SEEDED.second) == ("ignores 3", "none", "0 m")
     page = tmp_path / "parity.md"
     other = SeededAttack("link.flood", (OBEYS,), (OBEYS,))
-    page.write_text(f"{report.BEGIN}\nkept\n{report.END}\n{report.BEGIN_SEEDS}\n{report.END_SEEDS}\nafter\n")
+    page.write_text(
+        f"{report.TABLE.begin}\nkept\n{report.TABLE.end}\n{report.SEEDS_TABLE.begin}\n{report.SEEDS_TABLE.end}\nafter\n"
+    )
     report.renew_seeds([SEEDED], page)
     report.renew_seeds([other], page)
     report.renew_seeds([SEEDED], page)
@@ -284,7 +286,7 @@ def test_the_command_flies_the_seeds_from_1_on(monkeypatch: pytest.MonkeyPatch, 
 
     monkeypatch.setattr(module, "compare", compare)
     page = tmp_path / "page.md"
-    page.write_text(f"{report.BEGIN}\n{report.END}\n")
+    page.write_text(f"{report.TABLE.begin}\n{report.TABLE.end}\n")
     asked = ["parity", "attacks", "mavlink.mode", "--seeds", "2", "--out", str(tmp_path / "a")]
     refused = CliRunner().invoke(app, [*asked, "--page", str(page)])
     assert isinstance(refused.exception, InputError)
@@ -330,8 +332,8 @@ def test_the_builtin_in_both_roles_agrees(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 
 def test_the_pages_give_causes_for_the_rows_that_differ_and_for_no_other() -> None:
-    _, _, rest = RESULTS.read_text().partition(report.BEGIN)
-    table, _, _ = rest.partition(report.END)
+    _, _, rest = RESULTS.read_text().partition(report.TABLE.begin)
+    table, _, _ = rest.partition(report.TABLE.end)
     _, _, causes = CAUSES.read_text().partition("\n### Causes of differences\n")
     section, _, _ = causes.partition("\n### ")
     differ = {cells[0] for line in _rows(table) if (cells := _cells(line))[-1] != report.YES}
@@ -359,7 +361,7 @@ def test_a_missing_arducopter_is_told_before_the_first_flight(monkeypatch: pytes
 
 def test_every_kind_of_attack_is_in_the_table_or_its_absence_is_explained() -> None:
     text = RESULTS.read_text(encoding="utf-8")
-    block = text[text.index(report.BEGIN) : text.index(report.END)]
+    block = text[text.index(report.TABLE.begin) : text.index(report.TABLE.end)]
     rows = {line.split("`")[1] for line in block.splitlines() if line.startswith("| `")}
     assert rows | NOT_FLOWN.keys() == set(kinds(ATTACKS))
     assert not rows & NOT_FLOWN.keys()

@@ -214,7 +214,10 @@ def _print_matrix(result: MatrixResult, page: Path | None, *, as_json: bool) -> 
 def resume(folder: Path, workers: Workers, *, other_version: bool, as_json: bool) -> None:
     """`skyrange resume`."""
     from skyrange.cli.options import load_plugins
+    from skyrange.cli.output.log_parity import show_log_parity
     from skyrange.cli.output.progress import compile_if_cold, run_progress
+    from skyrange.parity.logs.comparison import resume_log_parity
+    from skyrange.parity.logs.plan import KIND as LOG_PARITY
     from skyrange.study.execution.store import open_store
     from skyrange.study.matrix.flights import resume_matrix
     from skyrange.study.pairing import resume_pair
@@ -236,6 +239,8 @@ def resume(folder: Path, workers: Workers, *, other_version: bool, as_json: bool
             show = partial(_print_pair, resume_pair(store, executor, on_progress))
         elif store.kind == "compare":
             show = partial(_print_comparison, resume_comparison(store, executor, on_progress))
+        elif store.kind == LOG_PARITY:
+            show = partial(show_log_parity, resume_log_parity(store, executor, on_progress))
         else:
             show = partial(_print_matrix, resume_matrix(store, executor, on_progress), None)
     show(as_json=as_json)

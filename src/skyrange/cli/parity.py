@@ -1,4 +1,4 @@
-"""The commands `skyrange parity flight`, `attacks` and `missions`."""
+"""The commands `skyrange parity flight`, `log`, `attacks` and `missions`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from skyrange.cli.options import AsJson, Changes, Rates, ScenarioChoice, ScenarioName
+from skyrange.cli.options import AsJson, Changes, Jobs, Rates, ScenarioChoice, ScenarioName, Workers
 from skyrange.cli.output.console import print_json, print_notice, terminal
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 parity_app = typer.Typer(
-    help="Compare the builtin autopilot with ArduPilot: flights, missions and reactions to attacks.\n\n"
+    help="Compare the builtin autopilot with ArduPilot and with logs: flights, missions, reactions to attacks.\n\n"
     "Example: skyrange parity missions --count 60",
     no_args_is_help=True,
 )
@@ -94,6 +94,55 @@ def _flight(measures: FlightMeasures) -> dict[str, Any]:
 
 def _finite(value: float) -> float | None:
     return None if isnan(value) else value
+
+
+@parity_app.command("log", epilog="Example: skyrange parity log flight.tlog --autopilot builtin --out runs/my-flight")
+def log(
+    *,
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...", help="Logs of flights (.tlog, .BIN, .ulg) or folders of runs.")
+    ],
+    autopilot: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KIND", help="Fly with builtin, ardupilot, or both if repeated. Default: both."),
+    ] = None,
+    seeds: Annotated[int, typer.Option(metavar="N", min=2, max=1000, help="Fly each flight with N seeds.")] = 20,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME", help="Do not judge this flight, such as flight-2; its wind counts. May be repeated."
+        ),
+    ] = None,
+    system: Annotated[
+        int | None, typer.Option(metavar="ID", min=1, max=255, help="MAVLink system of a .tlog. Default: the busiest.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for runs and page. Default: runs/log-parity, then -2 …")
+    ] = None,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also renew the tables in this Markdown page.")
+    ] = None,
+    jobs: Jobs = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly the flights of logs in simulation, and compare legs, lean and tracks with the logs."""
+    from skyrange.cli.output.log_parity import show_log_parity
+    from skyrange.cli.output.progress import compile_if_cold, run_progress
+    from skyrange.flightlog.reading import read_log
+    from skyrange.parity.flights import KINDS
+    from skyrange.parity.logs.comparison import compare_logs, plan_logs
+    from skyrange.parity.logs.page import TABLES, renew_page
+
+    if page is not None:
+        TABLES.read(page)
+    read = [read_log(each, system if each.is_file() else None) for each in logs]
+    plan = plan_logs(read, autopilot or KINDS, seeds, without or ())
+    compile_if_cold(quiet=as_json)
+    with run_progress(plan.name, quiet=as_json) as on_progress:
+        result = compare_logs(plan, out, Workers(jobs).executor(in_process=True), on_progress)
+    if page is not None:
+        renew_page(result, page)
+    show_log_parity(result, as_json=as_json)
 
 
 @parity_app.command("attacks", epilog="Example: skyrange parity attacks mavlink.command mavlink.guided")

@@ -26,8 +26,11 @@ from skyrange.world.airframes import AIRFRAMES
 SCENARIO: Final = "scenario.toml"
 MISSION: Final = "mission.waypoints"
 _AIRFRAME: Final = "iris"
-_MARGIN_S: Final = 90.0
-"""After the flight of the log: the simulated one may take longer, and nothing is lost by an end that is late."""
+_MARGIN_S: Final = 45.0
+_MARGIN: Final = 0.5
+"""After the flight of the log the scenario goes on for this share of it, at least for `_MARGIN_S`: the simulated flight
+may take longer, and nothing is lost by an end that is late.
+"""
 _MULTIROTORS: Final = frozenset({"QUADROTOR", "HEXAROTOR", "OCTOROTOR", "TRICOPTER", "DODECAROTOR", "COAXIAL", ""})
 _TAKEN_PREFIXES: Final = (
     "WPNAV_", "WP_", "RTL_", "LAND_", "LOIT_", "PILOT_", "CIRCLE_", "ANGLE_MAX", "DISARM_DELAY", "WP_YAW_BEHAVIOR",
@@ -73,9 +76,30 @@ class Conversion:
         return path
 
 
-def convert_flight(flight: Flight, name: str) -> Conversion:
-    """The scenario of a flight. Raises `InputError` for a vehicle that is no multirotor."""
+@dataclass(frozen=True, slots=True)
+class Estimates:
+    """What is estimated of a flight: the wind, or why there is no estimate of it, and the frames of its link."""
+
+    wind: WindEstimate | str
+    received: int
+    lost: int
+    source: str = ""
+    """Which other flights they are of; empty if they are of the flight itself."""
+
+
+def estimate_flight(flight: Flight) -> Estimates:
+    """The estimates of a flight from its own rows."""
+    rows = flight.rows("link", flight.armed_s, flight.disarmed_s)
+    return Estimates(estimate_wind(flight), int(rows["received"].sum()), int(rows["lost"].sum()))
+
+
+def convert_flight(flight: Flight, name: str, estimates: Estimates | None = None) -> Conversion:
+    """The scenario of a flight, with estimates from elsewhere or from itself.
+
+    Raises `InputError` for a vehicle that is no multirotor.
+    """
     log = flight.log
+    estimates = estimate_flight(flight) if estimates is None else estimates
     if log.vehicle_type not in _MULTIROTORS:
         who = str(log.path)
         raise InputError.one(
@@ -90,18 +114,19 @@ def convert_flight(flight: Flight, name: str) -> Conversion:
         vehicle["params"] = params
     lat_deg, lon_deg, alt_m = flight.home
     facts.append(Fact("taken", "home", f"{lat_deg:.7f}°, {lon_deg:.7f}°, {alt_m:.1f} m", flight.home_source))
+    armed_s = flight.disarmed_s - flight.armed_s
     scenario: dict[str, Any] = {
         "name": name,
         "seed": 1,
-        "duration_s": float(math.ceil(flight.disarmed_s - flight.armed_s + _MARGIN_S)),
+        "duration_s": float(math.ceil(armed_s + max(_MARGIN * armed_s, _MARGIN_S))),
         "start_utc": _start(flight, facts),
         "origin": {"lat": round(lat_deg, 7), "lon": round(lon_deg, 7), "alt_msl_m": round(alt_m, 2)},
     }
-    wind, table = _wind(flight, facts)
+    wind, table = _wind(estimates, facts)
     if table:
         scenario["wind"] = table
     scenario["operators"] = [{"id": "pilot", "vehicles": [vehicle]}]
-    if channel := _channel(flight, facts):
+    if channel := _channel(flight, estimates, facts):
         scenario["links"] = [channel]
     _list_assumptions(flight, facts)
     facts += [Fact("ignored", remark.subject, "", remark.text) for remark in log.remarks]
@@ -140,6 +165,8 @@ def _plan(flight: Flight, facts: list[Fact]) -> tuple[dict[str, Any], Mission | 
 def _params(params: Mapping[str, float], facts: list[Fact]) -> dict[str, float]:
     """The parameters of navigation and failsafes that the builtin autopilot has, where it has another value."""
     taken, same, outside, others = {}, 0, [], []
+    if not params:
+        facts.append(Fact("assumed", "parameters", "the builtin autopilot's defaults", "the log has no parameters"))
     for name, value in sorted(params.items()):
         known = canonical_name(name)
         if known not in INDEX or not known.startswith(_TAKEN_PREFIXES):
@@ -177,30 +204,30 @@ def _start(flight: Flight, facts: list[Fact]) -> datetime:
     return start
 
 
-def _wind(flight: Flight, facts: list[Fact]) -> tuple[WindEstimate | None, dict[str, float]]:
-    wind = estimate_wind(flight)
+def _wind(estimates: Estimates, facts: list[Fact]) -> tuple[WindEstimate | None, dict[str, float]]:
+    wind = estimates.wind
     if isinstance(wind, str):
         facts.append(Fact("assumed", "wind", "none", wind))
         return None, {}
     shown = f"{wind.speed_mps:.1f} m/s from {wind.from_deg:.0f}°, ± {wind.sd_mps:.1f} m/s (one standard deviation)"
     reason = (
-        f"from lean and velocity of {wind.used_s:.0f} s of flight, with a drag of {wind.drag_per_s:.2f} /s; "
-        f"an error of the attitude of {ATTITUDE_DEG:g}° is assumed"
+        f"from lean and velocity of {wind.used_s:.0f} s of {estimates.source or 'flight'}, with a drag of "
+        f"{wind.drag_per_s:.2f} /s; an error of the attitude of {ATTITUDE_DEG:g}° is assumed"
     )
     facts.append(Fact("estimated", "wind", shown, reason))
     return wind, {"speed_mps": round(wind.speed_mps, 2), "from_deg": round(wind.from_deg, 1)}
 
 
-def _channel(flight: Flight, facts: list[Fact]) -> dict[str, Any]:
+def _channel(flight: Flight, estimates: Estimates, facts: list[Fact]) -> dict[str, Any]:
     """The loss of the link to the ground station, from the gaps of sequence numbers while the vehicle flew."""
-    rows = flight.rows("link", flight.armed_s, flight.disarmed_s)
-    received, lost = int(rows["received"].sum()), int(rows["lost"].sum())
+    received, lost = estimates.received, estimates.lost
     if not received:
         facts.append(Fact("assumed", "link", "no loss", "the log was written on board"))
         return {}
     loss = lost / (received + lost)
     shown = f"{loss:.2%} of {received + lost:,} frames"
-    facts.append(Fact("estimated", "loss of telemetry", shown, "gaps of the frames' sequence numbers"))
+    source = f" in {estimates.source}" if estimates.source else ""
+    facts.append(Fact("estimated", "loss of telemetry", shown, f"gaps of the frames' sequence numbers{source}"))
     facts.append(Fact("assumed", "loss of commands", f"{loss:.2%}", "a log shows one direction: the other is as good"))
     facts.append(Fact("assumed", "losses", "independent", "each frame has this probability; real ones come in bursts"))
     facts.append(Fact("assumed", "delay of the link", "that of skyrange's default", "a log does not show it"))

@@ -106,6 +106,7 @@ class _Reader:
             "MSG": self._take_msg,
             "PARM": self._take_parm,
             "CMD": self._take_cmd,
+            "MISE": self._take_mise,
             "MODE": self._take_mode,
             "ARM": self._take_arm,
             "EV": self._take_ev,
@@ -185,6 +186,9 @@ class _Reader:
         values = (message.Prm1, message.Prm2, message.Prm3, message.Prm4)
         item = MissionItem(getattr(message, "Frame", 3), message.CId, *values, message.Lat, message.Lng, message.Alt)
         self._mission.add(now_s, message.CNum, item)
+
+    def _take_mise(self, now_s: float, message: Any) -> None:
+        self._tables.add("items", now_s, message.CNum)
 
     def _take_mode(self, now_s: float, message: Any) -> None:
         kind = _VEHICLES.get(self._firmware.partition(" ")[0], ("", "MAV_TYPE_QUADROTOR"))[1]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.flightlog.flights import Flight
+from skyrange.flightlog.model import Rows
 
 Floats = NDArray[np.float64]
 _TOLERANCES_M: Final = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
@@ -18,9 +19,11 @@ _LEAST_UP_M: Final = 2.0
 _SPEEDS_MPS: Final = (0.5, 20.0)
 
 
-def track_m(flight: Flight) -> Floats:
-    """(n, 4) time of the log in seconds, and metres east, north and up of home, from take-off to landing."""
-    rows = flight.rows("position")
+def track_m(flight: Flight, rows: Rows | None = None) -> Floats:
+    """(n, 4) time of the log in seconds, and metres east, north and up of home, of positions: from take-off to landing
+    if none are given.
+    """
+    rows = flight.rows("position") if rows is None else rows
     east_m, north_m = flight.origin.to_enu(rows["lat_deg"], rows["lon_deg"])
     return np.stack([rows["time_s"], east_m, north_m, rows["alt_msl_m"] - flight.home[2]], axis=1)
 

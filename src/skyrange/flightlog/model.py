@@ -41,12 +41,14 @@ TABLES: Final[Mapping[str, np.dtype[Any]]] = {
     ),
     "link": np.dtype([("time_s", _REAL), ("received", "i8"), ("lost", "i8")]),
     "states": np.dtype([("time_s", _REAL), ("armed", "?"), ("mode", "U16")]),
+    "items": np.dtype([("time_s", _REAL), ("number", "i8")]),
     "homes": np.dtype([(name, _REAL) for name in ("time_s", "lat_deg", "lon_deg", "alt_msl_m")]),
 }  # fmt: skip
 """Columns by table. Times are seconds since the log's first message; a number that a log does not have is NaN, or -1 in
 a column of integers. `estimator` has the test ratios of innovations, 1 at the gate. `radio` has the units of
-RADIO_STATUS. `link` has a vehicle's frames of one second each, and those that gaps of sequence numbers tell of; logs
-that an autopilot wrote have no rows of it.
+RADIO_STATUS. `items` has the number of the mission item that is flown, as in MISSION_CURRENT. `link` has a vehicle's
+frames of one second each, and those that gaps of sequence numbers tell of; logs that an autopilot wrote have no rows of
+it.
 """
 
 

@@ -13,6 +13,7 @@ from skyrange.codec.mission.items import GLOBAL_FRAMES, LANDINGS, TAKEOFFS
 from skyrange.core.files import atomic_write
 from skyrange.figures import svg
 from skyrange.figures.maps import fit_map
+from skyrange.figures.time_axes import TimeAxes
 from skyrange.flightlog.conversion import Conversion
 from skyrange.flightlog.flights import Flight
 from skyrange.flightlog.flown_path import track_m
@@ -107,23 +108,8 @@ def _draw_map(conversion: Conversion, track: Floats) -> svg.Figure:
 
 def _draw_heights(track: Floats) -> svg.Figure:
     """Height above home over the time since take-off."""
-    width, height, left, low = _WIDTH, 200.0, 48.0, 26.0
-    seconds, up_m = track[:, 0] - track[0, 0], track[:, 3]
-    top_m, span_s = max(float(up_m.max()), 1.0) * 1.1, max(float(seconds[-1]), 1.0)
-
-    def place(time_s: Floats, value_m: Floats) -> Floats:
-        across = left + (width - left - 12.0) * time_s / span_s
-        return np.stack([across, height - low - (height - low - 12.0) * np.maximum(value_m, 0.0) / top_m], axis=1)
-
-    body = []
-    heights, step = svg.ticks(0.0, top_m)
-    for value in heights:
-        y = float(place(np.zeros(1), np.array([value]))[0, 1])
-        body.append(svg.element("path", {"d": f"M{left} {svg.format_number(y)}H{width - 12}", **svg.GRID}))
-        body.append(svg.label(left - 6.0, y + 4.0, f"{svg.format_tick(value, step)} m", anchor="end"))
-    times, step = svg.ticks(0.0, span_s, 8)
-    for value in times:
-        x = float(place(np.array([value]), np.zeros(1))[0, 0])
-        body.append(svg.label(x, height - 8.0, f"{svg.format_tick(value, step)} s", anchor="middle"))
-    body.append(svg.element("path", {"d": svg.path_data(place(seconds, up_m)), **_TRACK}))
-    return svg.document(width, height, "Height above home since take-off", body)
+    seconds, up_m = track[:, 0] - track[0, 0], np.maximum(track[:, 3], 0.0)
+    axes = TimeAxes(_WIDTH, 200.0, max(float(seconds[-1]), 1.0), 0.0, max(float(up_m.max()), 1.0) * 1.1)
+    body = axes.draw("m", "height above home")
+    body.append(svg.element("path", {"d": svg.path_data(axes.place(seconds, up_m)), **_TRACK}))
+    return svg.document(_WIDTH, axes.height, "Height above home since take-off", body)

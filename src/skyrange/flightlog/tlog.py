@@ -131,6 +131,7 @@ class _Reader:
         self._component: int | None = None
         self._takers: dict[str, Callable[[float, Any], None]] = {
             "MISSION_COUNT": self._take_mission_count,
+            "MISSION_CURRENT": self._take_mission_current,
             "MISSION_ITEM": self._take_mission_item,
             "HEARTBEAT": self._take_heartbeat,
             "STATUSTEXT": self._take_statustext,
@@ -219,6 +220,9 @@ class _Reader:
     def _take_mission_count(self, _now_s: float, message: Any) -> None:
         if not getattr(message, "mission_type", 0):
             self._mission.begin(message.count)
+
+    def _take_mission_current(self, now_s: float, message: Any) -> None:
+        self._tables.add("items", now_s, message.seq)
 
     def _take_mission_item(self, now_s: float, message: Any) -> None:
         if not getattr(message, "mission_type", 0):

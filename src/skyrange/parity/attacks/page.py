@@ -12,8 +12,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyrange.core.errors import InputError
-from skyrange.core.files import MIB, atomic_write, read_input
 from skyrange.parity.attacks.flights import (
     AttackAgreement,
     ComparedAttack,
@@ -23,11 +21,12 @@ from skyrange.parity.attacks.flights import (
     count,
 )
 from skyrange.parity.attacks.reactions import NO_EFFECT, Reaction
+from skyrange.parity.marked_page import MarkedPart
 
-BEGIN: Final = "<!-- skyrange parity attacks: begin -->"
-END: Final = "<!-- skyrange parity attacks: end -->"
-BEGIN_SEEDS: Final = "<!-- skyrange parity attacks --seeds: begin -->"
-END_SEEDS: Final = "<!-- skyrange parity attacks --seeds: end -->"
+TABLE: Final = MarkedPart("<!-- skyrange parity attacks: begin -->", "<!-- skyrange parity attacks: end -->")
+SEEDS_TABLE: Final = MarkedPart(
+    "<!-- skyrange parity attacks --seeds: begin -->", "<!-- skyrange parity attacks --seeds: end -->"
+)
 _ROW: Final = re.compile(r"^\| `([^`]+)` \|.*\|$", re.MULTILINE)
 YES: Final = "yes"
 _DOES_NOT_APPLY: Final = "does not apply: "
@@ -153,28 +152,21 @@ def _reaction(reaction: Reaction) -> dict[str, Any]:
     return {**asdict(reaction), "signs": shown}
 
 
-def _read(page: Path) -> str:
-    try:
-        return read_input(page, "--page", max_bytes=MIB, expected="a Markdown page").decode()
-    except UnicodeDecodeError:
-        raise InputError.one("--page", str(page), "not UTF-8", "a Markdown page") from None
-
-
 def check_page(page: Path, *, seeds: bool = False) -> None:
     """Raise `InputError` for a page without the marks of the table (over seeds), or one that cannot be read."""
-    _read_block(page, seeds=seeds)
+    _table_of(seeds=seeds).read(page)
 
 
 def renew_page(compared: Sequence[ComparedAttack], page: Path) -> None:
-    """Renew the table between `BEGIN` and `END` in a page: the rows of other kinds with an example stay."""
+    """Renew the table `TABLE` of a page: the rows of other kinds with an example stay."""
     rows = _merged(page, ((attack.kind, [row(attack)]) for attack in compared), seeds=False)
     lines = [line for (line,) in rows.values()]
-    _write_block(page, list(_table(lines, describe(_agreement_of(lines)))), seeds=False)
+    TABLE.write(page, _table(lines, describe(_agreement_of(lines))))
 
 
 def read_agreement(page: Path) -> AttackAgreement:
     """The agreement of the attacks in a page's table. Raises `InputError` as `check_page` does."""
-    return _agreement_of([match[0] for match in _ROW.finditer(_read_block(page, seeds=False)[0])])
+    return _agreement_of([match[0] for match in _ROW.finditer(TABLE.read(page))])
 
 
 def _agreement_of(lines: Sequence[str]) -> AttackAgreement:
@@ -182,15 +174,15 @@ def _agreement_of(lines: Sequence[str]) -> AttackAgreement:
 
 
 def renew_seeds(compared: Sequence[SeededAttack], page: Path) -> None:
-    """Renew the table between `BEGIN_SEEDS` and `END_SEEDS` in a page: the rows of other kinds with an example stay."""
+    """Renew the table `SEEDS_TABLE` of a page: the rows of other kinds with an example stay."""
     rows = _merged(page, ((attack.kind, seeds_rows(attack)) for attack in compared), seeds=True)
-    _write_block(page, [*_SEEDS_HEAD, *(line for lines in rows.values() for line in lines), ""], seeds=True)
+    SEEDS_TABLE.write(page, [*_SEEDS_HEAD, *(line for lines in rows.values() for line in lines), ""])
 
 
 def _merged(page: Path, new: Iterable[tuple[str, list[str]]], *, seeds: bool) -> dict[str, list[str]]:
     """The rows of each kind of a page's table and `new`, which replace those of the page, in the order of the kinds."""
     rows_by_kind: dict[str, list[str]] = {}
-    for match in _ROW.finditer(_read_block(page, seeds=seeds)[0]):
+    for match in _ROW.finditer(_table_of(seeds=seeds).read(page)):
         rows_by_kind.setdefault(match[1], []).append(match[0])
     rows_by_kind |= dict(new)
     return {
@@ -198,26 +190,8 @@ def _merged(page: Path, new: Iterable[tuple[str, list[str]]], *, seeds: bool) ->
     }
 
 
-def _block(*, seeds: bool) -> re.Pattern[str]:
-    begin, end = (BEGIN_SEEDS, END_SEEDS) if seeds else (BEGIN, END)
-    return re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
-
-
-def _read_block(page: Path, *, seeds: bool) -> re.Match[str]:
-    """The table of a page with its marks."""
-    match = _block(seeds=seeds).search(_read(page))
-    if match is None:
-        begin, end = (BEGIN_SEEDS, END_SEEDS) if seeds else (BEGIN, END)
-        raise InputError.one("--page", str(page), "a page without the marks", f"a page with {begin} and {end}")
-    return match
-
-
-def _write_block(page: Path, lines: Sequence[str], *, seeds: bool) -> None:
-    begin, end = (BEGIN_SEEDS, END_SEEDS) if seeds else (BEGIN, END)
-    block = "\n".join([begin, "", *lines, end])
-    text = _block(seeds=seeds).sub(lambda _: block, _read(page))
-    with atomic_write(page) as file:
-        file.write(text.encode())
+def _table_of(*, seeds: bool) -> MarkedPart:
+    return SEEDS_TABLE if seeds else TABLE
 
 
 def _parse_agreement(line: str) -> tuple[bool, bool, bool] | None:

@@ -1,0 +1,1 @@
+"""Parity of simulated flights with logs of real ones."""
