@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -162,8 +162,8 @@ _STRUCT = {"Q": "Q", "B": "B", "I": "I", "H": "H", "L": "i", "e": "i", "f": "f",
 _SCALE = {"L": 1e7, "e": 100.0, "c": 100.0}
 
 
-def write_dataflash(path: Path, moments: Iterable[Moment]) -> Path:
-    """Write a DataFlash log of a flight of ArduCopter with `MISSION`."""
+def write_dataflash(path: Path, moments: Iterable[Moment], without: Collection[str] = ()) -> Path:
+    """Write a DataFlash log of a flight of ArduCopter with `MISSION`, and `without` some messages."""
     numbers = {name: 129 + k for k, name in enumerate(_FORMATS)}
     data = bytearray()
 
@@ -172,6 +172,8 @@ def write_dataflash(path: Path, moments: Iterable[Moment]) -> Path:
             text.encode() for text in (name, types, columns))))  # fmt: skip
 
     def add(name: str, *values: Any) -> None:
+        if name in without:
+            return
         types = _FORMATS[name][0]
         scaled = [
             text.encode()

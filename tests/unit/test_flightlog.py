@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -195,3 +196,16 @@ def test_parameters_of_the_airframe_are_ignored_and_named(tmp_path: Path) -> Non
     assert conversion.scenario["operators"][0]["vehicles"][0]["params"] == {"WPNAV_SPEED": 700.0}
     ignored = [fact.value for fact in conversion.facts if fact.kind == "ignored" and fact.subject == "parameters"]
     assert ignored == ["1: ATC_RAT_RLL_P"]
+
+
+def test_a_log_of_early_firmware_has_messages_of_three_bytes_and_no_pos(tmp_path: Path) -> None:
+    """As ArduCopter 3.3 wrote them: STRT is its header alone, and only the receiver says where the vehicle was."""
+    path = write_dataflash(tmp_path / "a.BIN", hop(), without=("POS",))
+    strt = b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", 250, 3, b"STRT", b"", b"")
+    path.write_bytes(path.read_bytes() + strt + b"\xa3\x95\xfa")
+    log = read_log(path)
+    (flight,) = split_flights(log)
+    (whole,) = split_flights(read_log(write_dataflash(tmp_path / "b.BIN", hop())))
+    assert flight.take_off_s == pytest.approx(whole.take_off_s, abs=0.3)
+    assert len(flight.rows("position")) == pytest.approx(len(whole.rows("position")), abs=2)
+    assert [remark.subject for remark in log.remarks] == ["position"]

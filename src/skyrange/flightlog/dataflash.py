@@ -22,6 +22,8 @@ from skyrange.flightlog.mission_transfer import MissionTransfer
 from skyrange.flightlog.model import FlightLog, Remark, TableBuilder
 
 _ARMED, _DISARMED = 10, 11  # events of EV, before ARM (LogEvent in AP_Logger.h)
+_FIX_3D: Final = 3
+_CENTI: Final = 0.01  # CURR of ArduCopter up to 3.3 has whole hundredths of V and A
 _WITH_WEEKS: Final = 1e9
 """Seconds: pymavlink gives times since boot until the log has a GPS week, and then times since 1970."""
 _VEHICLES: Final = {
@@ -41,6 +43,7 @@ _FRAME_CLASSES: Final = {
 _DEFINITION: Final = re.compile(rb"\xa3\x95\x80(.)(.)([A-Z][A-Z0-9]{0,3})\0{0,3}", re.DOTALL)
 """An FMT message: header, type, length and name of what it defines."""
 _HEADER: Final = 3
+"""Bytes; some messages have nothing else (STRT of ArduCopter 3.3)."""
 
 
 class _Silence(io.TextIOBase):
@@ -81,10 +84,10 @@ def _check_lengths(path: Path) -> None:
     """Raise `InputError` if the log defines a message without a length, at which pymavlink's index never ends."""
     who = str(path)
     with open_input(path, who, "file") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-        found = [match for match in _DEFINITION.finditer(data) if match[2][0] <= _HEADER]
+        found = [match for match in _DEFINITION.finditer(data) if match[2][0] < _HEADER]
         short = [f"{match[3].decode()} of {match[2][0]} bytes" for match in found]
     if short:
-        raise InputError.one(who, "FMT", ", ".join(short), f"messages longer than their header of {_HEADER} bytes")
+        raise InputError.one(who, "FMT", ", ".join(short), f"messages of {_HEADER} bytes, their header, or more")
 
 
 class _Reader:
@@ -99,6 +102,8 @@ class _Reader:
         self._velocity = (math.nan, math.nan, math.nan)
         self._first_s = self._last_s = math.nan
         self._messages = 0
+        self._fixes: list[tuple[float, ...]] = []
+        self._has_positions = False
         self._said = _Silence()
         self._end = ""
         self._unlike: Counter[str] = Counter()
@@ -111,6 +116,7 @@ class _Reader:
             "ARM": self._take_arm,
             "EV": self._take_ev,
             "ORGN": self._take_orgn,
+            "EKF1": self._take_nkf1,
             "XKF1": self._take_xkf1,
             "NKF1": self._take_nkf1,
             "POS": self._take_pos,
@@ -148,6 +154,10 @@ class _Reader:
             remarks.append(Remark("clock", "the log has no GPS time: times are since boot"))
         if self._mission.missing:
             remarks.append(Remark("mission", f"{self._mission.missing} of its items are missing; it is left out"))
+        if self._fixes and not self._has_positions:
+            for row in self._fixes:
+                self._tables.add("position", *row)
+            remarks.append(Remark("position", "the log has no POS: positions are those of the GNSS receiver"))
         tables, left_out = self._tables.build()
         return FlightLog(
             self._path, "dataflash", start_s, self._last_s - self._first_s, self._firmware, self._name_type(),
@@ -218,6 +228,7 @@ class _Reader:
         self._velocity = (message.VN, message.VE, message.VD)
 
     def _take_pos(self, now_s: float, message: Any) -> None:
+        self._has_positions = True
         self._tables.add("position", now_s, message.Lat, message.Lng, message.Alt, *self._velocity)
 
     def _take_att(self, now_s: float, message: Any) -> None:
@@ -226,7 +237,9 @@ class _Reader:
     def _take_gps(self, now_s: float, message: Any) -> None:
         if not getattr(message, "I", 0):
             place = (message.Lat, message.Lng, message.Alt)
-            self._tables.add("gnss", now_s, message.Status, message.NSats, message.HDop, *place)
+            self._tables.add("gnss", now_s, message.Status, message.NSats, getattr(message, "HDop", math.nan), *place)
+            if message.Status >= _FIX_3D:
+                self._fixes.append((now_s, *place, *self._velocity))
 
     def _take_bat(self, now_s: float, message: Any) -> None:
         if not getattr(message, "I", getattr(message, "Inst", 0)):
@@ -234,7 +247,8 @@ class _Reader:
             self._tables.add("battery", now_s, message.Volt, message.Curr, remaining / 100.0)
 
     def _take_curr(self, now_s: float, message: Any) -> None:
-        self._tables.add("battery", now_s, message.Volt, message.Curr, math.nan)
+        unit = _CENTI if isinstance(message.Volt, int) else 1.0
+        self._tables.add("battery", now_s, message.Volt * unit, message.Curr * unit, math.nan)
 
     def _take_vibe(self, now_s: float, message: Any) -> None:
         if not getattr(message, "IMU", 0):
