@@ -57,6 +57,26 @@ def loop_rates(
     print_parity(chosen.name, parity, {"full": "full rates", other: f"{other} rates"}, folder, as_json=as_json)
 
 
+@app.command("fix-noise", epilog="Example: python -m tools.agreement fix-noise flight.tlog --seeds 5")
+def fix_noise(
+    *,
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs with times on the ground.")],
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, help="Park N simulated aircraft.")] = 10,
+    page: Annotated[Path | None, typer.Option(metavar="FILE", help="Also renew the table in this page.")] = None,
+) -> None:
+    """Compare how the fixes of receivers at rest wander: those of logs and those of simulated receivers."""
+    from skyrange.flightlog.reading import read_log
+    from tools.agreement.fix_noise import TABLE, fly_parked, measure_fixes, write_lines
+
+    if page is not None:
+        TABLE.read(page)
+    lines = write_lines([measure_fixes(each.stem, read_log(each)) for each in logs], fly_parked(seeds))
+    if page is not None:
+        TABLE.write(page, lines)
+    for line in lines:
+        print_text(line)
+
+
 @app.command("gnss", epilog="Example: python -m tools.agreement gnss --out runs/gnss --json")
 def gnss(
     *,
