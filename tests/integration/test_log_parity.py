@@ -77,7 +77,7 @@ def test_a_simulated_flight_agrees_with_its_own_log(tmp_path: Path) -> None:
 
 
 def test_the_wind_of_a_flight_comes_from_the_other_flights(tmp_path: Path) -> None:
-    plan = plan_logs([read_log(two_flights(tmp_path / "day.tlog"))], ["builtin"], 2, ["day-2"])
+    plan = plan_logs([read_log(two_flights(tmp_path / "day.tlog"))], {"builtin": 2}, ["day-2"])
     (flight,) = plan.flights
     assert flight["name"] == "day-1"
     assert "other flights of the log" in flight["estimates"]
@@ -114,4 +114,4 @@ def test_two_logs_with_one_name_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     logs = [read_log(write_tlog(folder / "x.tlog", hop())) for folder in (tmp_path, tmp_path / "a")]
     with pytest.raises(InputError, match="logs whose names differ"):
-        plan_logs(logs, ["builtin"], 2)
+        plan_logs(logs, {"builtin": 2})

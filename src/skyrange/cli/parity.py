@@ -107,6 +107,10 @@ def log(
         typer.Option(metavar="KIND", help="Fly with builtin, ardupilot, or both if repeated. Default: both."),
     ] = None,
     seeds: Annotated[int, typer.Option(metavar="N", min=2, max=1000, help="Fly each flight with N seeds.")] = 20,
+    ardupilot_seeds: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=2, max=1000, help="With ArduPilot, which takes longer. Default: --seeds."),
+    ] = None,
     without: Annotated[
         list[str] | None,
         typer.Option(
@@ -136,7 +140,8 @@ def log(
     if page is not None:
         TABLES.read(page)
     read = [read_log(each, system if each.is_file() else None) for each in logs]
-    plan = plan_logs(read, autopilot or KINDS, seeds, without or ())
+    number = {"ardupilot": seeds if ardupilot_seeds is None else ardupilot_seeds}
+    plan = plan_logs(read, {kind: number.get(kind, seeds) for kind in autopilot or KINDS}, without or ())
     compile_if_cold(quiet=as_json)
     with run_progress(plan.name, quiet=as_json) as on_progress:
         result = compare_logs(plan, out, Workers(jobs).executor(in_process=True), on_progress)

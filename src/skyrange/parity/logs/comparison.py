@@ -139,7 +139,7 @@ class LogParity:
         """As plain data."""
         return {
             "path": str(self.path),
-            "seeds": self.plan.seeds,
+            "seeds": dict(self.plan.seeds),
             "unjudged": dict(self.plan.unjudged),
             "autopilots": {
                 autopilot: {
@@ -150,7 +150,7 @@ class LogParity:
                     },
                     "flights": [_describe_flight(flight) for flight in self.of(autopilot)],
                 }
-                for autopilot in self.plan.autopilots
+                for autopilot in self.plan.seeds
             },
         }
 
@@ -179,15 +179,16 @@ def _describe_flight(flight: ComparedFlight) -> dict[str, Any]:
     }
 
 
-def plan_logs(
-    logs: Sequence[FlightLog], autopilots: Sequence[str] = KINDS, seeds: int = 20, without: Sequence[str] = ()
-) -> LogParityPlan:
-    """The plan of a comparison. Raises `InputError` as `choose_flights` does, and for flights without a track."""
-    for autopilot in autopilots:
+def plan_logs(logs: Sequence[FlightLog], seeds: Mapping[str, int], without: Sequence[str] = ()) -> LogParityPlan:
+    """The plan of a comparison with so many seeds by autopilot.
+
+    Raises `InputError` as `choose_flights` does, for flights without a track, and for unknown autopilots.
+    """
+    for autopilot, number in seeds.items():
         if autopilot not in KINDS:
             raise InputError.one("parity log", "--autopilot", autopilot, f"one of {', '.join(KINDS)}")
-    if seeds < LEAST_SEEDS:
-        raise InputError.one("parity log", "--seeds", seeds, f"{LEAST_SEEDS} or more: a band needs them")
+        if number < LEAST_SEEDS:
+            raise InputError.one("parity log", "--seeds", number, f"{LEAST_SEEDS} or more: a band needs them")
     judged, others = choose_flights(logs, without)
     told = []
     for each in judged:
@@ -198,13 +199,10 @@ def plan_logs(
             told.append(tell_flight(each, measures))
     if not told:
         raise InputError.one("parity log", "flights", "none that can be measured", "a flight that leaves the ground")
-    check_size(
-        "parity log", {"flights": len(told), "autopilots": len(autopilots), "seeds": seeds}, MAX_RUNS, "Take fewer."
-    )
-    unjudged = {other.name: other.reason for other in others}
+    check_size("parity log", {"flights": len(told), "seeds of all autopilots": sum(seeds.values())}, MAX_RUNS, "")
     unnamed = {RUN: "a simulated aircraft"}
     firmware = ", ".join(dict.fromkeys(log.firmware or unnamed.get(log.format, "an unknown firmware") for log in logs))
-    return LogParityPlan(tuple(told), tuple(dict.fromkeys(autopilots)), seeds, unjudged, firmware)
+    return LogParityPlan(tuple(told), dict(seeds), {other.name: other.reason for other in others}, firmware)
 
 
 def compare_logs(
@@ -218,6 +216,7 @@ def compare_logs(
     plan.check()
     store = claim_store(plan, expand_user(out) if out is not None else free_folder("log-parity"))
     forget_failures(store)
+    plan.write_missions(store.path)
     require_success(plan, run_plan(plan, store, executor, on_progress))
     return read_comparison(plan, store)
 
@@ -225,9 +224,7 @@ def compare_logs(
 def resume_log_parity(store: RunStore, executor: Executor, on_progress: OnPlanProgress | None = None) -> LogParity:
     """Go on with the comparison in a folder: `skyrange resume`."""
     told: ToldPlan = check_type(store.told, ToldPlan, str(store.path), f"{PLAN}: told")
-    plan = LogParityPlan(
-        tuple(told["flights"]), tuple(told["autopilots"]), told["seeds"], told["unjudged"], told["firmware"]
-    )
+    plan = LogParityPlan(tuple(told["flights"]), told["seeds"], told["unjudged"], told["firmware"])
     return compare_logs(plan, store.path, executor, on_progress)
 
 
@@ -238,10 +235,10 @@ def read_comparison(plan: LogParityPlan, store: RunStore) -> LogParity:
 
 def _read_flights(plan: LogParityPlan, store: RunStore) -> Iterator[ComparedFlight]:
     for told in plan.flights:
-        for autopilot in plan.autopilots:
+        for autopilot, seeds in plan.seeds.items():
             flown: list[FlightMeasures] = []
             outcomes: dict[str, int] = {}
-            for seed in range(1, plan.seeds + 1):
+            for seed in range(1, seeds + 1):
                 _, data = store.read(name_run(told["name"], autopilot, seed), FlownFlight)
                 outcomes[data["outcome"]] = outcomes.get(data["outcome"], 0) + 1
                 if data["measures"] is not None:

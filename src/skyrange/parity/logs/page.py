@@ -36,7 +36,7 @@ def render_page(result: LogParity) -> str:
             title="simulated and real flights · skyrange",
             style=style,
             verdict=describe_result(result),
-            keys=[{"name": NAMES[name], "colour": COLOURS[name]} for name in plan.autopilots],
+            keys=[{"name": NAMES[name], "colour": COLOURS[name]} for name in plan.seeds],
             tables=list(list_tables(result)),
             flights=[
                 {

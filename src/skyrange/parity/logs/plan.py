@@ -57,8 +57,8 @@ class ToldPlan(TypedDict):
     """What `LogParityPlan.tell` says."""
 
     flights: list[ToldFlight]
-    autopilots: list[str]
-    seeds: Annotated[int, Field(ge=1)]
+    seeds: dict[str, Annotated[int, Field(ge=1)]]
+    """By autopilot."""
     unjudged: dict[str, str]
     firmware: str
 
@@ -75,8 +75,8 @@ class LogParityPlan(RunPlan):
     """The simulated flights: a block for each."""
 
     flights: tuple[ToldFlight, ...]
-    autopilots: tuple[str, ...]
-    seeds: int
+    seeds: Mapping[str, int]
+    """By autopilot: how many seeds, from 1 on."""
     unjudged: Mapping[str, str]
     firmware: str
 
@@ -98,8 +98,8 @@ class LogParityPlan(RunPlan):
         runs = {}
         for number, flight in enumerate(self.flights):
             work = float(tomllib.loads(flight["scenario"])["duration_s"])
-            for autopilot in self.autopilots:
-                for seed in range(1, self.seeds + 1):
+            for autopilot, seeds in self.seeds.items():
+                for seed in range(1, seeds + 1):
                     name = name_run(flight["name"], autopilot, seed)
                     block = PlannedBlock(name, (name,), work, alike=f"{flight['name']}/{autopilot}")
                     runs[block] = number, autopilot, seed
@@ -109,7 +109,8 @@ class LogParityPlan(RunPlan):
     def together(self) -> int:
         """See `RunPlan`: as many as of the first flight, since all have one aircraft."""
         with TemporaryDirectory(prefix="skyrange-") as made:
-            return max(count_together(self.load(0, Path(made), autopilot)) for autopilot in self.autopilots)
+            self.write_missions(Path(made))
+            return max(count_together(self.load(0, Path(made), autopilot)) for autopilot in self.seeds)
 
     def digest(self) -> str:
         """See `RunPlan.digest`."""
@@ -119,29 +120,33 @@ class LogParityPlan(RunPlan):
         """The scenarios, missions and measures of all flights, and how they are flown."""
         told: ToldPlan = {
             "flights": list(self.flights),
-            "autopilots": list(self.autopilots),
-            "seeds": self.seeds,
+            "seeds": dict(self.seeds),
             "unjudged": dict(self.unjudged),
             "firmware": self.firmware,
         }
         return dict(told)
 
+    def write_missions(self, folder: Path) -> None:
+        """Write the missions that the scenarios name below a folder."""
+        for flight in self.flights:
+            place = folder / _INPUTS / flight["name"]
+            place.mkdir(parents=True, exist_ok=True)
+            if flight["mission"]:
+                with atomic_write(place / MISSION) as file:
+                    file.write(flight["mission"].encode())
+
     def load(self, number: int, folder: Path, autopilot: str = "builtin", seed: int = 1) -> Scenario:
-        """The scenario of a flight; its mission's file is written below `folder`."""
+        """The scenario of a flight, whose missions are below `folder`."""
         flight = self.flights[number]
-        place = folder / _INPUTS / flight["name"]
-        place.mkdir(parents=True, exist_ok=True)
-        if flight["mission"]:
-            with atomic_write(place / MISSION) as file:
-                file.write(flight["mission"].encode())
-        scenario = load_text(flight["scenario"], flight["name"], place, seed=seed)
+        scenario = load_text(flight["scenario"], flight["name"], folder / _INPUTS / flight["name"], seed=seed)
         return with_autopilot(scenario, autopilot).model_copy(update={"record": scenario.record})
 
     def check(self) -> None:
         """Raise `InputError` for a scenario that cannot be built with one of the autopilots."""
         with TemporaryDirectory(prefix="skyrange-") as made:
+            self.write_missions(Path(made))
             for number in range(len(self.flights)):
-                for autopilot in self.autopilots:
+                for autopilot in self.seeds:
                     build(self.load(number, Path(made), autopilot))
 
     def plan_runs(self, block: PlannedBlock, store: RunStore) -> list[PlannedRun]:

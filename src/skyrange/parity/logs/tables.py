@@ -46,7 +46,7 @@ def list_tables(result: LogParity) -> Iterator[TextTable]:
 def _tabulate_differences(result: LogParity) -> TextTable:
     rows = []
     for name, quantity in QUANTITIES.items():
-        for autopilot in result.plan.autopilots:
+        for autopilot in result.plan.seeds:
             median = result.median(autopilot, name)
             if median is None:
                 rows.append((quantity.name, NAMES[autopilot], _NONE, _NONE, "0"))
@@ -63,7 +63,7 @@ def _tabulate_differences(result: LogParity) -> TextTable:
 
 def _tabulate_tracks(result: LogParity) -> TextTable:
     rows = []
-    for autopilot in result.plan.autopilots:
+    for autopilot in result.plan.seeds:
         scores = result.scores(autopilot)
         held = sum(score.held for score in scores)
         means = [
@@ -72,12 +72,12 @@ def _tabulate_tracks(result: LogParity) -> TextTable:
         ]
         inside, width_m, away_m, score_m = means
         shown = f"{inside:.0%}", f"{width_m:.2f} m", f"{away_m:.2f} m", f"{score_m:.1f} m"
-        rows.append((NAMES[autopilot], f"{held} of {len(scores)}", *shown))
+        rows.append((NAMES[autopilot], str(result.plan.seeds[autopilot]), f"{held} of {len(scores)}", *shown))
     lead = (
-        f"A band holds 95 % of the {result.plan.seeds} simulated tracks of a flight as a whole, at all times and along "
-        "all axes. The interval score is its width and 40 times the distance of the log from it; less is better."
+        "A band holds 95 % of the simulated tracks of a flight as a whole, at all times and along all axes. The "
+        "interval score is its width and 40 times the distance of the log from it; less is better."
     )
-    head = ("flown by", "tracks held", "times inside", "width", "log from the middle", "interval score")
+    head = ("flown by", "seeds", "tracks held", "times inside", "width", "log from the middle", "interval score")
     return TextTable("Tracks", lead, head, rows)
 
 
@@ -97,9 +97,9 @@ def _tabulate_flights(result: LogParity) -> TextTable:
 
 
 def _tabulate_spreads(result: LogParity) -> TextTable:
-    first = result.plan.autopilots[0]
+    first = next(iter(result.plan.seeds))
     groups = {"log": [flight.log for flight in result.of(first)]}
-    for autopilot in result.plan.autopilots:
+    for autopilot in result.plan.seeds:
         groups[NAMES[autopilot]] = [each for flight in result.of(autopilot) for each in flight.flown]
     rows = []
     for subject, (_, columns) in SPREADS.items():
@@ -125,9 +125,10 @@ def _show_spread(flights: Sequence[FlightMeasures], subject: str, column: str) -
 
 def describe_result(result: LogParity) -> str:
     """What was compared, in a sentence."""
-    flights, autopilots = (
-        len(result.plan.flights),
-        " and by ".join(f"the {NAMES[name]}" if name == "builtin" else NAMES[name] for name in result.plan.autopilots),
-    )
-    number = f"{flights} flights" if flights != 1 else "One flight"
-    return f"{number} of {result.plan.firmware}, each flown with {result.plan.seeds} seeds by {autopilots}."
+    flights = len(result.plan.flights)
+    by = [
+        f"by {'the ' if name == 'builtin' else ''}{NAMES[name]} with {seeds} seeds"
+        for name, seeds in result.plan.seeds.items()
+    ]
+    number = "One flight" if flights == 1 else f"{flights} flights"
+    return f"{number} of {result.plan.firmware}, flown {' and '.join(by)}."
