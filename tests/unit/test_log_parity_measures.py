@@ -97,6 +97,15 @@ def test_the_begin_of_an_item_is_not_late_by_half_a_period_on_average() -> None:
     assert np.mean(legs) == pytest.approx(LAND_S - climbed_s, abs=0.06)
 
 
+def test_the_speed_of_a_leg_is_that_of_its_middle() -> None:
+    measures = measure_flight(make_flight(0.5, 0.0))
+    assert measures is not None
+    assert measures.find_leg_speed_mps() == pytest.approx(1.0, rel=0.02)  # 30 m from 20 s to 50 s
+    without = measure_flight(make_flight(0.5, 0.0, items=False))
+    assert without is not None
+    assert without.find_leg_speed_mps() is None
+
+
 def test_a_log_without_the_numbers_of_items_has_no_leg() -> None:
     measures = measure_flight(make_flight(0.5, 0.0, items=False))
     assert measures is not None

@@ -97,6 +97,22 @@ class FlightMeasures:
     spreads: Mapping[str, Mapping[str, tuple[float, ...]]]
     """By subject and column: `PERCENTILES` in the air. Columns without a value are missing."""
 
+    def find_leg_speed_mps(self) -> float | None:
+        """Mean speed over ground from a fifth to four fifths of the distance of the leg; `None` without one."""
+        leg = self.quantities.get("leg")
+        if leg is None:
+            return None
+        times_s = self.track[:, 0] + self.lifted_s
+        rows = self.track[(times_s >= leg.begin_s) & (times_s <= leg.end_s)]
+        if len(rows) < 2:
+            return None
+        away_m = np.hypot(rows[:, 1] - rows[0, 1], rows[:, 2] - rows[0, 2])
+        over = np.column_stack([rows[:, 0], np.zeros((len(rows), 2)), away_m])
+        begin_s, end_s = (_pass_up(over, share * float(away_m.max()), -math.inf) for share in (0.2, 0.8))
+        if begin_s is None or end_s is None or end_s <= begin_s:
+            return None
+        return 0.6 * float(away_m.max()) / (end_s - begin_s)
+
     def describe(self) -> DescribedMeasures:
         """As JSON data."""
         return {

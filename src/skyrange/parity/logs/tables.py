@@ -101,16 +101,21 @@ def _tabulate_spreads(result: LogParity) -> TextTable:
     groups = {"log": [flight.log for flight in result.of(first)]}
     for autopilot in result.plan.seeds:
         groups[NAMES[autopilot]] = [each for flight in result.of(autopilot) for each in flight.flown]
-    rows = []
+    rows = [("speed over ground in the middle of the leg, m/s", *(_show_speeds(flown) for flown in groups.values()))]
     for subject, (_, columns) in SPREADS.items():
         for column in columns:
             cells = [_show_spread(flown, subject, column) for flown in groups.values()]
             rows.append((f"{subject}: {_COLUMNS[column]}", *cells))
     lead = (
-        "In the air: the percentiles 5, 50 and 95 of each flight, and the median of these over the flights. They are "
-        "shown without a verdict."
+        "The speed: median, least and greatest of the flights. The others, in the air: the percentiles 50, 5 and 95 "
+        "of each flight, and the median of these over the flights. All without a verdict."
     )
     return TextTable("Shown beside each other", lead, ("reported", *groups), rows)
+
+
+def _show_speeds(flights: Sequence[FlightMeasures]) -> str:
+    speeds = [speed for each in flights if (speed := each.find_leg_speed_mps()) is not None]
+    return f"{np.median(speeds):.2f} ({min(speeds):.2f} to {max(speeds):.2f})" if speeds else _NONE
 
 
 def _show_spread(flights: Sequence[FlightMeasures], subject: str, column: str) -> str:
