@@ -121,6 +121,8 @@ class _Reader:
             "XKF4": self._take_xkf4,
             "RAD": self._take_rad,
             "NKF4": self._take_xkf4,
+            "VNED": self._take_nkf1,
+            "EKSR": self._take_xkf4,
         }
 
     def read(self) -> FlightLog:
