@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 from skyrange.core.errors import InputError
 from skyrange.core.files import DRAFT, MAX_RECORD_BYTES, read_input
 from skyrange.core.ids import ID_PATTERN
+from skyrange.core.time import NS_PER_S
 from skyrange.export import require_origin
 from skyrange.export.dataflash_events import EventRows, default_of, label_rows
 from skyrange.export.dataflash_messages import DEFINITIONS, encode_definitions
 from skyrange.export.dataflash_missions import MissionFrame, StoredMission, list_mission_frames
 from skyrange.export.dataflash_reports import ReportRows, frames_of_autopilots
 from skyrange.export.dataflash_rows import Ints, Rows, encode_in_order
-from skyrange.export.dataflash_states import ReadingRows, truth_rows
+from skyrange.export.dataflash_states import MAX_AGE_NS, ReadingRows, truth_rows
 from skyrange.metrics.time_series import start_utc_ns
 from skyrange.record.read.run import RunRecord
 from skyrange.record.read.station_frames import decode_station_frames
@@ -38,21 +39,20 @@ from skyrange.world.airframes import AIRFRAMES
 FOLDER: Final = "logs"
 LABELS: Final = "LABL"
 _BUILTIN: Final = "builtin"
+_MAX_AGE_S: Final = MAX_AGE_NS // NS_PER_S
 _DEFINING: Final = ("FMT", "UNIT", "MULT", "FMTU")
-_BY_LEVEL: Final = ("ATT", "POS", "VNED", "EKSR", "AHR2", "RFND", "RCIN", "RCOU", "CMD")
-"""Messages that are made of frames alone; MSG, MODE and ORGN have other sources besides."""
+_REPORTED: Final = ("ATT", "POS", "VNED", "EKSR", "AHR2", "RFND", "RCIN", "RCOU")
+"""Messages that are made of what autopilots send alone."""
 _ALWAYS_LEFT_OUT: Final = {
-    "XKF1, XKF4": "no report has the biases, faults and timeouts of the estimator; VNED and EKSR have what there is",
+    "XKF1, XKF4": "no report has the biases, faults and timeouts of the estimator",
     "XKF3": "no report has the innovations of the estimator",
     "BARO": "no record has the pressure and the temperature that the barometer measured",
     "VIBE": "the builtin autopilot models no vibration",
 }
 _WITHOUT_FRAMES: Final = {
-    ", ".join(_BY_LEVEL): "the run's level keeps no frames, and what an autopilot believes is in these",
+    ", ".join((*_REPORTED, "CMD")): "the run's level keeps no frames, and what an autopilot believes is in these",
     "MSG": "without the texts that the autopilot sent, which are in frames",
     "ORGN": "without the estimator's origin and the home set at arming, which are in frames",
-    "GPS": "HDop is unknown (-0.01): it is in frames",
-    "BAT": "RemPct (255), CurrTot and EnrgTot are unknown: they are in frames",
 }
 
 
@@ -172,10 +172,18 @@ class _Logs:
         """What is not in the logs, or only in part, and why."""
         found = dict(_ALWAYS_LEFT_OUT) | ({} if self._framed else _WITHOUT_FRAMES)
         if self._untold and self._framed:
-            found["CMD"] = f"{self._untold} missions were stored whose items are in no frame"
+            found["CMD"] = f"{self._untold:,} missions were stored whose items are in no frame"
+        for field, count in self._readings.unknown.items():
+            if count:
+                total = self.by_name[field.partition(".")[0]]
+                found[field] = f"unknown in {count:,} of {total:,}: no report of the {_MAX_AGE_S} s before has it"
         told = {name for names in found for name in names.split(", ")}
         empty = [name for name in self._defined() if name not in told and not self.by_name[name]]
-        return found | ({", ".join(empty): "nothing of these is in the run"} if empty else {})
+        not_sent = [name for name in empty if name in _REPORTED]
+        unknown = [name for name in empty if name not in _REPORTED]
+        if not_sent:
+            found[", ".join(not_sent)] = 'no autopilot sent reports with these; [[operators]] streams = "operator" does'
+        return found | ({", ".join(unknown): "the run has nothing of the kind"} if unknown else {})
 
     def _defined(self) -> Sequence[str]:
         return [name for name in DEFINITIONS if name not in _DEFINING and (self._labels or name != LABELS)]

@@ -6,6 +6,7 @@ ArduPilot's own simulation logs it (libraries/SITL/SITL.cpp, `Log_Write_SIMSTATE
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
@@ -85,6 +86,8 @@ class ReadingRows:
         """Percent."""
         self.consumed = HeldValues(2, MAX_AGE_NS)
         """mAh and Wh."""
+        self.unknown: Counter[str] = Counter()
+        """Messages by field that is unknown in them, such as GPS.HDop."""
         self._last_fix: dict[int, tuple[float, float]] = {}
 
     def rows(
@@ -126,6 +129,7 @@ class ReadingRows:
         placed = np.isfinite(east + north + up)
         lat, lon = self._origin.to_geodetic(np.where(placed, east, 0.0), np.where(placed, north, 0.0))
         hdop = self.hdop.find(vehicle[kept], time_ns[kept])[:, 0]
+        self.unknown["GPS.HDop"] += int(np.isnan(hdop).sum())
         return make_rows(
             "GPS", vehicle[kept], time_ns[kept],
             Status=fix[kept], GMS=np.where(timed, ms, 0), GWk=np.where(timed, week, 0),
@@ -156,6 +160,8 @@ class ReadingRows:
         vehicle, time_ns = vehicle[kept], time_ns[kept]
         remaining = self.remaining.find(vehicle, time_ns)[:, 0]
         consumed = self.consumed.find(vehicle, time_ns)
+        self.unknown["BAT.RemPct"] += int((~(remaining >= 0.0)).sum())
+        self.unknown["BAT.CurrTot and EnrgTot"] += int(np.isnan(consumed).any(axis=1).sum())
         return make_rows(
             "BAT", vehicle, time_ns, Volt=power[kept, 0], VoltR=np.nan, Curr=power[kept, 1], CurrTot=consumed[:, 0],
             EnrgTot=consumed[:, 1], Res=np.nan, RemPct=np.where(remaining >= 0.0, np.nan_to_num(remaining), _UNKNOWN),
