@@ -69,6 +69,12 @@ class Definition:
 _READ: Final = tomllib.loads(read_package_text(__file__, "dataflash_messages.toml"))
 
 
+UNITS: Final[Mapping[str, str]] = _READ["units"]
+"""By their ids."""
+MULTIPLIERS: Final[Mapping[str, float]] = _READ["multipliers"]
+"""By their ids."""
+
+
 def _define_messages(tables: Mapping[str, Mapping[str, str]]) -> dict[str, Definition]:
     return {
         name: Definition(
@@ -93,8 +99,8 @@ def encode_definitions(names: Sequence[str]) -> bytes:
                 fmt.encode(each.number, each.layout.itemsize, each.name, each.format, ",".join(each.labels))
                 for each in defined
             ),
-            *(unit.encode(0, ord(mark), text) for mark, text in _READ["units"].items()),
-            *(mult.encode(0, ord(mark), value) for mark, value in _READ["multipliers"].items()),
+            *(unit.encode(0, ord(mark), text) for mark, text in UNITS.items()),
+            *(mult.encode(0, ord(mark), value) for mark, value in MULTIPLIERS.items()),
             *(fmtu.encode(0, each.number, each.units, each.multipliers) for each in defined),
         ]
     )
