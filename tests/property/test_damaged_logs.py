@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,7 +20,7 @@ from tests.file_mutations import mutate
 from tests.tiers import examples, is_fuzzing
 from tests.written_logs import hop, write_dataflash, write_tlog, write_ulog
 
-WRITERS = {"a.tlog": write_tlog, "a.BIN": write_dataflash, "a.ulg": write_ulog}
+WRITERS: dict[str, Callable[..., Path]] = {"a.tlog": write_tlog, "a.BIN": write_dataflash, "a.ulg": write_ulog}
 
 
 @cache

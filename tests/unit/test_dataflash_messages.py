@@ -281,6 +281,11 @@ def logged(*notes: tuple[str, str]) -> list[tuple[str, tuple[Any, ...]]]:
         ("event.item_reached", '{"seq": 3}', []),
         ("event.battery", "no JSON", [("ERR", (6, 1))]),
         ("event.home", "{}", [("EV", (25,))]),
+        ("event.home", '{"east_m": "far", "north_m": 0, "up_m": 2}', [("EV", (25,))]),
+        ("event.mode", '{"number": "NaN", "reason": 7}', []),
+        ("event.mode", '{"number": null}', []),
+        ("event.mission", '{"items": "many"}', []),
+        ("event.reboot", '{"system_id": []}', [("MSG", (b"skyrange: reboot. A real log would end here",))]),
     ],
 )  # fmt: skip
 def test_an_event_is_logged_as_arducopter_does(kind: str, data: str, expected: list[Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from skyrange.flightlog.conversion import convert_flight
 from skyrange.flightlog.flown_path import simplify_path
 from tests.written_logs import HOME, START_US, Moment, TlogWriter, hop, write_dataflash, write_tlog, write_ulog
 
-WRITERS = {"tlog": write_tlog, "dataflash": write_dataflash, "ulog": write_ulog}
+WRITERS: dict[str, Callable[..., Path]] = {"tlog": write_tlog, "dataflash": write_dataflash, "ulog": write_ulog}
 SUFFIX = {"tlog": ".tlog", "dataflash": ".BIN", "ulog": ".ulg"}
 
 

@@ -61,7 +61,7 @@ class EventRows:
                 continue
             data, time_ns = parse_details(row["data"]), int(row["time_ns"])
             if row["kind"] == "event.mission":
-                found = stored(vehicle, time_ns, int(data.get("items", 0)))
+                found = stored(vehicle, time_ns, int(_number(data, "items", -1.0)))
                 if found is not None:
                     yield found
             elif row["kind"] in _EVENTS:
@@ -69,9 +69,10 @@ class EventRows:
                     yield make_rows(name, np.array([vehicle]), np.array([time_ns]), **fields)
 
     def _arming(self, vehicle: int, data: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-        checks = int(self.params[vehicle].get("ARMING_CHECK", 0)) & 0xFFFF_FFFF
-        forced = bool(data.get("forced"))
-        yield "ARM", {"ArmState": 1, "ArmChecks": checks, "Forced": forced, "Method": _UNKNOWN_METHOD}
+        yield "ARM", {
+            "ArmState": 1, "ArmChecks": self._checks(vehicle), "Forced": bool(data.get("forced")),
+            "Method": _UNKNOWN_METHOD,
+        }  # fmt: skip
         yield "EV", {"Id": EV_ARMED}
 
     def _disarming(self, vehicle: int, data: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -79,10 +80,15 @@ class EventRows:
         if reason == "crash":
             yield "ERR", {"Subsys": _CRASH, "ECode": _OCCURRED}
         yield from self._failsafe(reason)
-        checks = int(self.params[vehicle].get("ARMING_CHECK", 0)) & 0xFFFF_FFFF
-        method = _METHODS.get(reason, _UNKNOWN_METHOD)
-        yield "ARM", {"ArmState": 0, "ArmChecks": checks, "Forced": reason == "forced", "Method": method}
+        yield "ARM", {
+            "ArmState": 0, "ArmChecks": self._checks(vehicle), "Forced": reason == "forced",
+            "Method": _METHODS.get(reason, _UNKNOWN_METHOD),
+        }  # fmt: skip
         yield "EV", {"Id": EV_DISARMED}
+
+    def _checks(self, vehicle: int) -> int:
+        """ARMING_CHECK as the bits that it is."""
+        return int(_number(self.params[vehicle], "ARMING_CHECK", 0.0)) & 0xFFFF_FFFF
 
     @staticmethod
     def _failsafe(reason: str) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -90,17 +96,18 @@ class EventRows:
             yield "ERR", {"Subsys": _FAILSAFES[reason], "ECode": _OCCURRED}
 
     def _mode(self, _vehicle: int, data: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-        reason, number = str(data.get("reason")), int(data.get("number", 0)) & 0xFF
+        reason, number = str(data.get("reason")), int(_number(data, "number", -1.0))
         yield from self._failsafe(reason)
-        yield "MODE", {"Mode": number, "ModeNum": number, "Rsn": REASONS.get(reason, 0)}
+        if number >= 0:
+            yield "MODE", {"Mode": number & 0xFF, "ModeNum": number & 0xFF, "Rsn": REASONS.get(reason, 0)}
 
     def _parameter(self, vehicle: int, data: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-        name, value = str(data.get("name")), float(data.get("value", np.nan))
+        name, value = str(data.get("name")), _number(data, "value", np.nan)
         self.params[vehicle][name] = value
         yield "PARM", {"Name": name.encode(errors="replace"), "Value": value, "Default": default_of(name)}
 
     def _home(self, _vehicle: int, data: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-        place = [float(data.get(name, np.nan)) for name in ("east_m", "north_m", "up_m")]
+        place = [_number(data, name, np.nan) for name in ("east_m", "north_m", "up_m")]
         yield "EV", {"Id": _SET_HOME}
         if np.isfinite(place).all():
             lat, lon = self._origin.geodetic_of(place[0], place[1])
@@ -122,11 +129,20 @@ class EventRows:
         yield "ERR", {"Subsys": _GPS, "ECode": _GLITCH if data.get("on") else _RESOLVED}
 
     def _reboot(self, vehicle: int, data: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-        self.systems[vehicle].add(int(data.get("system_id", 1)))
+        self.systems[vehicle].add(int(_number(data, "system_id", 1.0)))
         yield "MSG", {"Message": REBOOT}
 
 
 _Noted = Callable[[EventRows, int, Mapping[str, Any]], Iterator[tuple[str, dict[str, Any]]]]
+
+
+def _number(data: Mapping[str, Any], name: str, otherwise: float) -> float:
+    """A finite number among details; `otherwise` for anything else, which a damaged record may have."""
+    try:
+        found = float(data.get(name, otherwise))
+    except (TypeError, ValueError):
+        return otherwise
+    return found if np.isfinite(found) else otherwise
 
 
 def _always(name: str, **fields: int) -> _Noted:

@@ -17,6 +17,7 @@ from skyrange.codec.mavlink.message_columns import MessageTable
 from skyrange.core.ids import endpoint
 from skyrange.core.time import NEVER
 from skyrange.export.dataflash_rows import (
+    I8_LIMITS,
     I32_LIMITS,
     Floats,
     HeldValues,
@@ -136,7 +137,7 @@ class ReportRows:
         yield make_rows(
             "RFND", vehicle, time_ns, Instance=values["id"], Dist=now * 0.01, Orient=values["orientation"],
             Stat=np.where(now > high, _HIGH, np.where(now < low, _LOW, _GOOD)),
-            Quality=np.where(quality == 0, _QUALITY_UNKNOWN, quality),
+            Quality=np.where(quality == 0, _QUALITY_UNKNOWN, scaled(quality, 1.0, I8_LIMITS)),
         )  # fmt: skip
 
     def _take_outputs(self, vehicle: Ints, time_ns: Ints, values: MessageTable) -> Iterator[Rows]:

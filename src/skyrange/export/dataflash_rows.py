@@ -16,8 +16,8 @@ from skyrange.export.dataflash_messages import DEFINITIONS, Records
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
-I16_LIMITS, U16_LIMITS, I32_LIMITS = (
-    (np.iinfo(kind).min, np.iinfo(kind).max) for kind in (np.int16, np.uint16, np.int32)
+I8_LIMITS, U8_LIMITS, I16_LIMITS, U16_LIMITS, I32_LIMITS = (
+    (np.iinfo(kind).min, np.iinfo(kind).max) for kind in (np.int8, np.uint8, np.int16, np.uint16, np.int32)
 )
 
 

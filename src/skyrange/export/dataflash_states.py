@@ -19,6 +19,7 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.export.dataflash_rows import (
     I16_LIMITS,
     I32_LIMITS,
+    U8_LIMITS,
     Floats,
     HeldValues,
     Ints,
@@ -132,8 +133,9 @@ class ReadingRows:
         self.unknown["GPS.HDop"] += int(np.isnan(hdop).sum())
         return make_rows(
             "GPS", vehicle[kept], time_ns[kept],
-            Status=fix[kept], GMS=np.where(timed, ms, 0), GWk=np.where(timed, week, 0),
-            NSats=np.nan_to_num(satellites), HDop=np.where(np.isfinite(hdop), np.nan_to_num(hdop), _UNKNOWN_DOP),
+            Status=scaled(fix[kept], 1.0, U8_LIMITS), GMS=np.where(timed, ms, 0), GWk=np.where(timed, week, 0),
+            NSats=scaled(satellites, 1.0, U8_LIMITS),
+            HDop=np.where(np.isfinite(hdop), scaled(hdop, 1.0, I16_LIMITS), _UNKNOWN_DOP),
             Lat=np.where(placed, scaled(lat, 1e7, I32_LIMITS), 0.0),
             Lng=np.where(placed, scaled(lon, 1e7, I32_LIMITS), 0.0),
             Alt=np.where(placed, scaled(self._origin.alt_msl_m + up, 100.0, I32_LIMITS), 0.0),

@@ -162,7 +162,7 @@ class _Reader:
         """Add the states. Before the log says whether the vehicle is armed, it is not what the log says first.
 
         ArduPilot begins a log after it has armed, unless LOG_DISARMED is set: its ARM and EV are not in the log
-        (AP_Logger.cpp, `should_log`; AP_Arming_Copter.cpp, `arm`).
+        (AP_Logger.cpp, `log_while_disarmed`; AP_Arming_Copter.cpp, `arm`).
         """
         known = next((armed for _, armed, _ in self._states if armed is not None), None)
         before = True if known is None else not known
