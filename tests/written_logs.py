@@ -162,8 +162,12 @@ _STRUCT = {"Q": "Q", "B": "B", "I": "I", "H": "H", "L": "i", "e": "i", "f": "f",
 _SCALE = {"L": 1e7, "e": 100.0, "c": 100.0}
 
 
-def write_dataflash(path: Path, moments: Iterable[Moment], without: Collection[str] = ()) -> Path:
-    """Write a DataFlash log of a flight of ArduCopter with `MISSION`, and `without` some messages."""
+def write_dataflash(
+    path: Path, moments: Iterable[Moment], told: Sequence[bool] = (True, False), without: Collection[str] = ()
+) -> Path:
+    """Write a DataFlash log of a flight of ArduCopter with `MISSION`, with ARM of arming and disarming as `told`, and
+    `without` some messages.
+    """
     numbers = {name: 129 + k for k, name in enumerate(_FORMATS)}
     data = bytearray()
 
@@ -205,7 +209,8 @@ def write_dataflash(path: Path, moments: Iterable[Moment], without: Collection[s
         now_armed = flying[0] - 2.0 <= moment.time_s <= flying[-1] + 2.0
         if now_armed != armed:
             armed = now_armed
-            add("ARM", at, int(armed))
+            if armed in told:
+                add("ARM", at, int(armed))
         add("XKF1", at, 0, moment.north_mps, moment.east_mps, 0.0)
         add("POS", at, lat_deg, lon_deg, alt_m, moment.up_m, moment.up_m)
         lean = (math.degrees(value) for value in (moment.roll_rad, moment.pitch_rad, moment.yaw_rad))

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from skyrange.dataset.views import ViewSettings
     from skyrange.export import Export
     from skyrange.export.csv_tables import write_tables as export_tables
+    from skyrange.export.dataflash_file import LogExport
+    from skyrange.export.dataflash_file import write_dataflash as export_dataflash
     from skyrange.export.kml_file import write_kml as export_kml
     from skyrange.export.mcap_file import write_mcap as export_mcap
     from skyrange.export.packet_captures import Capture, ReceivedBroadcast, received_broadcasts, receivers_of
@@ -67,6 +69,7 @@ __all__ = [
     "LeaderboardRow",
     "LeakFinding",
     "LearnedTable",
+    "LogExport",
     "Pair",
     "Parity",
     "RaisedAlert",
@@ -95,6 +98,7 @@ __all__ = [
     "decode_mavlink",
     "decode_remote_id",
     "estimate_mean",
+    "export_dataflash",
     "export_kml",
     "export_mavlink",
     "export_mcap",
@@ -146,6 +150,7 @@ if not TYPE_CHECKING:
             "skyrange.dataset.views": "ViewSettings",
             "skyrange.export": "Export",
             "skyrange.export.csv_tables": "write_tables=export_tables",
+            "skyrange.export.dataflash_file": "LogExport write_dataflash=export_dataflash",
             "skyrange.export.kml_file": "write_kml=export_kml",
             "skyrange.export.mcap_file": "write_mcap=export_mcap",
             "skyrange.export.packet_captures": (

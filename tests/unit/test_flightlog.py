@@ -71,6 +71,22 @@ def test_a_dataflash_log_has_parameters_battery_and_gps_time(tmp_path: Path) -> 
     assert log.start_unix_s > 1.6e9
 
 
+def test_a_dataflash_log_that_begins_armed_says_so_at_its_disarming(tmp_path: Path) -> None:
+    """ArduPilot begins a log after it has armed."""
+    log = read_log(write_dataflash(tmp_path / "a.BIN", hop(), told=[False]))
+    (flight,) = split_flights(log)
+    assert flight.armed_s == 0.0
+    assert flight.disarmed_s == pytest.approx(47.0, abs=0.6)
+    assert "arming" not in [remark.subject for remark in log.remarks]
+
+
+def test_a_dataflash_log_that_never_says_whether_it_is_armed_is_a_flight_with_a_remark(tmp_path: Path) -> None:
+    log = read_log(write_dataflash(tmp_path / "a.BIN", hop(), told=[]))
+    (flight,) = split_flights(log)
+    assert (flight.armed_s, flight.disarmed_s) == (0.0, log.duration_s)
+    assert "arming" in [remark.subject for remark in log.remarks]
+
+
 def test_the_start_of_a_ulog_is_that_of_gps(tmp_path: Path) -> None:
     assert read_log(write_ulog(tmp_path / "a.ulg", hop())).start_unix_s == pytest.approx(START_US / 1e6, abs=1.0)
 

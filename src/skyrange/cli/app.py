@@ -393,21 +393,35 @@ def export(
     tables: Annotated[
         bool, typer.Option("--tables", help="Write a CSV file of each recorded table to the folder tables instead.")
     ] = False,
+    dataflash: Annotated[
+        bool,
+        typer.Option(
+            "--dataflash", help="Write an ArduPilot DataFlash log (.BIN) of each aircraft to the folder logs instead."
+        ),
+    ] = False,
+    labels: Annotated[
+        bool, typer.Option("--labels", help="With --dataflash: log hostile acts and faults too, which no real log has.")
+    ] = False,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="An existing folder to write to. Default: the run's folder.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Write captures for Wireshark: remote_id.pcapng with received broadcasts, mavlink.pcapng with the gcs links. Or
-    write files for other tools: CSV files, tlogs, MCAP and KML.
+    write files for other tools: CSV files, tlogs, MCAP, KML and DataFlash logs.
     """
-    options = {"--csv": csv, "--tlog": tlog, "--mcap": mcap, "--kml": kml, "--tables": tables}
+    options = {
+        "--csv": csv, "--tlog": tlog, "--mcap": mcap, "--kml": kml, "--tables": tables, "--dataflash": dataflash,
+    }  # fmt: skip
+    if labels and not dataflash:
+        raise InputError.one("export", "--labels", "without --dataflash", "--dataflash --labels")
     chosen = [option for option, wanted in options.items() if wanted]
     if chosen:
         if only is not None or receiver:
             hint = "Captures and other files are written by two commands."
             raise InputError.one("export", ", ".join(chosen), "with --only or --receiver", "one of both", hint)
-        exports.export_files(run, [option.removeprefix("--") for option in chosen], out, as_json=as_json)
+        kinds = [option.removeprefix("--") for option in chosen]
+        exports.export_files(run, kinds, out, as_json=as_json, with_labels=labels)
         return
     exports.export_captures(run, only.value if only is not None else None, receiver or [], out, as_json=as_json)
 

@@ -43,8 +43,12 @@ def export_captures(
         print_notice("no Remote ID: the run has no radio medium")
 
 
-def export_files(folder: Path, kinds: Sequence[str], out: Path | None, *, as_json: bool) -> None:
-    """`skyrange export` of other files: `kinds` are of csv, tlog, mcap, kml and tables."""
+def export_files(
+    folder: Path, kinds: Sequence[str], out: Path | None, *, as_json: bool, with_labels: bool = False
+) -> None:
+    """`skyrange export` of other files: `kinds` are of csv, tlog, mcap, kml, dataflash and tables. DataFlash logs have
+    the hostile acts `with_labels`.
+    """
     from skyrange.record import load
 
     record = load(folder)
@@ -53,7 +57,7 @@ def export_files(folder: Path, kinds: Sequence[str], out: Path | None, *, as_jso
         record.tables.require("frames")
     target = _target(record.path, out)
     try:
-        paths = _write(record, kinds, target)
+        paths = _write(record, kinds, target, with_labels=with_labels)
     except OSError as error:
         raise InputError.one("--out", "folder", str(target), "a folder that can be written", str(error)) from error
     written = {name: path.stat().st_size for name, path in paths.items()}
@@ -64,9 +68,9 @@ def export_files(folder: Path, kinds: Sequence[str], out: Path | None, *, as_jso
         print_text(f"{size:>13,} bytes  {paths[name]}")
 
 
-def _write(record: RunRecord, kinds: Sequence[str], target: Path) -> dict[str, Path]:
+def _write(record: RunRecord, kinds: Sequence[str], target: Path, *, with_labels: bool) -> dict[str, Path]:
     """Write files of some kinds into the folder `target`; their paths by name."""
-    from skyrange.export import csv_tables, kml_file, mcap_file
+    from skyrange.export import csv_tables, dataflash_file, kml_file, mcap_file
     from skyrange.record.write.files.operator_files import OPERATORS, write_operator_files
 
     written: dict[str, Path] = {}
@@ -85,6 +89,11 @@ def _write(record: RunRecord, kinds: Sequence[str], target: Path) -> dict[str, P
         written[mcap_file.MCAP] = mcap_file.write_mcap(record, target / mcap_file.MCAP).path
     if "kml" in kinds:
         written[kml_file.KML] = kml_file.write_kml(record, target / kml_file.KML).path
+    if "dataflash" in kinds:
+        logs = dataflash_file.write_dataflash(record, target / dataflash_file.FOLDER, labels=with_labels)
+        for name, reason in logs.left_out.items():
+            print_notice(f"{name}: {reason}")
+        written |= {f"{dataflash_file.FOLDER}/{name}": logs.path / name for name in logs.by}
     if "tables" in kinds:
         tables = csv_tables.write_tables(record, target / csv_tables.FOLDER)
         names = [*tables.by, csv_tables.COLUMNS]

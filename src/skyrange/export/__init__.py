@@ -1,4 +1,4 @@
-"""Export of runs for other tools: MCAP for Foxglove and Lichtblick, KML for globes, and CSV tables."""
+"""Export of runs for other tools: MCAP for Foxglove and Lichtblick, KML for globes, DataFlash logs, CSV tables."""
 
 from __future__ import annotations
 

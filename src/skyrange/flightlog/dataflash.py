@@ -97,8 +97,10 @@ class _Reader:
         self._params: dict[str, float] = {}
         self._mission = MissionTransfer(str(path), has_home=True)
         self._firmware = ""
-        self._armed = False
+        self._armed: bool | None = None
+        """None until the log says it."""
         self._mode = ""
+        self._states: list[tuple[float, bool | None, str]] = []
         self._velocity = (math.nan, math.nan, math.nan)
         self._first_s = self._last_s = math.nan
         self._messages = 0
@@ -128,6 +130,8 @@ class _Reader:
             "XKF4": self._take_xkf4,
             "RAD": self._take_rad,
             "NKF4": self._take_xkf4,
+            "VNED": self._take_nkf1,
+            "EKSR": self._take_xkf4,
         }
 
     def read(self) -> FlightLog:
@@ -158,11 +162,25 @@ class _Reader:
             for row in self._fixes:
                 self._tables.add("position", *row)
             remarks.append(Remark("position", "the log has no POS: positions are those of the GNSS receiver"))
+        remarks += self._add_states()
         tables, left_out = self._tables.build()
         return FlightLog(
             self._path, "dataflash", start_s, self._last_s - self._first_s, self._firmware, self._name_type(),
             tables, self._params, self._mission.missions, [*remarks, *left_out],
         )  # fmt: skip
+
+    def _add_states(self) -> list[Remark]:
+        """Add the states. Before the log says whether the vehicle is armed, it is not what the log says first.
+
+        ArduPilot begins a log after it has armed, unless LOG_DISARMED is set: its ARM and EV are not in the log
+        (AP_Logger.cpp, `log_while_disarmed`; AP_Arming_Copter.cpp, `arm`).
+        """
+        known = next((armed for _, armed, _ in self._states if armed is not None), None)
+        before = True if known is None else not known
+        for time_s, armed, mode in self._states:
+            self._tables.add("states", time_s, before if armed is None else armed, mode)
+        text = "the log never says whether the vehicle is armed: it is taken as armed all the time"
+        return [Remark("arming", text)] if self._states and known is None else []
 
     def _receive(self) -> Any:
         """The next message; None at the end, or where the rest cannot be read."""
@@ -205,16 +223,16 @@ class _Reader:
         number = message.ModeNum if isinstance(message.ModeNum, int) else message.Mode
         names = mavutil.mode_mapping_bynumber(getattr(mavutil.mavlink, kind)) or {}
         self._mode = str(names.get(number, message.Mode))[:16]
-        self._tables.add("states", now_s, self._armed, self._mode)
+        self._states.append((now_s, self._armed, self._mode))
 
     def _take_arm(self, now_s: float, message: Any) -> None:
         self._armed = bool(message.ArmState)
-        self._tables.add("states", now_s, self._armed, self._mode)
+        self._states.append((now_s, self._armed, self._mode))
 
     def _take_ev(self, now_s: float, message: Any) -> None:
         if message.Id in (_ARMED, _DISARMED):
             self._armed = message.Id == _ARMED
-            self._tables.add("states", now_s, self._armed, self._mode)
+            self._states.append((now_s, self._armed, self._mode))
 
     def _take_orgn(self, now_s: float, message: Any) -> None:
         if message.Type == 1:  # home; 0 is the estimator's origin

@@ -8,7 +8,7 @@ yields rows as soon as no later batch can contain earlier ones.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -116,6 +116,19 @@ def merge_sorted(streams: Sequence[Iterator[pa.Table]], key: str, ties: Sequence
         parts = [head.take(key, bound) for head in heads]
         yield pa.concat_tables(parts).sort_by(sorting)
         heads = [head for head in heads if head.fill(key)]
+
+
+def align_sorted(streams: Mapping[str, Iterator[pa.Table]], key: str) -> Iterator[dict[str, pa.Table]]:
+    """The rows of several streams, each sorted by `key`, with columns of their own, in spans of time: a table of each
+    stream that has rows in the span, by its name. Every row of a span is before all rows of the next one.
+
+    Memory: about two tables of each stream.
+    """
+    heads = {name: head for name, head in ((name, _Head(stream)) for name, stream in streams.items()) if head.fill(key)}
+    while heads:
+        bound = min(head.bound for head in heads.values())
+        yield {name: part for name, head in heads.items() if (part := head.take(key, bound)).num_rows}
+        heads = {name: head for name, head in heads.items() if head.fill(key)}
 
 
 class _Head:
