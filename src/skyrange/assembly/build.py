@@ -147,7 +147,7 @@ def build(
         *defences.problems,
         *check_signing(scenario),
         *check_radios(scenario, made.radios, city),
-        *check_links_over_air(scenario, city),
+        *check_links_over_air(scenario, city, over_air),
     ]
     problems += check_transmitters(made, city)
     if problems:
