@@ -99,6 +99,16 @@ def test_two_busy_radios_share_the_air_equally() -> None:
     assert 0.9 * alone < sum(both.values()) < 1.05 * alone
 
 
+@pytest.mark.parametrize("percent", [10, 40])
+def test_a_duty_cycle_bounds_the_throughput(percent: int) -> None:
+    """Without bound a radio whose other one is idle sends nearly all the time."""
+    free, bound = (
+        saturate(["rev"], seconds=20, air_speed_kbps=128, ecc=True, serial_bps=115_200, duty_percent=most)["rev"]
+        for most in (100, percent)
+    )
+    assert 0.9 * percent < 100 * bound / free < 1.5 * percent
+
+
 def test_an_idle_radio_waits_for_the_next_window() -> None:
     """A frame that comes just after both gave up a window waits for the next: at most slot, packet and both lines."""
     flight = Flight(make_link())

@@ -18,7 +18,6 @@ from skyrange.radio.control_link.sik.modem import (
     airtime_ns,
     bit_error,
     coded_bytes,
-    dbm_of,
     filter_khz,
     max_data_bytes,
     noise_figure_db,
@@ -35,6 +34,12 @@ from skyrange.radio.control_link.sik.timing import (
     find_centres_mhz,
 )
 from skyrange.radio.propagation.path_loss import noise_dbm
+
+
+def dbm_of(rssi: int) -> float:
+    """`signal_dBm = (RSSI / 1.9) - 127` (ArduPilot wiki)."""
+    return rssi / 1.9 - 127
+
 
 DEFAULT = compute_timing(64, ecc=False, max_window_ms=MAX_WINDOW_MS, channels=50)
 

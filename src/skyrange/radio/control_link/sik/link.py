@@ -91,7 +91,7 @@ class SikDirection:
     def _predict(self, data: Held) -> _Reception | None:
         """What becomes of a frame if nobody sends another one; `None` if it finds the radio's buffer full.
 
-        Its bytes are then lost on the line, those before them as well (assumed; `serial.c: serial_interrupt`).
+        The radio then drops all of it (assumed; in `serial.c: serial_interrupt` the bytes that came before stay).
         """
         link, sender = self._link, self._sender
         slots, received, fits = link.slots.fork(), True, False
@@ -132,7 +132,7 @@ class SikLink:
         "radios",
         "slots",
         "width_mhz",
-    )  # fmt: skip
+    )
 
     def __init__(
         self, name: str, params: SikParams, netid: int, radios: tuple[SikRadio, SikRadio], chance: Chance
@@ -155,7 +155,9 @@ class SikLink:
         timing = compute_timing(
             params.air_speed_kbps, ecc=params.ecc, max_window_ms=params.max_window_ms, channels=params.channels
         )
-        self.slots = Slots(timing, params.air_speed_kbps, ecc=params.ecc, hears=self._hears)
+        self.slots = Slots(
+            timing, params.air_speed_kbps, ecc=params.ecc, hears=self._hears, duty_percent=params.duty_percent
+        )
         self._bit_share = self.width_mhz * 1e3 / params.air_speed_kbps
         self._whole_limit = timing.room(timing.window_ns) if params.mavlink else 0
         self._chance = chance

@@ -165,10 +165,5 @@ def rssi_of(power_dbm: float) -> int:
     return min(max(int(RSSI_PER_DB * (power_dbm + RSSI_OFFSET_DB) + 0.5), 0), 255)
 
 
-def dbm_of(rssi: int) -> float:
-    """The power that an RSSI stands for."""
-    return rssi / RSSI_PER_DB - RSSI_OFFSET_DB
-
-
 def _none_wrong(error: float, bits: float) -> float:
     return float(elementary.exp(bits * elementary.log1p(-error)))

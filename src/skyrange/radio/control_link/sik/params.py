@@ -82,6 +82,13 @@ class SikParams(Params):
         le=MAX_WINDOW_MS,
         description="Longest time for which one radio sends (MAX_WINDOW), in milliseconds.",
     )
+    duty_percent: Whole = Field(
+        default=100,
+        ge=1,
+        le=100,
+        description="Largest share of time in which a radio sends, on average over about 20 rounds (DUTY_CYCLE), in "
+        "percent.",
+    )
     serial_bps: Whole = Field(
         default=57_600,
         description="Speed of the serial lines between radios and computers (SERIAL_SPEED) in bits per second, one of "

@@ -12,7 +12,7 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from skyrange.core.time import NS_PER_MS, Time
-from skyrange.radio.control_link.sik.modem import airtime_ns
+from skyrange.radio.control_link.sik.modem import TRAILER_BYTES, airtime_ns
 from skyrange.radio.control_link.sik.timing import TdmTiming
 
 STATION: Final = 0
@@ -50,6 +50,31 @@ class Sent(NamedTuple):
     """Whether it has the sender's statistics, in place of data of its computer."""
 
 
+class _DutyCycle:
+    """How much one radio sends, and whether it has to wait (`tdm.c: tdm_state_update`)."""
+
+    __slots__ = ("average", "sent_ticks", "waits")
+
+    def __init__(self) -> None:
+        self.average = 0.0
+        """In percent, over about 20 rounds."""
+        self.sent_ticks = 0
+        """Of this round."""
+        self.waits = False
+
+    def fork(self) -> _DutyCycle:
+        """A second one in the same state."""
+        twin = _DutyCycle()
+        twin.average, twin.sent_ticks, twin.waits = self.average, self.sent_ticks, self.waits
+        return twin
+
+    def begin_round(self, round_ticks: int, most_percent: int) -> None:
+        """Average what was sent in the last round, when the radio's own window begins."""
+        self.average = 0.95 * self.average + 0.05 * (100.0 * self.sent_ticks) / round_ticks
+        self.sent_ticks = 0
+        self.waits = self.average >= most_percent
+
+
 class _Stage(Enum):
     OWN = 0
     """The owner of the window may send."""
@@ -68,10 +93,25 @@ Hears = Callable[[int, int, Time], bool]
 class Slots:
     """The slots of one pair of radios, up to a time. Deep-copyable."""
 
-    __slots__ = ("_air_speed_kbps", "_ecc", "_hears", "_number", "_stage", "at", "held", "timing")
+    __slots__ = (
+        "_air_speed_kbps",
+        "_duty",
+        "_duty_percent",
+        "_ecc",
+        "_hears",
+        "_number",
+        "_stage",
+        "at",
+        "held",
+        "timing",
+    )
 
-    def __init__(self, timing: TdmTiming, air_speed_kbps: int, *, ecc: bool, hears: Hears) -> None:
+    def __init__(
+        self, timing: TdmTiming, air_speed_kbps: int, *, ecc: bool, hears: Hears, duty_percent: int = 100
+    ) -> None:
         self.timing = timing
+        self._duty_percent = duty_percent
+        self._duty = _DutyCycle(), _DutyCycle()
         self._air_speed_kbps = air_speed_kbps
         self._ecc = ecc
         self._hears = hears
@@ -88,7 +128,10 @@ class Slots:
 
     def fork(self) -> Slots:
         """A second one in the same state."""
-        twin = Slots(self.timing, self._air_speed_kbps, ecc=self._ecc, hears=self._hears)
+        twin = Slots(
+            self.timing, self._air_speed_kbps, ecc=self._ecc, hears=self._hears, duty_percent=self._duty_percent
+        )
+        twin._duty = self._duty[0].fork(), self._duty[1].fork()
         twin.held = (self.held[0].copy(), self.held[1].copy())
         twin.at, twin._number, twin._stage = self.at, self._number, self._stage
         return twin
@@ -121,7 +164,7 @@ class Slots:
         owner = self._number % 2
         sender = 1 - owner if self._stage is _Stage.BONUS else owner
         room = self.timing.room(self._number * self.timing.slot_ns + self.timing.window_ns - self.at)
-        if room < 0:
+        if room < 0 or self._duty[sender].waits:
             self._end_slot()
             return None
         if self._stage is not _Stage.CLOSING:
@@ -146,6 +189,8 @@ class Slots:
 
     def _send(self, sent: Sent) -> Sent:
         self.at += self.airtime_ns(sent.data_bytes)
+        ticks = self.timing.packet_latency + (sent.data_bytes + TRAILER_BYTES) * self.timing.ticks_per_byte
+        self._duty[sent.sender].sent_ticks += ticks
         return sent
 
     def _take_data(self, radio: int, room: int) -> tuple[int, tuple[int, ...]]:
@@ -176,4 +221,6 @@ class Slots:
 
     def _begin_slot(self, number: int) -> None:
         self._number, self._stage = number, _Stage.OWN
+        if self._duty_percent < 100:
+            self._duty[number % 2].begin_round(2 * (self.timing.silence + self.timing.window), self._duty_percent)
         self.at = number * self.timing.slot_ns
