@@ -21,6 +21,8 @@ def test_the_pages_ranges_are_the_models() -> None:
     assert len(rows) == len(AIR_SPEEDS_KBPS) - 1
     for row in rows:
         assert row in text
+    slow, fast = (model_noise(SikParams(air_speed_kbps=rate)) for rate in (24, 250))
+    assert f"the model's noise is {slow} at 24 kbit/s and {fast} at 250" in text
     assert text.count(f"| {model_noise(SikParams())} |\n") >= 10  # in the last column of the table of logs
 
 
