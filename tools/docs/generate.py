@@ -154,6 +154,7 @@ _SECTIONS = (
     ("WifiParams", "`links.wifi`"),
     ("CellularParams", "`links.cellular`"),
     ("BaseStation", "`links.cellular.base_stations`"),
+    ("SikParams", "`links.sik`"),
     ("Processing", "`[[processing]]`"),
     ("ConstraintTable", "`[[constraints]]`: areas that are closed to flight"),
     ("AttackTable", "`[[attacks]]`"),

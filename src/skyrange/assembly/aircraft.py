@@ -12,8 +12,9 @@ from skyrange.assembly.acts.honest_arm import HonestAircraft, park
 from skyrange.assembly.signing import derive_keys
 from skyrange.city.city import City
 from skyrange.core.chance import Chance
-from skyrange.core.ids import vehicle_id
+from skyrange.core.ids import link_name, vehicle_id
 from skyrange.kernel import EngineMount
+from skyrange.radio.control_link.sik.params import SikParams
 from skyrange.scenario.model.fleet import Vehicle
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.vehicle.claimed_tracks import ClaimedTracks, HonestBody
@@ -79,6 +80,7 @@ def list_aircraft(
                 wind_enu_mps=scenario.wind.air.steady_enu_mps,
                 signing_key=derive_keys(scenario, operator).aircraft,
                 signing_exempt=operator.signing == "exempt",
+                telemetry_radio=isinstance(scenario.over_air(link_name("gcs", key)), SikParams),
                 run=run,
                 seed=scenario.seed,
             )

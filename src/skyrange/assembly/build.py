@@ -36,7 +36,7 @@ from skyrange.contracts.links import Act, LinkSpec, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
-from skyrange.core.ids import APPROVAL, endpoint, vehicle_id
+from skyrange.core.ids import APPROVAL, endpoint, link_name, vehicle_id
 from skyrange.core.time import NEVER, Time, from_seconds
 from skyrange.gcs.flight.lifecycle import Flight
 from skyrange.gcs.flight.replanning import Replanning
@@ -44,6 +44,7 @@ from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.plan.volumes import Margins
 from skyrange.gcs.station import GroundStation
 from skyrange.kernel import Wiring
+from skyrange.radio.control_link.sik.status import place_reporters
 from skyrange.radio.oracle import ENDPOINT, Oracle
 from skyrange.scenario.model.operators import ReplanningRules
 from skyrange.scenario.model.scenario import Scenario
@@ -147,7 +148,7 @@ def build(
         *defences.problems,
         *check_signing(scenario),
         *check_radios(scenario, made.radios, city),
-        *check_links_over_air(scenario, city),
+        *check_links_over_air(scenario, city, over_air),
     ]
     problems += check_transmitters(made, city)
     if problems:
@@ -174,6 +175,7 @@ def build(
         else (None, [])
     )
     agents: list[Agent] = [a for service in approvals for a in service.agents] if APPROVAL in here else []
+    over_sik = {link.name for link in over_air.sik}
     for operator in scenario.operators:
         if endpoint(operator.id, "gcs") not in here:
             continue
@@ -185,6 +187,7 @@ def build(
                 plan=plans[vehicle_id(operator.id, vehicle.id)],
                 depart_s=vehicle.depart_s,
                 request_s=_request_s(operator.request_ahead_s, vehicle.depart_s),
+                telemetry_radio=link_name("gcs", vehicle_id(operator.id, vehicle.id)) in over_sik,
             )
             for vehicle in operator.vehicles
         ]
@@ -204,7 +207,8 @@ def build(
                 replanning=_replanning_of(operator.replan),
             )
         )
-    placed = place_foreign_radios([*place_gateways(scenario), *defences.taps, *made.taps, *additions.taps], over_air)
+    taps = [*place_gateways(scenario), *defences.taps, *made.taps, *additions.taps, *place_reporters(over_air.sik)]
+    placed = place_foreign_radios(taps, over_air)
     control_links = build_control_links(scenario, city, chance, over_air) if whole else None
     if control_links is not None:
         agents.append(control_links)

@@ -21,6 +21,9 @@ from skyrange.radio.control_link.foreign_radio import ForeignRadio
 from skyrange.radio.control_link.links import ControlLinks, cell_name
 from skyrange.radio.control_link.params import CellularParams, WifiParams
 from skyrange.radio.control_link.propagation import Propagation
+from skyrange.radio.control_link.sik.link import SikLink
+from skyrange.radio.control_link.sik.params import SikParams
+from skyrange.radio.control_link.sik.radio import SikRadio
 from skyrange.radio.control_link.wifi_link import Transmitter, WifiLink
 from skyrange.radio.control_link.wifi_rates import WIDTH_MHZ
 from skyrange.radio.phy import OFDM, WIFI_CHANNELS, centre_mhz
@@ -42,9 +45,10 @@ class LinksOverAir:
 
     wifi: list[WifiLink] = field(default_factory=list)
     cellular: list[CellularLink] = field(default_factory=list)
+    sik: list[SikLink] = field(default_factory=list)
     spectrum: Spectrum = field(default_factory=Spectrum)
     fixed: dict[str, tuple[float, float, float]] = field(default_factory=dict)
-    """Places of access points and cells by name."""
+    """Places of access points, cells and ground radios by name."""
     dipoles: set[str] = field(default_factory=set)
     """Those with a dipole antenna."""
     foreign: list[ForeignRadio] = field(default_factory=list)
@@ -54,22 +58,25 @@ class LinksOverAir:
     def channels(self) -> Mapping[str, VariableChannel]:
         """The channels by the name of the link."""
         wifi: dict[str, VariableChannel] = {link.name: link for link in self.wifi}
-        return wifi | {link.name: link for link in self.cellular}
+        return wifi | {link.name: link for link in self.cellular} | {link.name: link for link in self.sik}
 
     def __bool__(self) -> bool:
-        return bool(self.wifi or self.cellular)
+        return bool(self.wifi or self.cellular or self.sik)
 
 
 def make_links_over_air(scenario: Scenario) -> LinksOverAir:
     """The channels of all links that the scenario puts on the air."""
     made = LinksOverAir()
     stations: dict[tuple[str, WifiParams], Transmitter] = {}
+    chance = Chance(scenario.seed)
     for operator, vehicle in scenario.fleet:
         key = vehicle_id(operator.id, vehicle.id)
         name = link_name("gcs", key)
         params = scenario.over_air(name)
         if isinstance(params, WifiParams):
             _add_wifi(made, stations, operator, name, key, params)
+        elif isinstance(params, SikParams):
+            _add_sik(made, operator, name, key, params, chance)
         elif params is not None:
             _add_cellular(made, name, key, params)
     return made
@@ -97,6 +104,10 @@ def build_control_links(
         centre = cellular.params.frequency_mhz
         if centre not in propagation:
             propagation[centre] = Propagation(names, antennas, chance, city, randomness=scenario.radio.chance)
+    for sik in made.sik:
+        middle = sik.params.centre_mhz
+        if middle not in propagation:
+            propagation[middle] = Propagation(names, antennas, chance, city, randomness=scenario.radio.chance)
     if wifi_propagation is not None:  # links may change to any channel
         for channel in WIFI_CHANNELS:
             propagation.setdefault(centre_mhz(OFDM, channel), wifi_propagation)
@@ -109,6 +120,7 @@ def build_control_links(
         chance=chance,
         city_busy=scenario.radio.city_busy,
         foreign=made.foreign,
+        sik=made.sik,
     )
 
 
@@ -165,11 +177,15 @@ def describe_to_attackers(links: Sequence[LinkSpec]) -> dict[str, AirLink]:
             heard[spec.name] = AirLink("wifi", centre_mhz(OFDM, number), WIDTH_MHZ, number, *addresses)
         elif isinstance(channel, CellularLink):
             heard[spec.name] = AirLink("cellular", channel.params.frequency_mhz, channel.params.bandwidth_mhz)
+        elif isinstance(channel, SikLink):
+            width_mhz = (channel.params.max_khz - channel.params.min_khz) / 1e3
+            heard[spec.name] = AirLink("sik", channel.params.centre_mhz, width_mhz)
     return heard
 
 
-def check_links_over_air(scenario: Scenario, city: City | None) -> Iterator[Problem]:
-    """Links that cannot be on the air, and antennas where none can be."""
+def check_links_over_air(scenario: Scenario, city: City | None, made: LinksOverAir) -> Iterator[Problem]:
+    """Links that cannot be on the air, antennas where none can be, and pairs of SiK radios that hear each other."""
+    yield from _check_netids(made)
     for index, rule in enumerate(scenario.links):
         params = rule.over_air
         if params is None:
@@ -181,9 +197,9 @@ def check_links_over_air(scenario: Scenario, city: City | None) -> Iterator[Prob
         if scenario.radio is None:
             hint = "Add [radio] to the scenario: losses, noise and other traffic are those of its medium."
             yield Problem(f"{where}.channel", str(rule.channel), "a radio medium", hint)
-        if isinstance(params, WifiParams):
+        if isinstance(params, WifiParams | SikParams):
             if params.place is not None:
-                yield from check_place(f"{where}.wifi.place", params.place, city)
+                yield from check_place(f"{where}.{rule.channel}.place", params.place, city)
         else:
             for place, station in enumerate(params.base_stations):
                 yield from check_place(f"{where}.cellular.base_stations[{place}].place", station.place, city)
@@ -203,9 +219,7 @@ def _add_wifi(
         number = sum(owner == operator.id for owner, _ in stations)
         ap_name = f"{operator.id} access point" + (f" {number + 1}" if number else "")
         station = stations[operator.id, params] = Transmitter(ap_name, params.power_dbm, params.channel)
-        first = operator.vehicles[0].start
-        east_m, north_m = operator.station or (first.east_m, first.north_m)
-        made.fixed[ap_name] = params.place or (east_m, north_m, ANTENNA_M)
+        made.fixed[ap_name] = params.place or _station_place(operator)
         made.dipoles.add(ap_name)
     aircraft = Transmitter(vehicle, params.aircraft_dbm, params.channel)
     made.wifi.append(WifiLink(name, params, station, aircraft, noise))
@@ -218,3 +232,31 @@ def _add_cellular(made: LinksOverAir, name: str, vehicle: str, params: CellularP
     for place, cell in enumerate(params.base_stations):
         made.fixed[cell_name(link, place)] = cell.place
     made.cellular.append(link)
+
+
+def _add_sik(
+    made: LinksOverAir, operator: Operator, name: str, vehicle: str, params: SikParams, chance: Chance
+) -> None:
+    ground = SikRadio(f"{vehicle} ground radio", params.power_dbm, params.serial_bps)
+    aircraft = SikRadio(vehicle, params.aircraft_dbm, params.serial_bps)
+    netid = params.netid + sum(link.params == params for link in made.sik)
+    made.fixed[ground.name] = params.place or _station_place(operator)
+    made.dipoles.add(ground.name)
+    made.sik.append(SikLink(name, params, netid, (ground, aircraft), chance))
+
+
+def _check_netids(made: LinksOverAir) -> Iterator[Problem]:
+    """Pairs of radios that would take each other's packets for their own."""
+    for place, link in enumerate(made.sik):
+        for other in made.sik[:place]:
+            mine, theirs = link.params, other.params
+            if link.netid == other.netid and mine.min_khz < theirs.max_khz and theirs.min_khz < mine.max_khz:
+                hint = "Set netid; further aircraft of a rule have the next numbers."
+                yield Problem(f"{link.name}.netid", f"{link.netid}, as {other.name}", "network ids that differ", hint)
+
+
+def _station_place(operator: Operator) -> tuple[float, float, float]:
+    """Where the antenna of a station is if the scenario says nothing."""
+    first = operator.vehicles[0].start
+    east_m, north_m = operator.station or (first.east_m, first.north_m)
+    return east_m, north_m, ANTENNA_M

@@ -59,13 +59,13 @@ class Aircraft:
 class AirLink:
     """What an attacker can hear of a control link over the air: its channel, and the addresses of its two radios."""
 
-    kind: Literal["wifi", "cellular"]
+    kind: Literal["wifi", "cellular", "sik"]
     centre_mhz: float
     width_mhz: float
     channel: int = 0
-    """Wi-Fi channel; 0 for a cellular link."""
+    """Wi-Fi channel; 0 for another link."""
     station_address: bytes = b""
-    """MAC address of the access point, 6 bytes; empty for a cellular link."""
+    """MAC address of the access point, 6 bytes; empty for another link."""
     aircraft_address: bytes = b""
 
 

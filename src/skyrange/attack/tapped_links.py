@@ -128,6 +128,9 @@ def _place_tap(
         expected = "network or onboard: the link has a fixed channel, which has no radio that anyone could hear"
         hint = 'Give [[links]] channel = "wifi" for that link.'
         raise InputError.one(context.id, "place", f"air, for {link}", expected, hint)
+    if over_air.kind == "sik":
+        expected = "network or onboard: skyrange has no radio of an attacker that follows the frequencies of SiK radios"
+        raise InputError.one(context.id, "place", f"air, for the SiK link {link}", expected)
     if over_air.kind != "wifi":
         expected = "network or onboard: data are encrypted between aircraft and base station (TS 33.401, 5.1.3)"
         raise InputError.one(context.id, "place", f"air, for the {over_air.kind} link {link}", expected)

@@ -11,6 +11,7 @@ from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
     from skyrange.radio.control_link.params import BaseStation, CellularParams, WifiParams
+    from skyrange.radio.control_link.sik.params import SikParams
     from skyrange.scenario.model.attacks import AttackTable, FaultTable, When
     from skyrange.scenario.model.defences import DefenceCost, DefenceTable, DetectorTable
     from skyrange.scenario.model.fleet import Autopilots, Fleet, Start, Vehicle
@@ -67,6 +68,7 @@ __all__ = [
     "Route",
     "Scenario",
     "Sensors",
+    "SikParams",
     "Square",
     "Start",
     "Vehicle",
@@ -87,6 +89,7 @@ if not TYPE_CHECKING:
         __name__,
         {
             "skyrange.radio.control_link.params": "BaseStation CellularParams WifiParams",
+            "skyrange.radio.control_link.sik.params": "SikParams",
             "skyrange.scenario.model.attacks": "AttackTable FaultTable When",
             "skyrange.scenario.model.defences": "DefenceCost DefenceTable DetectorTable",
             "skyrange.scenario.model.fleet": "Autopilots Fleet Start Vehicle",

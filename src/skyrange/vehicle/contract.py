@@ -24,8 +24,8 @@ class VehicleSpec:
     `system_id` is its MAVLink system in the operator's network number `network`. `params` are ArduCopter parameters in
     their own units that replace defaults. `wind_enu_mps` is the steady wind, for engines with dynamics of their own.
     With a `signing_key` its MAVLink is signed, and commands to it must be signed, unless its channel is exempt from
-    that (`signing_exempt`). `run` is the run of a batch that it belongs to, whose own name `vehicle` is; `seed` is that
-    of the run's chance.
+    that (`signing_exempt`). With a `telemetry_radio` its control link is over a SiK radio. `run` is the run of a batch
+    that it belongs to, whose own name `vehicle` is; `seed` is that of the run's chance.
     """
 
     vehicle: str
@@ -38,6 +38,7 @@ class VehicleSpec:
     wind_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)
     signing_key: SigningKey | None = field(default=None, repr=False)
     signing_exempt: bool = False
+    telemetry_radio: bool = False
     run: int = 0
     seed: int = 0
 

@@ -74,11 +74,12 @@ class ChannelDefence(Protection):
     def _find_links(self, wifi: Mapping[str, AirLink], context: DefenceContext) -> list[str]:
         """The Wi-Fi control links of the aircraft that it protects."""
         names = {link_name("gcs", vehicle): vehicle for vehicle in self.find_protected(context)}
-        cellular = [name for name in names if name in context.over_air and name not in wifi]
+        others = [name for name in names if name in context.over_air and name not in wifi]
         links, expected = [name for name in names if name in wifi], "an aircraft with a control link over Wi-Fi"
-        if self.vehicles and cellular:
-            hint = "A cellular operator changes frequencies itself."
-            raise InputError.one(context.id, "vehicles", names[cellular[0]], expected, hint)
+        if self.vehicles and others:
+            kind = context.over_air[others[0]].kind
+            hint = "SiK radios hop." if kind == "sik" else "A cellular operator changes frequencies itself."
+            raise InputError.one(context.id, "vehicles", names[others[0]], expected, hint)
         missing = [name for name in names if name not in wifi] if self.vehicles or not links else []
         if missing:
             hint = 'Give [[links]] match = "gcs:*" the key channel = "wifi", and add [radio].'

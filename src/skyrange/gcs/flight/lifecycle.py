@@ -31,6 +31,7 @@ class Flight:
     `vehicle` is the range-wide id (`blue/b1`). `system_id` is the MAVLink system id, 1…250, unique within the
     operator's MAVLink network number `network`. The ground station arms and starts the aircraft at `depart_s`
     (seconds of simulated time), or as soon after that as the aircraft is ready. It asks for approval at `request_s`.
+    With a `telemetry_radio` its link is over a SiK radio, which reports to the station.
     """
 
     vehicle: str
@@ -39,6 +40,7 @@ class Flight:
     depart_s: float = 0.0
     request_s: float = 0.0
     network: int = 0
+    telemetry_radio: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -134,6 +134,8 @@ class FlightSequencer:
             self._note_count(turn, "decision.bad_frame", self.belief.count("bad"), str(error))
             return False
         header = message._header
+        if self.flight.telemetry_radio and message.get_msgId() == mav.MAVLINK_MSG_ID_RADIO_STATUS:
+            return False
         if header.srcSystem != self.flight.system_id or header.srcComponent != AUTOPILOT_COMPONENT:
             sender = f"{header.srcSystem}/{header.srcComponent}"
             self._note_count(turn, "decision.foreign_frame", self.belief.count("foreign"), f"from {sender}")

@@ -11,7 +11,7 @@ import numpy as np
 
 from skyrange.codec.wifi_management import DEAUTHENTICATION, decode_management
 from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.contracts.medium import Floats, Ints, RadioTable
+from skyrange.contracts.medium import Floats, RadioTable
 from skyrange.core import elementary, elementary_python, elementwise, matrices
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError
@@ -21,8 +21,10 @@ from skyrange.core.whole_numbers import worth_noting
 from skyrange.radio.control_link.cellular_link import NO_CELL, CellularLink
 from skyrange.radio.control_link.channel_changes import ChannelChanges, FollowingJammers
 from skyrange.radio.control_link.foreign_radio import ForeignRadio
-from skyrange.radio.control_link.interference import BurstAtReceiver
+from skyrange.radio.control_link.noise_at_radios import NoiseAtRadios
 from skyrange.radio.control_link.propagation import Propagation
+from skyrange.radio.control_link.sik.link import SikLink
+from skyrange.radio.control_link.sik.updates import SikUpdates
 from skyrange.radio.control_link.wifi_link import (
     BEACON_BYTES,
     MAX_OCCUPANCY,
@@ -38,7 +40,7 @@ from skyrange.radio.control_link.wifi_rates import (
     fill_successes,
     success_probability,
 )
-from skyrange.radio.phy import OFDM, centre_mhz, filter_overlap
+from skyrange.radio.phy import OFDM, centre_mhz
 from skyrange.radio.propagation.link_budget import max_range_m
 from skyrange.radio.spectrum import ManagementFrame, NoiseBurst, Spectrum, Transmission
 
@@ -80,10 +82,11 @@ class ControlLinks:
         chance: Chance,
         city_busy: float = 0.0,
         foreign: Sequence[ForeignRadio] = (),
+        sik: Sequence[SikLink] = (),
     ) -> None:
         """`places` has the fixed radios by name, in metres from the origin. Rows of radios are those of
-        `spectrum.radios`, then those of `places`; `propagation` is by centre frequency in MHz. `foreign` are radios of
-        attackers on channels of `wifi`, at places of their names.
+        `spectrum.radios`, then those of `places`; `propagation` is by centre frequency in MHz, for `sik` by the middle
+        of the band. `foreign` are radios of attackers on channels of `wifi`, at places of their names.
         """
         self._wifi = sorted(wifi, key=lambda link: link.name)
         self._cellular = sorted(cellular, key=lambda link: link.name)
@@ -92,6 +95,7 @@ class ControlLinks:
         self._chance = chance
         self._fixed = np.array(list(places.values()), dtype=np.float64).reshape(-1, 3)
         rows = {name: row for row, name in enumerate((*spectrum.radios, *places))}
+        self._sik = SikUpdates(sik, rows)
         self._foreign = sorted(foreign, key=lambda radio: (radio.link.name, radio.transmitter.name))
         sending = [end for link in self._wifi for end in (link.station, link.aircraft)]
         sending += [radio.transmitter for radio in self._foreign]
@@ -163,6 +167,7 @@ class ControlLinks:
         for frame in frames:
             self._receive(frame, radios, out)
         self._update_cellular(now, radios, out)
+        self._sik.update(now, radios, self._spectrum.bursts, self._propagation, out)
         return out
 
     # ---------------------------------------------------------------- Wi-Fi
@@ -181,7 +186,9 @@ class ControlLinks:
                 link.to_aircraft.signal_dbm = link.station.power_dbm + gain
                 link.to_station.signal_dbm = link.aircraft.power_dbm + gain
             ends = {transmitter.row for link in links for transmitter in (link.station, link.aircraft)}
-            noise = _NoiseAt(bursts, propagation, radios, sorted(ends), centre_mhz=centre, width_mhz=WIDTH_MHZ, now=now)
+            noise = NoiseAtRadios(
+                bursts, propagation, radios, sorted(ends), centre_mhz=centre, width_mhz=WIDTH_MHZ, now=now
+            )
             for link in links:
                 link.to_aircraft.interference.bursts = noise.between(link.station, link.aircraft)
                 link.to_station.interference.bursts = noise.between(link.aircraft, link.station)
@@ -207,7 +214,7 @@ class ControlLinks:
             end_rows = np.array([end.row for radio in radios for end in (radio.link.station, radio.link.aircraft)])
             gains = propagation.gains_db(table, foreign_rows, end_rows, centre, now).reshape(-1, 2).tolist()
             rows = sorted({*foreign_rows.tolist(), *end_rows.tolist()})
-            noise = _NoiseAt(bursts, propagation, table, rows, centre_mhz=centre, width_mhz=WIDTH_MHZ, now=now)
+            noise = NoiseAtRadios(bursts, propagation, table, rows, centre_mhz=centre, width_mhz=WIDTH_MHZ, now=now)
             for radio, pair_gains in zip(radios, gains, strict=True):
                 attacker, link = radio.transmitter, radio.link
                 for end, gain, sent, heard in (
@@ -335,7 +342,7 @@ class ControlLinks:
             cells_mw = cell_loads * elementwise.exp10(0.1 * powers)
             others_mw = float(cells_mw.sum() - cells_mw[candidate])
             ends = [link.row, int(rows[candidate])]
-            noise = _NoiseAt(
+            noise = NoiseAtRadios(
                 self._spectrum.bursts, propagation, radios, ends, centre_mhz=centre, width_mhz=width, now=now
             )
             down, up = link.to_aircraft.interference, link.to_station.interference
@@ -350,60 +357,6 @@ class ControlLinks:
             if change_of_state:
                 kind = "event.link_down" if change_of_state == "failure" else "event.link_up"
                 out.note(kind, link.name, {"channel": "cellular", "why": change_of_state, "cell": link.cell})
-
-
-class _NoiseAt:
-    """The noise bursts of jammers at some radios, in a receiver's band."""
-
-    def __init__(
-        self,
-        bursts: Sequence[NoiseBurst],
-        propagation: Propagation,
-        radios: RadioTable,
-        rows: Sequence[int],
-        *,
-        centre_mhz: float,
-        width_mhz: float,
-        now: Time,
-    ) -> None:
-        self._bursts = [
-            burst
-            for burst in bursts
-            if burst.to_ns > now and filter_overlap(burst.centre_mhz, burst.width_mhz, centre_mhz, width_mhz) > 0.0
-        ]
-        self._column = {row: column for column, row in enumerate(rows)}
-        self._gains = np.zeros((0, len(rows)))
-        if self._bursts:
-            jammers: Ints = np.repeat(np.array([burst.radio for burst in self._bursts]), len(rows))
-            victims: Ints = np.tile(np.array(rows), len(self._bursts))
-            self._gains = propagation.gains_db(radios, jammers, victims, centre_mhz, now).reshape(-1, len(rows))
-        self._shares = [filter_overlap(b.centre_mhz, b.width_mhz, centre_mhz, width_mhz) for b in self._bursts]
-
-    def at(self, sender: int, receiver: int, power_dbm: float = math.inf) -> list[BurstAtReceiver]:
-        """The bursts for frames of `power_dbm` from the row `sender` to the row `receiver`.
-
-        A reactive jammer that does not hear such a frame is left out.
-        """
-        received = []
-        for place, burst in enumerate(self._bursts):
-            sent_db, received_db = self._gains[place, self._column[sender]], self._gains[place, self._column[receiver]]
-            if burst.turnaround_ns and power_dbm + sent_db < PREAMBLE_DBM:
-                continue
-            in_filter_dbm = burst.power_dbm + 10.0 * elementary.log10(self._shares[place])
-            received.append(
-                BurstAtReceiver(
-                    burst.from_ns,
-                    burst.to_ns,
-                    burst.turnaround_ns,
-                    elementary.exp10(0.1 * (in_filter_dbm + received_db)),
-                    in_filter_dbm + sent_db,
-                )
-            )
-        return received
-
-    def between(self, sender: Transmitter, receiver: Transmitter) -> list[BurstAtReceiver]:
-        """The same for two radios of a Wi-Fi link."""
-        return self.at(sender.row, receiver.row, sender.power_dbm)
 
 
 def cell_name(link: CellularLink, place: int) -> str:

@@ -14,6 +14,7 @@ from skyrange.contracts.links import Channel
 from skyrange.core.ids import APPROVAL, endpoint, link_name, vehicle_id
 from skyrange.core.time import NS_PER_MS
 from skyrange.radio.control_link.params import CellularParams, WifiParams
+from skyrange.radio.control_link.sik.params import SikParams
 from skyrange.scenario.model.base import Model, Number, Whole, wrong
 from skyrange.scenario.model.operators import Operator
 
@@ -24,6 +25,10 @@ AIR_LINKS = ("rid_up", "rid_down")
 OPERATOR_LINKS = ("approval",)
 """Kinds of link; every operator has one of each."""
 
+AirParams = WifiParams | CellularParams | SikParams
+"""Parameters of a channel over the air."""
+_OVER_AIR = ("wifi", "cellular", "sik")
+
 
 class Link(Model):
     """Changes to the channel of every link whose name matches. An omitted key does not change its value."""
@@ -31,14 +36,16 @@ class Link(Model):
     match: str = Field(
         min_length=1, description="Name of a link, such as 'gcs:blue/b1', or a pattern with *, such as 'gcs:*'."
     )
-    channel: Literal["fixed", "wifi", "cellular"] | None = Field(
+    channel: Literal["fixed", "wifi", "cellular", "sik"] | None = Field(
         default=None,
         description="fixed: the channel that the other keys describe, which is the default; wifi: over 802.11g between "
-        "the ground station and the aircraft; cellular: over the LTE cells that `cellular` declares. The latter two "
-        "are for gcs links, need [radio], and take the place of a fixed channel.",
+        "the ground station and the aircraft; cellular: over the LTE cells that `cellular` declares; sik: over a pair "
+        "of SiK telemetry radios. The latter three are for gcs links, need [radio], and take the place of a fixed "
+        "channel.",
     )
     wifi: WifiParams | None = Field(default=None, description='Parameters of channel = "wifi".')
     cellular: CellularParams | None = Field(default=None, description='Parameters of channel = "cellular".')
+    sik: SikParams | None = Field(default=None, description='Parameters of channel = "sik".')
     mode: Literal["reliable", "datagram"] | None = Field(
         default=None,
         description="reliable: frames keep their order, and a loss becomes a retransmission delay; datagram: frames "
@@ -80,28 +87,30 @@ class Link(Model):
 
     @model_validator(mode="after")
     def _one_kind_of_channel(self) -> Link:
-        for kind in ("wifi", "cellular"):
+        for kind in _OVER_AIR:
             if getattr(self, kind) is not None and self.channel != kind:
                 raise wrong("a table", f'no such table, or channel = "{kind}"', where=kind)
         if self.channel == "cellular" and self.cellular is None:
             raise wrong("none", "the base stations of the network", "Add base_stations.", where="cellular")
-        if self.channel in ("wifi", "cellular"):
-            fixed = sorted(self.model_fields_set - {"match", "channel", "wifi", "cellular"})
+        if self.channel in _OVER_AIR:
+            fixed = sorted(self.model_fields_set - {"match", "channel", *_OVER_AIR})
             if fixed:
                 hint = f"The table {self.channel} has the parameters of such a channel."
                 raise wrong(getattr(self, fixed[0]), f"no such key, because channel is {self.channel}", hint, fixed[0])
         return self
 
     @property
-    def over_air(self) -> WifiParams | CellularParams | None:
+    def over_air(self) -> AirParams | None:
         """The parameters of a channel over the air; `None` for a fixed one."""
         if self.channel == "wifi":
             return self.wifi or WifiParams()
+        if self.channel == "sik":
+            return self.sik or SikParams()
         return self.cellular if self.channel == "cellular" else None
 
     def over(self, channel: Channel) -> Channel:
         """`channel` with the changes of this rule, converted from milliseconds to nanoseconds."""
-        changes: dict[str, Any] = self.model_dump(exclude={"match", "channel", "wifi", "cellular"}, exclude_none=True)
+        changes: dict[str, Any] = self.model_dump(exclude={"match", "channel", *_OVER_AIR}, exclude_none=True)
         for name in ("latency", "jitter", "reorder"):
             if f"{name}_ms" in changes:
                 changes[f"{name}_ns"] = round(changes.pop(f"{name}_ms") * NS_PER_MS)
@@ -116,9 +125,9 @@ def resolve_channel(rules: Iterable[Link], name: str, default: Channel) -> Chann
     return default
 
 
-def resolve_over_air(rules: Iterable[Link], name: str) -> WifiParams | CellularParams | None:
+def resolve_over_air(rules: Iterable[Link], name: str) -> AirParams | None:
     """The parameters of the link's channel over the air, by the last rule that says what its channel is."""
-    params = None
+    params: AirParams | None = None
     for rule in rules:
         if rule.channel is not None and fnmatchcase(name, rule.match):
             params = rule.over_air

@@ -28,12 +28,13 @@ from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.geodesy import Origin as Datum
 from skyrange.core.time import Epoch
 from skyrange.radio.control_link.params import BaseStation, CellularParams, WifiParams
+from skyrange.radio.control_link.sik.params import SikParams
 from skyrange.scenario.model.attacks import ActTable, AttackTable, FaultTable, When
 from skyrange.scenario.model.base import FileName, Model, Number, Whole, items, refuse, wrong
 from skyrange.scenario.model.constraints import ConstraintTable
 from skyrange.scenario.model.defences import DefenceCost, DefenceTable, DetectorTable
 from skyrange.scenario.model.fleet import Autopilots, Fleet, Start, Vehicle
-from skyrange.scenario.model.links import Hosts, Link, Processing, resolve_channel, resolve_over_air
+from skyrange.scenario.model.links import AirParams, Hosts, Link, Processing, resolve_channel, resolve_over_air
 from skyrange.scenario.model.manual_acts import ManualActTable
 from skyrange.scenario.model.operators import Operator, ReplanningRules, VolumeMargins, name_operators
 from skyrange.scenario.model.plan import (
@@ -85,6 +86,7 @@ __all__ = [
     "Route",
     "Scenario",
     "Sensors",
+    "SikParams",
     "Square",
     "Start",
     "Vehicle",
@@ -447,7 +449,7 @@ class Scenario(Model):
         """The channel of the link `name`: `default` with the changes of every rule in `links` that matches."""
         return resolve_channel(self.links, name, default)
 
-    def over_air(self, name: str) -> WifiParams | CellularParams | None:
+    def over_air(self, name: str) -> AirParams | None:
         """The parameters of the channel of the link `name` over the air; `None` for a fixed channel."""
         return resolve_over_air(self.links, name)
 

@@ -49,7 +49,7 @@ from skyrange.vehicle.builtin.mission.items import decode_item
 from skyrange.vehicle.builtin.mission_protocol import server as mission_protocol
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters.table import PARAMETERS, SETTINGS, fill_settings
-from skyrange.vehicle.builtin.telemetry import schedule
+from skyrange.vehicle.builtin.telemetry import radio_status, schedule
 from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS, Schedule
 from skyrange.vehicle.builtin.tick_batch import FleetTickBatch
 from skyrange.vehicle.contract import AutopilotContext, AutopilotPlugin, VehicleSpec
@@ -92,6 +92,8 @@ _HANDLERS: dict[int, Handler] = {
     _ID.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: file_server.on_file_transfer,
     _ID.MAVLINK_MSG_ID_LOG_REQUEST_LIST: messages.on_log_request_list,
     _ID.MAVLINK_MSG_ID_SETUP_SIGNING: messages.on_setup_signing,
+    _ID.MAVLINK_MSG_ID_RADIO: radio_status.on_radio_status,
+    _ID.MAVLINK_MSG_ID_RADIO_STATUS: radio_status.on_radio_status,
     _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_ARM_STATUS: prearm.on_arm_status,
     _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_BASIC_ID: prearm.on_basic_id,
     _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_SYSTEM: prearm.on_system,
@@ -132,7 +134,9 @@ class BuiltinFleet(EngineBase):
             packer = FleetPacker(spec.system_id, COMPONENT_ID, sequences, row)
             lat, lon = origin.geodetic_of(*spec.home_enu_m[:2])
             on_at = round(lat * 1e7), round(lon * 1e7)
-            vehicles.append(Vehicle(id_, row, spec.system_id, port, packer, spec.home_enu_m, on_at))
+            vehicles.append(
+                Vehicle(id_, row, spec.system_id, port, packer, spec.home_enu_m, on_at, spec.telemetry_radio)
+            )
             estimate["pos"][row] = spec.home_enu_m
             estimate["yaw"][row] = math.radians(90.0 - spec.heading_deg)
         flight["landed"] = 1

@@ -198,6 +198,10 @@ class Vehicle:
     """East, north, up of home in metres."""
     origin_e7: tuple[int, int]
     """Latitude and longitude where it was switched on, 1e-7 degrees: the origin of ArduPilot's EKF."""
+    has_telemetry_radio: bool = False
+    """Whether its control link is over a radio whose RADIO_STATUS it heeds."""
+    stream_slowdown_ms: int = 0
+    """What is added to every interval of its streams because the buffer of that radio fills."""
     mode: int = 0
     mode_causes: Causes = ()
     mode_reason: str = ""
@@ -347,6 +351,8 @@ class Fleet:
         """(n,) phase of each aircraft's reports within a second."""
         self.stream_factors: dict[int, int] = {}
         """Rows whose streams change their pace, and how many times as long their intervals are."""
+        self.stream_delays_ns: dict[int, Time] = {}
+        """Rows whose streams change their pace, and what is added to each interval before that."""
         self.aux_pending = False
         """Whether any aircraft has `aux_functions` to run."""
         self.rebooted: list[str] = []

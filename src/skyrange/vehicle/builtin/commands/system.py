@@ -80,6 +80,8 @@ def reboot(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, causes: Causes) -
     vehicle.next_param = len(PARAMETERS)
     vehicle.slowdowns = Slowdown.NONE
     fleet.stream_factors.pop(row, None)
+    vehicle.stream_slowdown_ms = 0
+    fleet.stream_delays_ns.pop(row, None)
     vehicle.file_server = None
     end_log(vehicle)
     fleet.assign_home(vehicle, fleet.position(vehicle))

@@ -73,7 +73,7 @@ class Schedule:
     `period` is what was asked for; `interval` is longer while an aircraft's streams are slowed.
     """
 
-    __slots__ = ("_factor", "_next", "due", "interval", "offset", "period", "soonest")
+    __slots__ = ("_delay_ns", "_factor", "_next", "due", "interval", "offset", "period", "soonest")
 
     def __init__(self, offsets_ns: Ints) -> None:
         """`offsets_ns` (aircraft,): the phase of each aircraft in its intervals, below one second."""
@@ -83,6 +83,7 @@ class Schedule:
         self.interval = np.zeros((count, _SENT), dtype=np.int64)
         self.due = np.full((count, _SENT), NEVER, dtype=np.int64)
         self._factor = np.ones(count, dtype=np.int64)
+        self._delay_ns = np.zeros(count, dtype=np.int64)
         self.soonest = np.full(count, NEVER, dtype=np.int64)
         self._next: Time = NEVER  # nothing is due before
 
@@ -91,7 +92,8 @@ class Schedule:
         column = COLUMN[message]
         self.period[row, column] = period_ns
         if column < _SENT:
-            self.interval[row, column] = period_ns * (self._factor[row] if column != _HEARTBEAT else 1)
+            slowed_ns = (period_ns + self._delay_ns[row]) * self._factor[row] if period_ns else 0
+            self.interval[row, column] = slowed_ns if column != _HEARTBEAT else period_ns
             offset = int(self.offset[row]) % period_ns if period_ns else 0
             self.due[row, column] = now + offset if period_ns else NEVER
             self.soonest[row] = self.due[row].min()
@@ -101,16 +103,20 @@ class Schedule:
         """Stop all messages, as at power-on."""
         self.period[row] = self.interval[row] = 0
         self._factor[row] = 1
+        self._delay_ns[row] = 0
         self.due[row] = NEVER
         self.soonest[row] = NEVER
 
-    def slow(self, row: int, factor: int) -> None:
-        """Make the intervals of one aircraft `factor` times as long as asked for, counted from what was sent last.
+    def slow(self, row: int, factor: int, delay_ns: Time) -> None:
+        """Make the intervals of one aircraft longer than asked for by `delay_ns`, and then `factor` times as long,
+        counted from what was sent last.
 
         HEARTBEAT keeps its own (`deferred_message` of GCS.h).
         """
         self._factor[row] = factor
-        changed = self.period[row, :_SENT] * factor
+        self._delay_ns[row] = delay_ns
+        asked = self.period[row, :_SENT]
+        changed = (asked + delay_ns * (asked > 0)) * factor
         changed[_HEARTBEAT] = self.period[row, _HEARTBEAT]
         sent = self.due[row] < _NEVER
         self.due[row, sent] += (changed - self.interval[row])[sent]
@@ -120,9 +126,11 @@ class Schedule:
 
     def take(self, fleet: Fleet) -> list[Batch]:
         """Return the messages that are due, with contents and numbers; set their next times."""
-        for row in sorted(fleet.stream_factors):
-            self.slow(row, fleet.stream_factors[row])
+        for row in sorted({*fleet.stream_factors, *fleet.stream_delays_ns}):
+            factor = fleet.stream_factors.get(row, self._factor.item(row))
+            self.slow(row, factor, fleet.stream_delays_ns.get(row, self._delay_ns.item(row)))
         fleet.stream_factors.clear()
+        fleet.stream_delays_ns.clear()
         if fleet.now < self._next:
             return []
         (picked,) = (self.soonest <= fleet.now).nonzero()
