@@ -237,7 +237,12 @@ def _channel(flight: Flight, estimates: Estimates, facts: list[Fact]) -> dict[st
             f"{name} {np.median(radio[name]):.0f}" for name in ("rssi", "remote_rssi", "noise", "remote_noise")
         )
         facts.append(
-            Fact("ignored", "telemetry radio", shown, "medians of RADIO_STATUS; the scenario has no such radio")
+            Fact(
+                "ignored",
+                "telemetry radio",
+                shown,
+                'medians of RADIO_STATUS; the scenario has losses alone, where channel = "sik" has such a radio',
+            )
         )
     return {"match": "gcs:pilot/*", "mode": "datagram", "loss": round(loss, 5)} if lost else {}
 
