@@ -17,6 +17,7 @@ from skyrange.cli import (
     flightlogs,
     installation,
     live,
+    log_detection,
     part_benchmarks,
     runs,
     watching,
@@ -444,6 +445,53 @@ def import_(
     ignored.
     """
     flightlogs.import_flight(flight, number, system, vehicle, out, as_json=as_json)
+
+
+@app.command(epilog="Example: skyrange detect flight.tlog --benign --out alerts")
+def detect(
+    *,
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG",
+            help="Telemetry logs (.tlog), captures (.pcapng, .pcap) of MAVLink or Remote ID, or folders of runs.",
+            show_default=False,
+        ),
+    ],
+    detector: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND",
+            help="A kind of detector, or a pattern with *. May be repeated. Default: the detectors of a run that has "
+            "some, else all kinds that apply.",
+        ),
+    ] = None,
+    detectors: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="A TOML file with tables [[detectors]], such as a scenario, to take instead."
+        ),
+    ] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="PATH=VALUE",
+            help="Change a value of a detector, such as detectors.mavlink-rate.params.multiple=2. May be repeated.",
+        ),
+    ] = None,
+    plugin: Plugins = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run detectors over logs, captures and runs, without a simulation, and count false alarms in benign ones."""
+    load_plugins(plugin)
+    options = log_detection.DetectOptions(
+        logs=logs,
+        kinds=detector or (),
+        file=detectors,
+        changes=changes or (),
+    )
+    log_detection.detect(options, as_json=as_json)
 
 
 @app.command(epilog="Example: skyrange diff runs/squares runs/squares-2")
