@@ -93,7 +93,8 @@ def _run(
     for one in choice.chosen:
         groups.setdefault(one.ends, []).append(one.placement)
     services = [
-        (MonitorService(placements, ends, log.until_ns), _numbers(watched, ends)) for ends, placements in groups.items()
+        (MonitorService(placements, ends, log.until_ns, past_end=bool(log.side)), _numbers(watched, ends))
+        for ends, placements in groups.items()
     ]
     airborne, alerts = AirborneTimes(watched), list[RaisedAlert]()
     for table in log.rows(watched):

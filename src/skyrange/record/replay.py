@@ -58,12 +58,21 @@ class MonitorService:
     time, then `TIES`.
     """
 
-    def __init__(self, placements: Sequence[MonitorPlacement], ports: Sequence[Port], until: Time) -> None:
-        """Make the monitors, which are served up to and with `until`. `InputError` as `make_monitor`."""
+    def __init__(
+        self, placements: Sequence[MonitorPlacement], ports: Sequence[Port], until: Time, *, past_end: bool = False
+    ) -> None:
+        """Make the monitors, which are served up to and with `until`; with `past_end` once more if something of the
+        time before it was not shown by then. `InputError` as `make_monitor`.
+        """
         made = [(placement.id, make_monitor(placement)) for placement in sorted(placements, key=_id_of)]
         steps = sorted({monitor.service_ns for _, monitor in made})
         self._turns = [
-            _Turns(ports, [(id_, monitor) for id_, monitor in made if monitor.service_ns == step], step, until)
+            _Turns(
+                ports,
+                [(id_, monitor) for id_, monitor in made if monitor.service_ns == step],
+                step,
+                -(-until // step) * step if past_end else until,
+            )
             for step in steps
         ]
 
