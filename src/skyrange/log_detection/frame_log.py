@@ -16,6 +16,11 @@ from skyrange.core.time import Epoch, Time
 from skyrange.log_detection.observed_log import ROWS, LogLink, ObservedLog, Remark
 
 _TABLE_ROWS: Final = 8192
+_MOST_AT_ONCE: Final = 16 * _TABLE_ROWS
+"""Frames of one time that are put in order among each other."""
+
+
+_Row = tuple[Time, int, bool, str, str, bytes]
 
 
 class SeenFrame(NamedTuple):
@@ -62,20 +67,26 @@ class FrameLog(ObservedLog):
         """See `ObservedLog`. Memory is bounded."""
         places = {end: place for place, end in enumerate(ends)}
         moved = [places.get(end, -1) for end in self.ends]
-        held: list[tuple[Time, int, bool, str, str, bytes]] = []
+        held: list[_Row] = []
         for at, place, received, payload in self.read():
             if moved[place] < 0:
                 continue
+            if len(held) >= _TABLE_ROWS and (at > held[-1][0] or len(held) >= _MOST_AT_ONCE):
+                yield _table(held)
+                held = []
             own, other = self._claims[place]
             src, dst = (other, own) if received else (own, other)
             held.append((at, moved[place], received, src, dst, payload))
-            if len(held) >= _TABLE_ROWS:
-                yield _table(held)
-                held = []
         yield _table(held)
 
 
-def _table(held: Sequence[tuple[Time, int, bool, str, str, bytes]]) -> pa.Table:
+def _order(row: _Row) -> tuple[Time, int, bool]:
+    """As a kernel hands frames to monitors: by time, end, and what was sent before what arrived."""
+    return row[:3]
+
+
+def _table(held: list[_Row]) -> pa.Table:
+    held.sort(key=_order)
     columns = list(zip(*held, strict=True)) or [()] * len(ROWS)
     at, place, received, src, dst, payload = columns
     arrays = (

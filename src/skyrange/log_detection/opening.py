@@ -10,6 +10,8 @@ from typing import Final
 from skyrange.core.errors import InputError
 from skyrange.core.files import expand_user, open_input
 from skyrange.flightlog.reading import find_format
+from skyrange.log_detection.capture_log import CaptureLog
+from skyrange.log_detection.frame_log import FrameLog
 from skyrange.log_detection.observed_log import ObservedLog, Remark
 from skyrange.log_detection.telemetry_log import EXPECTED, Side, TelemetryLog, Window
 
@@ -50,18 +52,20 @@ def open_log(file: Path | str, options: LogOptions | None = None) -> ObservedLog
     with open_input(path, str(path), "file", expected=EXPECTED) as opened:
         data = opened.read(_SEARCHED)
     window = Window(options.from_s, options.to_s)
-    if data[:4] in _CAPTURES:
-        raise NotImplementedError
-    found = find_format(data)
-    if found != "tlog":
+    found = "capture" if data[:4] in _CAPTURES else find_format(data)
+    log: FrameLog
+    if found == "capture":
+        log = CaptureLog(path, options.systems, options.side, window)
+    elif found == "tlog":
+        log = TelemetryLog(path, options.systems, options.side, window)
+    else:
         hint = "" if found is None else f"It is a {found}, which the autopilot writes on board; it has no frames."
         raise InputError.one(str(path), "file", repr(data[:8]) if data else "empty", EXPECTED, hint)
-    log = TelemetryLog(path, options.systems, options.side, window)
-    _remark_name(log, "tlog")
+    _remark_name(log, found)
     return log
 
 
-def _remark_name(log: TelemetryLog, found: str) -> None:
+def _remark_name(log: FrameLog, found: str) -> None:
     """Say that a file is called otherwise than what it is."""
     if log.path.suffix.lower() not in _SUFFIXES[found]:
         text = f"it is called {log.path.suffix or 'without a suffix'}, and is read as what it is, a {found}"
