@@ -447,6 +447,13 @@ def import_(
     flightlogs.import_flight(flight, number, system, vehicle, out, as_json=as_json)
 
 
+class LogEnd(StrEnum):
+    """The end of its links at which a log was made."""
+
+    GCS = "gcs"
+    COMPANION = "companion"
+
+
 @app.command(epilog="Example: skyrange detect flight.tlog --benign --out alerts")
 def detect(
     *,
@@ -480,6 +487,36 @@ def detect(
             help="Change a value of a detector, such as detectors.mavlink-rate.params.multiple=2. May be repeated.",
         ),
     ] = None,
+    system: Annotated[
+        list[int] | None,
+        typer.Option(
+            metavar="ID", min=0, max=255, help="MAVLink system id of a vehicle to judge. May be repeated. Default: all."
+        ),
+    ] = None,
+    end: Annotated[
+        LogEnd,
+        typer.Option(help="Where the log was made: at the ground station, or at the companion on board."),
+    ] = LogEnd.GCS,
+    from_s: Annotated[
+        float, typer.Option("--from", metavar="SECONDS", min=0.0, help="Begin so long after the first frame.")
+    ] = 0.0,
+    to_s: Annotated[
+        float | None,
+        typer.Option("--to", metavar="SECONDS", min=0.0, help="End so long after the first frame. Default: its end."),
+    ] = None,
+    benign: Annotated[
+        bool,
+        typer.Option(
+            "--benign", help="Say that the logs have no attack: every alarm is false, and is counted an hour."
+        ),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="A new or an empty folder for detection.html, detection.json, alerts.parquet and alerts.csv.",
+        ),
+    ] = None,
     plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
@@ -490,6 +527,12 @@ def detect(
         kinds=detector or (),
         file=detectors,
         changes=changes or (),
+        systems=system or (),
+        end=end.value,
+        from_s=from_s,
+        to_s=to_s,
+        benign=benign,
+        out=out,
     )
     log_detection.detect(options, as_json=as_json)
 

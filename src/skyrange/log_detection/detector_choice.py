@@ -18,6 +18,7 @@ from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.files import expand_user
 from skyrange.core.ids import Port
 from skyrange.detect.bases import ReceptionDetector, TelemetryDetector
+from skyrange.detect.declaration import Detector
 from skyrange.detect.series import Series
 from skyrange.log_detection.observed_log import Contents, ObservedLog
 from skyrange.scenario.model.base import Model
@@ -96,6 +97,8 @@ class Chosen:
     placement: MonitorPlacement
     less: tuple[str, ...]
     """What it does without in this log."""
+    note: str
+    """What a user has to know of its parameters; mostly nothing."""
 
 
 class Choice(NamedTuple):
@@ -190,7 +193,9 @@ def _explain(error: InputError, id_: str) -> str:
     """What keeps a detector from being made, in a few words."""
     problem = error.problems[0]
     where = problem.where.rpartition("params.")[2].removeprefix("detectors.0.")
-    return f"{where}: {problem.value}, expected {problem.expected}; set it with --set detectors.{id_}.params.NAME=VALUE"
+    if problem.value == "missing":
+        return f"it needs the parameter {where!r}; set it with --set detectors.{id_}.params.{where}=VALUE"
+    return f"{where}: {problem.value}, expected {problem.expected}"
 
 
 def choose(log: ObservedLog, wanted: Iterable[Wanted], contents: Contents) -> Choice:
@@ -242,7 +247,16 @@ def _choose_one(log: ObservedLog, one: Wanted, contents: Contents) -> Chosen | s
                     for p in error.problems]  # fmt: skip
         raise InputError(str(log.path), problems) from None
     less = _find_less(table.kind, monitor, ports, contents)
-    return less if isinstance(less, str) else Chosen(table.id, table.kind, ports, placement, tuple(less))
+    if isinstance(less, str):
+        return less
+    return Chosen(table.id, table.kind, ports, placement, tuple(less), _note(monitor))
+
+
+def _note(monitor: Monitor) -> str:
+    least = getattr(monitor, "report_above", 1.0)
+    if not isinstance(monitor, Detector) or least >= 1.0:
+        return ""
+    return f"it raises alerts from a score of {least:g} on, below its default threshold of 1; they count as alarms"
 
 
 def _find_less(kind: str, monitor: Monitor, ports: Sequence[Port], contents: Contents) -> list[str] | str:

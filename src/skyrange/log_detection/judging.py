@@ -22,6 +22,8 @@ from skyrange.record.write.memory_observer import RaisedAlert
 Progress = Callable[[Time, Time], None]
 """Is told the time of the log that was judged, and the time at its end."""
 _NO_PLACE: Final = -1
+_OF_OPERATORS: Final = ("approval:", "uss:")
+"""Links on which no aircraft is observed: their hours are no hours of one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +126,7 @@ def _list_exposures(choice: Choice, contents: Contents, airborne: AirborneTimes)
     observed: dict[str, tuple[Time, Time]] = {}
     for port in ends:
         found = contents.by_end[port]
-        if found.first_ns is None:
+        if found.first_ns is None or port.link.startswith(_OF_OPERATORS):
             continue
         subject = subject_of_link(port.link)
         first, last = observed.get(subject, (found.first_ns, found.last_ns))

@@ -88,18 +88,17 @@ class TelemetryLog(FrameLog):
     def _describe_systems(self, seen: SystemCounts) -> list[Remark]:
         remarks = [Remark("times", "they are in microseconds; alerts of a run's own record may differ by as much")]
         stations = sorted(system for system in seen.stations - set(self._chosen) if seen.frames[system])
-        sent = sum(seen.frames[system] for system in stations)
         text = "no frame is from a ground station: the log has one direction"
         if stations:
-            text = f"{_list_systems(seen, stations)} are ground stations, by their heartbeats or ids; "
-            text += f"their {sent:,} frames are taken as sent to a vehicle, all others as received from one"
+            text = f"ground stations, by heartbeats or ids: {_list_systems(seen, stations)}; "
+            text += "their frames are taken as sent to a vehicle, all others as received from one"
         remarks.append(Remark("systems", text))
         others = sorted(seen.frames.keys() - set(self._chosen) - seen.stations - self._left_out)
         if others:
-            text = f"{_list_systems(seen, others)} are neither vehicles nor ground stations, such as radios; they "
-            remarks.append(Remark("systems", text + f"are taken as heard on the link of {self._chosen[0]}"))
+            text = f"neither vehicles nor ground stations, such as radios: {_list_systems(seen, others)}; their frames "
+            remarks.append(Remark("systems", text + f"are taken as received on the link of system {self._chosen[0]}"))
         if self._left_out:
-            text = f"{_list_systems(seen, sorted(self._left_out))} are vehicles that were not asked for, and left out"
+            text = f"vehicles that were not asked for, and are left out: {_list_systems(seen, sorted(self._left_out))}"
             remarks.append(Remark("systems", text))
         if len(self._chosen) > 1 and stations:
             how = "is found by its number, since each link has numbers of its own"
