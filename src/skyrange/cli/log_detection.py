@@ -150,7 +150,7 @@ def _print_log(found: Findings) -> None:
     for remark in found.remarks:
         print_notice(f"{name}: {remark.subject}: {remark.text}")
     for one in choice.left_out:
-        print_notice(f"{name}: not run: {one.kind}: {one.reason}")
+        print_notice(f"{name}: not run: {one.kind or one.id}: {one.reason}")
     for chosen in choice.chosen:
         for less in chosen.less:
             print_notice(f"{name}: runs with less: {chosen.kind}: {less}")

@@ -15,6 +15,7 @@ STATION_PORT: Final = 14550
 """Of ground stations (mavlink.io, and `export.packet_captures`)."""
 MOST_FLOWS: Final = 1024
 _MOST_WAITING: Final = 64
+_MOST_WAITING_BYTES: Final = 1 << 16
 _WRAP: Final = 1 << 32
 _HALF: Final = 1 << 31
 
@@ -71,7 +72,10 @@ class _Stream:
             self._next = segment.sequence
         self._waiting[segment.sequence] = segment.payload
         data = self._take_ready()
-        if len(self._waiting) > _MOST_WAITING:  # what is missing was not captured
+        waiting_bytes = sum(map(len, self._waiting.values()))
+        if (
+            len(self._waiting) > _MOST_WAITING or waiting_bytes > _MOST_WAITING_BYTES
+        ):  # what is missing was not captured
             counts.lost_segments += 1
             self._next = min(self._waiting, key=self._ahead)
             self.deframer = Deframer()

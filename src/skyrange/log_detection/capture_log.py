@@ -27,11 +27,12 @@ from skyrange.log_detection.frame_log import FrameLog, SeenFrame
 from skyrange.log_detection.log_clock import LogClock
 from skyrange.log_detection.mavlink_systems import LinkFinder, SystemCounts, read_head
 from skyrange.log_detection.observed_log import LogLink, Remark
-from skyrange.log_detection.telemetry_log import EXPECTED, Side, Window
+from skyrange.log_detection.telemetry_log import EXPECTED, Side, Window, WindowClock
 
 _KINDS: Final = (" wifi", " ble")
 """Ends of the names of interfaces, of which each receiver has two in an exported capture."""
 _MOST_RECEIVERS: Final = 1024
+_MOST_LINKS: Final = 1024
 _MOST_BODIES: Final = 1001
 """Broadcasts by whose claims the origin is chosen."""
 ORACLE: Final = "oracle"
@@ -60,7 +61,7 @@ class _Link(NamedTuple):
 
     station: Address
     places: Sequence[int]
-    """Numbers of its links' ends, one for each of its vehicles."""
+    """Numbers of its links' ends, one for each of its vehicles; -1 for one that was not asked for."""
     vehicles: Sequence[int]
     """Their system ids; empty for one link of all frames."""
     numbers_each_link: bool
@@ -93,7 +94,8 @@ class CaptureLog(FrameLog):
         order = sorted(range(len(ends)), key=lambda number: (ends[number].link, ends[number].endpoint))
         moved = {number: place for place, number in enumerate(order)}
         self._links = {
-            pair: link._replace(places=[moved[number] for number in link.places]) for pair, link in self._links.items()
+            pair: link._replace(places=[moved.get(number, -1) for number in link.places])
+            for pair, link in self._links.items()
         }
         self._receivers = {name: moved[number] for name, number in self._receivers.items()}
         epoch = Epoch(survey.clock.start_unix_ns or 0)
@@ -120,7 +122,7 @@ class CaptureLog(FrameLog):
 
     def _packets(self, survey: _Survey) -> Iterator[tuple[Time, Packet, Segment | None, RidFrame | None]]:
         """The packets with a UDP datagram, a TCP segment or a broadcast, in order of time."""
-        first_ns: int | None = None
+        whole = WindowClock(self._window, survey.clock)
         with open_input(self.path, str(self.path), "file", expected=EXPECTED) as file:
             for packet in read_packets(file, survey.packets):
                 kind = packet.interface.link_type
@@ -137,15 +139,20 @@ class CaptureLog(FrameLog):
                     survey.link_types[kind] += 1
                 if segment is None and broadcast is None:
                     continue
-                first_ns = packet.time_ns if first_ns is None else first_ns
-                if self._window.has(packet.time_ns - first_ns):
-                    yield survey.clock.read(packet.time_ns), packet, segment, broadcast
+                at = whole.read(packet.time_ns)
+                if at is not None:
+                    yield at, packet, segment, broadcast
 
     def read(self) -> Iterator[SeenFrame]:
         """See `FrameLog`."""
         survey = _Survey()
         finders = {
-            pair: LinkFinder(link.vehicles, link.stations, numbers_each_link=link.numbers_each_link)
+            pair: LinkFinder(
+                link.vehicles,
+                link.stations,
+                next((number for number, place in enumerate(link.places) if place >= 0), 0),
+                numbers_each_link=link.numbers_each_link,
+            )
             for pair, link in self._links.items()
         }
         at_station = self.side == "gcs"
@@ -165,7 +172,8 @@ class CaptureLog(FrameLog):
             received = (segment.source == link.station) != at_station
             for data, is_frame in survey.reader.read(segment):
                 for number in self._find_numbers(link, finders[pair], data, is_frame=is_frame):
-                    yield SeenFrame(at, link.places[number], received, data)
+                    if link.places[number] >= 0:
+                        yield SeenFrame(at, link.places[number], received, data)
 
     def _find_numbers(self, link: _Link, finder: LinkFinder, data: bytes, *, is_frame: bool) -> Sequence[int]:
         if not link.vehicles:
@@ -186,13 +194,18 @@ class CaptureLog(FrameLog):
             if systems is None:
                 remarks.append(Remark("systems", f"{vehicle}: none of those asked for; its frames are left out"))
                 continue
+            if len(links) + max(len(systems), 1) > _MOST_LINKS:
+                remarks.append(Remark("flows", f"{vehicle}: left out, because the capture has too many vehicles"))
+                continue
             owners = names.owners(station, vehicle, systems)
             first = len(links)
             links += [LogLink(link_name("gcs", owner), names.station(station), endpoint(owner, "companion"))
                       for owner in owners]  # fmt: skip
-            places = range(first, len(links))
+            wanted = dict(zip(systems, range(first, len(links)), strict=False))
+            every = sorted(down.vehicles) if systems else []
+            places = [wanted.get(system, -1) for system in every] or [first]
             stations = frozenset(up.frames.keys() - down.vehicles)
-            self._links[pair] = _Link(station, places, systems, up.numbers_each_link, stations)
+            self._links[pair] = _Link(station, places, every, up.numbers_each_link, stations)
             text = f"{station} is taken as the ground station of {', '.join(owners)}, by {why}"
             remarks.append(Remark("flows", text))
         if self._links:

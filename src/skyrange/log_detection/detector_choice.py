@@ -128,12 +128,8 @@ def check_request(request: Request) -> None:
             raise InputError.one("--detector", "kind", pattern, "a kind of detector that is installed", hint)
     if request.kinds and request.file is not None:
         raise InputError.one("--detector", "with --detectors", str(request.file), "one of both")
-    documents = _list_documents(request, ())
-    if documents:
-        changed = apply_overrides({"detectors": documents}, request.changes, DetectorList)["detectors"]
-        if request.kinds or request.file is not None:
-            for document in changed:
-                _validate(document)
+    if request.kinds or request.file is not None:
+        list_wanted(request, ())
 
 
 def list_wanted(request: Request, declared: Sequence[Mapping[str, Any]]) -> tuple[list[Wanted], list[LeftOut]]:
@@ -148,6 +144,9 @@ def list_wanted(request: Request, declared: Sequence[Mapping[str, Any]]) -> tupl
     for document in changed:
         id_, kind = str(document.get("id", "")), str(document.get("kind", ""))
         place = _PLACES.get(kind, _MAVLINK)
+        if not kind:
+            left_out.append(LeftOut(id_, "", "no scenario declares it, so that its kind is not on record"))
+            continue
         try:
             table = _validate(document)
         except InputError as error:

@@ -10,11 +10,13 @@ from typing import Final, NamedTuple
 import numpy as np
 import pyarrow as pa
 
+from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port
-from skyrange.core.time import Epoch, Time
+from skyrange.core.time import NS_PER_S, Epoch, Time
 from skyrange.log_detection.observed_log import ROWS, LogLink, ObservedLog, Remark
 
+MAX_LOG_NS: Final = 30 * 86_400 * NS_PER_S
 _TABLE_ROWS: Final = 8192
 _MOST_AT_ONCE: Final = 16 * _TABLE_ROWS
 """Frames of one time that are put in order among each other."""
@@ -37,7 +39,13 @@ class FrameLog(ObservedLog):
     """A file of frames at the ends of some links, one end of each."""
 
     def __init__(self, path: Path, links: Sequence[LogLink], ends: Sequence[Port], epoch: Epoch, last_ns: Time) -> None:
-        """`ends` are in order of link; `last_ns` is the time of the last frame."""
+        """`ends` are in order of link; `last_ns` is the time of the last frame. Raises `InputError` for a log that is
+        longer than `MAX_LOG_NS`, over which monitors would be served for hours.
+        """
+        if last_ns > MAX_LOG_NS:
+            hint = "Choose a part with --from and --to; the times of a damaged log may be wrong."
+            days = f"{last_ns / MAX_LOG_NS * 30.0:,.1f} days"
+            raise InputError.one(str(path), "times", days, "a log of at most 30 days", hint)
         self.path, self.links, self.ends, self.epoch = path, list(links), list(ends), epoch
         self.until_ns = last_ns
         self.vehicles = sorted({link.name.partition(":")[2] for link in links if link.name.startswith("gcs:")})

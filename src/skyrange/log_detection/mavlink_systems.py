@@ -73,7 +73,8 @@ class SystemCounts:
         self.frames[system] += 1
         if head.message == HEARTBEAT:
             start = HEADER_V2 if frame[0] == MAGIC_V2 else HEADER_V1
-            kind, autopilot = frame[start + _TYPE], frame[start + _AUTOPILOT]
+            # MAVLink 2 cuts zeros at the end
+            kind, autopilot = (frame[start + at] if at < frame[1] else 0 for at in (_TYPE, _AUTOPILOT))
             if kind == _GCS:
                 self.stations.add(system)
             elif autopilot != _NO_AUTOPILOT:
@@ -99,8 +100,14 @@ class SystemCounts:
 class LinkFinder:
     """The links of frames, by the numbers of `vehicles` in their order."""
 
-    def __init__(self, vehicles: Sequence[int], stations: Iterable[int], *, numbers_each_link: bool) -> None:
-        """`numbers_each_link` as of `SystemCounts`."""
+    def __init__(
+        self, vehicles: Sequence[int], stations: Iterable[int], home: int = 0, *, numbers_each_link: bool
+    ) -> None:
+        """`home` is the link of systems that are neither vehicles nor stations, such as a radio of the station.
+
+        `numbers_each_link` as of `SystemCounts`.
+        """
+        self._home = (home,)
         self._place = {system: place for place, system in enumerate(vehicles)}
         self._every = tuple(range(len(vehicles)))
         self._stations = set(stations) - set(vehicles)
@@ -121,7 +128,7 @@ class LinkFinder:
             place = self._place.get(head.system)
             if place is None:
                 self.others[head.system] += 1
-                return self._every[:1]
+                return self._home
             return (place,)
         place = self._place.get(head.target)
         if place is None and self._each:

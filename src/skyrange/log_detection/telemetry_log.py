@@ -23,7 +23,7 @@ EXPECTED: Final = "a telemetry log (.tlog), a capture (.pcapng, .pcap), or the f
 
 
 class Window:
-    """The part of a log that is read: seconds from its first frame on."""
+    """The part of a log that is read: seconds from its first frame on, as a `LogClock` counts them."""
 
     def __init__(self, from_s: float = 0.0, to_s: float | None = None) -> None:
         self._from_ns = round(from_s * NS_PER_S)
@@ -33,6 +33,26 @@ class Window:
     def has(self, since_ns: Time) -> bool:
         """Whether it has a frame that is so much later than the first one."""
         return self._from_ns <= since_ns and (self._to_ns is None or since_ns <= self._to_ns)
+
+
+class WindowClock:
+    """The times of the frames in a window, by a clock that begins with the first of them."""
+
+    def __init__(self, window: Window, clock: LogClock) -> None:
+        """`clock` is read for the frames in the window."""
+        self._window, self._clock = window, clock
+        self._whole = LogClock()
+        self._first_ns: Time | None = None
+
+    def read(self, unix_ns: int) -> Time | None:
+        """The time of the next frame of the log; None if it is outside, or cannot be."""
+        if self._window.is_whole:
+            return self._clock.read(unix_ns)
+        at = self._whole.read(unix_ns)
+        if at is None:
+            return None
+        self._first_ns = at if self._first_ns is None else self._first_ns
+        return self._clock.read(unix_ns) if self._window.has(at - self._first_ns) else None
 
 
 class TelemetryLog(FrameLog):
@@ -54,36 +74,37 @@ class TelemetryLog(FrameLog):
             systems_seen.add(head, frame)
             last_ns = at
         self._chosen = _choose(path, systems_seen, systems)
-        self._finder = (self._chosen, systems_seen.stations, systems_seen.numbers_each_link)
-        self._left_out = set(systems_seen.list_vehicles()) - set(self._chosen)
+        self._every = sorted({*systems_seen.list_vehicles(), *self._chosen})
+        self._finder = (systems_seen.stations, systems_seen.numbers_each_link)
+        self._left_out = set(self._every) - set(self._chosen)
         station = endpoint(STATION, "gcs")
         names = [vehicle_id(STATION, f"sys{system}") for system in self._chosen]
         links = [LogLink(link_name("gcs", name), station, endpoint(name, "companion")) for name in names]
         ends = [Port(link.a if side == "gcs" else link.b, link.name) for link in links]
         order = sorted(range(len(ends)), key=lambda number: ends[number].link)
-        self._places = [order.index(number) for number in range(len(ends))]
+        place = {self._chosen[number]: place for place, number in enumerate(order)}
+        self._places = [place.get(system, -1) for system in self._every]
         super().__init__(path, links, [ends[number] for number in order], Epoch(clock.start_unix_ns or 0), last_ns)
         self._remarks = [*_list_damage(counts), *clock.remarks(), *self._describe_systems(systems_seen)]
 
     def read(self) -> Iterator[SeenFrame]:
         """See `FrameLog`."""
-        chosen, stations, each = self._finder
-        finder = LinkFinder(chosen, stations, numbers_each_link=each)
+        stations, each = self._finder
+        finder = LinkFinder(self._every, stations, self._every.index(self._chosen[0]), numbers_each_link=each)
         at_station = self.side == "gcs"
         for at, head, frame in self._scan(LogCounts(), LogClock()):
-            if head.system in self._left_out:
-                continue
             received = finder.is_from_station(head) != at_station
             for number in finder.find(head):
-                yield SeenFrame(at, self._places[number], received, frame)
+                if self._places[number] >= 0:
+                    yield SeenFrame(at, self._places[number], received, frame)
 
     def _scan(self, counts: LogCounts, clock: LogClock) -> Iterator[tuple[Time, Head, bytes]]:
-        first_us: int | None = None
+        whole = WindowClock(self._window, clock)
         with open_input(self.path, str(self.path), "file", expected=EXPECTED) as file:
             for time_us, frame in read_frames(file, counts):
-                first_us = time_us if first_us is None else first_us
-                if self._window.has((time_us - first_us) * NS_PER_US):
-                    yield clock.read(time_us * NS_PER_US), read_head(frame), frame
+                at = whole.read(time_us * NS_PER_US)
+                if at is not None:
+                    yield at, read_head(frame), frame
 
     def _describe_systems(self, seen: SystemCounts) -> list[Remark]:
         remarks = [Remark("times", "they are in microseconds; alerts of a run's own record may differ by as much")]
@@ -100,7 +121,7 @@ class TelemetryLog(FrameLog):
         if self._left_out:
             text = f"vehicles that were not asked for, and are left out: {_list_systems(seen, sorted(self._left_out))}"
             remarks.append(Remark("systems", text))
-        if len(self._chosen) > 1 and stations:
+        if len(self._every) > 1 and stations:
             how = "is found by its number, since each link has numbers of its own"
             if not seen.numbers_each_link:
                 how = "is taken as sent to every vehicle"

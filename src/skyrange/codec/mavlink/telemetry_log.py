@@ -45,6 +45,8 @@ class LogCounts:
     """Places at which a frame was due, and its checksum was wrong."""
     unknown_messages: int = 0
     """Frames of messages that the dialect does not have, so that their checksums cannot be verified."""
+    unknown_bytes: int = 0
+    """Bytes of these frames and of their times."""
     cut_bytes: int = 0
     """Bytes at the end that are the begin of a frame."""
 
@@ -70,6 +72,7 @@ def read_frames(file: BufferedIOBase, counts: LogCounts) -> Iterator[LoggedFrame
                 continue
             if end == UNKNOWN_MESSAGE and (after := _end_of_unknown(buffer, at, size)):
                 counts.unknown_messages += 1
+                counts.unknown_bytes += after - at
                 at = after
                 continue
             if end > size and _find_frame(buffer, at, size, is_last=is_last)[0] is None:
