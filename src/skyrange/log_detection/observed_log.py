@@ -146,8 +146,3 @@ def _name(number: int) -> str:
         return name_message(number)
     except KeyError:
         return ""
-
-
-def describe_counts(counts: Mapping[str, int]) -> str:
-    """Counts of things in words, without those that are 0."""
-    return ", ".join(f"{count:,} {name}" for name, count in counts.items() if count)
