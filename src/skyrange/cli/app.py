@@ -495,7 +495,9 @@ def detect(
     ] = None,
     end: Annotated[
         LogEnd,
-        typer.Option(help="Where the log was made: at the ground station, or at the companion on board."),
+        typer.Option(
+            metavar="SIDE", help="Where the log was made: gcs is the ground station, companion the computer on board."
+        ),
     ] = LogEnd.GCS,
     from_s: Annotated[
         float, typer.Option("--from", metavar="SECONDS", min=0.0, help="Begin so long after the first frame.")
