@@ -51,7 +51,6 @@ DELIBERATE = {
     "described in docs/reference/drip.md": ("addresses_of",),
     "messages of DRIP that receivers verify and no aircraft sends": ("pack_wrapper", "wrapper"),
     "described in docs/explanation/radio.md": ("table_lookups",),
-    "the other direction of a codec, which attacks and tests of round trips need": ("decode_frame", "decode_packet"),
     "the rule for one value that others apply to arrays": ("accuracy_code",),
     "a column of an array whose other columns have names too": ("down_m", "range_m"),
     "names of records in the list of kernels, runtime/compilation/kernels.json": ("SCURVE", "SPLINE"),

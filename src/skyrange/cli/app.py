@@ -17,6 +17,7 @@ from skyrange.cli import (
     flightlogs,
     installation,
     live,
+    log_detection,
     part_benchmarks,
     runs,
     watching,
@@ -458,6 +459,98 @@ def import_(
     ignored.
     """
     flightlogs.import_flight(flight, number, system, vehicle, out, as_json=as_json)
+
+
+class LogEnd(StrEnum):
+    """The end of its links at which a log was made."""
+
+    GCS = "gcs"
+    COMPANION = "companion"
+
+
+@app.command(epilog="Example: skyrange detect flight.tlog --benign --out alerts")
+def detect(
+    *,
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG",
+            help="Telemetry logs (.tlog), captures (.pcapng, .pcap) of MAVLink or Remote ID, or folders of runs.",
+            show_default=False,
+        ),
+    ],
+    detector: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND",
+            help="A kind of detector, or a pattern with *. May be repeated. Default: the detectors of a run that has "
+            "some, else all kinds that apply.",
+        ),
+    ] = None,
+    detectors: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="A TOML file with tables [[detectors]], such as a scenario, to take instead."
+        ),
+    ] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="PATH=VALUE",
+            help="Change a value of a detector, such as detectors.mavlink-rate.params.multiple=2. May be repeated.",
+        ),
+    ] = None,
+    system: Annotated[
+        list[int] | None,
+        typer.Option(
+            metavar="ID", min=0, max=255, help="MAVLink system id of a vehicle to judge. May be repeated. Default: all."
+        ),
+    ] = None,
+    end: Annotated[
+        LogEnd,
+        typer.Option(
+            metavar="SIDE", help="Where the log was made: gcs is the ground station, companion the computer on board."
+        ),
+    ] = LogEnd.GCS,
+    from_s: Annotated[
+        float, typer.Option("--from", metavar="SECONDS", min=0.0, help="Begin so long after the first frame.")
+    ] = 0.0,
+    to_s: Annotated[
+        float | None,
+        typer.Option("--to", metavar="SECONDS", min=0.0, help="End so long after the first frame. Default: its end."),
+    ] = None,
+    benign: Annotated[
+        bool,
+        typer.Option(
+            "--benign", help="Say that the logs have no attack: every alarm is false, and is counted an hour."
+        ),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="A new or an empty folder for detection.html, detection.json, alerts.parquet and alerts.csv.",
+        ),
+    ] = None,
+    plugin: Plugins = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run detectors over logs, captures and runs, without a simulation, and count false alarms in benign ones."""
+    load_plugins(plugin)
+    options = log_detection.DetectOptions(
+        logs=logs,
+        kinds=detector or (),
+        file=detectors,
+        changes=changes or (),
+        systems=system or (),
+        end=end.value,
+        from_s=from_s,
+        to_s=to_s,
+        benign=benign,
+        out=out,
+    )
+    log_detection.detect(options, as_json=as_json)
 
 
 @app.command(epilog="Example: skyrange diff runs/squares runs/squares-2")

@@ -60,7 +60,7 @@ class Series:
 
     def __init__(self, message: str, fields: Sequence[str], *, timed: bool = True) -> None:
         """`timed` says that the message has a `time_boot_ms`."""
-        self._message = message
+        self.message = message
         self._fields = tuple(fields)
         self._timed = timed
         self.values: Floats = np.zeros((0, len(self._fields)))
@@ -71,7 +71,7 @@ class Series:
     def read(self, frames: ObservedFrames) -> Steps:
         """Take in the messages among `frames`, which arrived at their link ends."""
         self._grow(len(frames.ports))
-        messages = read_messages(frames, self._message)
+        messages = read_messages(frames, self.message)
         table = messages.values
         values = np.empty((len(messages.rows), len(self._fields)))
         for column, name in enumerate(self._fields):

@@ -40,21 +40,21 @@ def write_tables(record: RunRecord, folder: Path | None = None) -> Export:
     for name in TABLES:
         if record.keeps(name):
             batches = record.batches(name)
-            rows[f"{name}.csv"], schema = _write_table(target / f"{name}.csv", batches, arrow_schema(name))
+            rows[f"{name}.csv"], schema = write_csv(target / f"{name}.csv", batches, arrow_schema(name))
             described += [(name, field) for field in schema]
     if record.keeps(ALL_MESSAGES):
         (target / ALL_MESSAGES).mkdir(exist_ok=True)
         for message in record.messages:
             batches = record.telemetry_batches(message)  # raises for a name that no message has, thus for any path
             name = f"{ALL_MESSAGES}/{message}"
-            rows[f"{name}.csv"], schema = _write_table(target / f"{name}.csv", batches, message_schema(message))
+            rows[f"{name}.csv"], schema = write_csv(target / f"{name}.csv", batches, message_schema(message))
             described += [(name, field) for field in schema]
     with atomic_write(target / COLUMNS) as file:
         file.write(_describe_columns(described).encode())
     return Export(target, sum(rows.values()), rows)
 
 
-def _write_table(path: Path, batches: Iterator[pa.RecordBatch], declared: pa.Schema) -> tuple[int, pa.Schema]:
+def write_csv(path: Path, batches: Iterator[pa.RecordBatch], declared: pa.Schema) -> tuple[int, pa.Schema]:
     """Write batches; the number of their rows, and their schema, which is `declared` if there is none."""
     schema, rows = declared, 0
     with atomic_write(path) as file:

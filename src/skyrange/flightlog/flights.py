@@ -11,7 +11,7 @@ from skyrange.codec.mission import Mission
 from skyrange.core.geodesy import Origin
 from skyrange.flightlog.model import FlightLog, Rows
 
-_AIRBORNE_M: Final = 1.5
+AIRBORNE_M: Final = 1.5
 """Height above the place of arming from which a vehicle flies."""
 _AUTO: Final = frozenset({"AUTO", "MISSION"})
 
@@ -61,7 +61,7 @@ def split_flights(log: FlightLog) -> list[Flight]:
         if not len(within):
             continue
         up_m = within["alt_msl_m"] - within["alt_msl_m"][0]
-        flying = np.flatnonzero(up_m > _AIRBORNE_M)
+        flying = np.flatnonzero(up_m > AIRBORNE_M)
         if not len(flying):
             continue
         home, source = _find_home(log, armed_s, disarmed_s, within)

@@ -15,7 +15,14 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from skyrange.contracts.frames import Fate, Ints, Payloads
-from skyrange.contracts.monitors import MonitorPlacement, ObservedFrames, find_ends, make_monitor, serve_monitor
+from skyrange.contracts.monitors import (
+    Monitor,
+    MonitorPlacement,
+    ObservedFrames,
+    find_ends,
+    make_monitor,
+    serve_monitor,
+)
 from skyrange.core.ids import Port, originator_id
 from skyrange.core.time import Time, from_seconds
 from skyrange.record.read.run import RunRecord
@@ -38,27 +45,82 @@ def replay_monitor(record: RunRecord, placement: MonitorPlacement) -> Iterator[R
     rows = record.manifest.get("links") or []
     ports = find_ends(placement, [(row["name"], row["a"], row["b"]) for row in rows])
     ends = LinkEnds(ports, {row["name"]: (row["a"], row["b"]) for row in rows})
-    monitor = make_monitor(placement)
-    step, until = monitor.service_ns, from_seconds(record.duration)
-    now: Time = 0
-    waiting: list[pa.Table] = []
+    service = MonitorService([placement], ports, from_seconds(record.duration))
     for table in sort_by_time(lambda: read_observed(record, ends), "at_ns", TIES):
+        yield from service.take(table)
+    yield from service.finish()
+
+
+class MonitorService:
+    """New monitors at the same link ends, served as during a run with what is seen there.
+
+    Rows have the columns `at_ns`, `place` (in `ports`), `received`, `src`, `dst` and `payload`, and are in order of
+    time, then `TIES`.
+    """
+
+    def __init__(
+        self, placements: Sequence[MonitorPlacement], ports: Sequence[Port], until: Time, *, past_end: bool = False
+    ) -> None:
+        """Make the monitors, which are served up to and with `until`; with `past_end` once more if something of the
+        time before it was not shown by then. `InputError` as `make_monitor`.
+        """
+        made = [(placement.id, make_monitor(placement)) for placement in sorted(placements, key=_id_of)]
+        steps = sorted({monitor.service_ns for _, monitor in made})
+        self._turns = [
+            _Turns(
+                ports,
+                [(id_, monitor) for id_, monitor in made if monitor.service_ns == step],
+                step,
+                -(-until // step) * step if past_end else until,
+            )
+            for step in steps
+        ]
+
+    def take(self, table: pa.Table) -> Iterator[RaisedAlert]:
+        """Take in rows; the alerts of all services that later rows no longer concern. Raises `ComponentError`."""
+        for turns in self._turns:
+            yield from turns.take(table)
+
+    def finish(self) -> Iterator[RaisedAlert]:
+        """The alerts of all services that are left, up to the end. Raises `ComponentError`."""
+        for turns in self._turns:
+            yield from turns.finish()
+
+
+class _Turns:
+    """Monitors that are served together, every `step` ns."""
+
+    def __init__(self, ports: Sequence[Port], monitors: Sequence[tuple[str, Monitor]], step: Time, until: Time) -> None:
+        self._ports, self._monitors, self._step, self._until = ports, monitors, step, until
+        self._now: Time = 0
+        self._waiting: list[pa.Table] = []
+
+    def take(self, table: pa.Table) -> Iterator[RaisedAlert]:
         at: NDArray[np.int64] = table.column("at_ns").to_numpy()
         begin = 0
-        while len(at) and now < at[-1] and now <= until:  # later tables have nothing of this service any more
-            end = int(np.searchsorted(at, now, side="right"))
-            frames = _frames(ports, [*waiting, table.slice(begin, end - begin)])
-            for alert in serve_monitor(placement.id, monitor, now, frames):
-                yield RaisedAlert(now, placement.id, alert)
-            waiting, begin, now = [], end, now + step
-        waiting.append(table.slice(begin))
-    while now <= until:
-        rest = pa.concat_tables(waiting) if waiting else None
-        count = int(np.searchsorted(rest.column("at_ns").to_numpy(), now, side="right")) if rest is not None else 0
-        frames = _frames(ports, [rest.slice(0, count)] if rest is not None else [])
-        for alert in serve_monitor(placement.id, monitor, now, frames):
-            yield RaisedAlert(now, placement.id, alert)
-        waiting, now = [rest.slice(count)] if rest is not None else [], now + step
+        while len(at) and self._now < at[-1] and self._now <= self._until:  # later tables have nothing of this service
+            end = int(np.searchsorted(at, self._now, side="right"))
+            yield from self._serve([*self._waiting, table.slice(begin, end - begin)])
+            self._waiting, begin = [], end
+        self._waiting.append(table.slice(begin))
+
+    def finish(self) -> Iterator[RaisedAlert]:
+        rest = pa.concat_tables(self._waiting) if self._waiting else None
+        while self._now <= self._until:
+            count = 0 if rest is None else int(np.searchsorted(rest.column("at_ns").to_numpy(), self._now, "right"))
+            yield from self._serve([rest.slice(0, count)] if rest is not None else [])
+            rest = rest.slice(count) if rest is not None else None
+
+    def _serve(self, tables: Sequence[pa.Table]) -> Iterator[RaisedAlert]:
+        now, self._now = self._now, self._now + self._step
+        frames = _frames(self._ports, tables)
+        for id_, monitor in self._monitors:
+            for alert in serve_monitor(id_, monitor, now, frames):
+                yield RaisedAlert(now, id_, alert)
+
+
+def _id_of(placement: MonitorPlacement) -> str:
+    return placement.id
 
 
 class LinkEnds(NamedTuple):

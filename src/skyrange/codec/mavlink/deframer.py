@@ -23,7 +23,7 @@ from skyrange.codec.mavlink.frames import (
     checksum,
 )
 
-_MAGIC = re.compile(rb"[\xfd\xfe]")
+MAGIC = re.compile(rb"[\xfd\xfe]")
 
 
 class Piece(NamedTuple):
@@ -78,19 +78,19 @@ class Deframer:
         garbage_from = at = 0
         truncated = False
         while True:
-            match = _MAGIC.search(buffer, at)
+            match = MAGIC.search(buffer, at)
             if match is None:
                 at = size
                 break
             at = match.start()
-            end = _frame_end(buffer, at, size)
+            end = frame_end(buffer, at, size)
             if end > size:
                 if not ended:
                     break
                 truncated = True
-            elif end == _UNKNOWN:
+            elif end == UNKNOWN_MESSAGE:
                 counts.unknown_messages += 1
-            elif end == _BAD_CHECKSUM:
+            elif end == BAD_CHECKSUM:
                 counts.bad_checksums += 1
             elif end > 0:
                 self._add_garbage(pieces, buffer[garbage_from:at])
@@ -112,12 +112,15 @@ class Deframer:
 
 
 _BAD_FLAGS = 0
-_UNKNOWN = -1
-_BAD_CHECKSUM = -2
+UNKNOWN_MESSAGE = -1
+BAD_CHECKSUM = -2
 
 
-def _frame_end(buffer: bytes, at: int, size: int) -> int:
-    """The end of the frame at `at`: beyond `size` while more bytes are needed, 0 or less if there is no frame."""
+def frame_end(buffer: bytes, at: int, size: int) -> int:
+    """The end of the frame whose magic byte is at `at`: beyond `size` while more bytes are needed.
+
+    0 or less if there is no frame: `UNKNOWN_MESSAGE`, `BAD_CHECKSUM`, or 0 for unknown flags.
+    """
     undecided = size + 1
     available = size - at
     if buffer[at] == MAGIC_V2:
@@ -139,10 +142,10 @@ def _frame_end(buffer: bytes, at: int, size: int) -> int:
         end = covered_end + CHECKSUM
     layout = LAYOUTS.get(number)
     if layout is None:
-        return _UNKNOWN
+        return UNKNOWN_MESSAGE
     if covered_end + CHECKSUM > size:
         return undecided
     crc = checksum(buffer[at + 1 : covered_end], layout.crc_extra)
     if buffer[covered_end] | buffer[covered_end + 1] << 8 != crc:
-        return _BAD_CHECKSUM
+        return BAD_CHECKSUM
     return end
