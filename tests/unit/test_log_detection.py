@@ -14,16 +14,17 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from skyrange.cli.app import app
+from skyrange.cli.log_detection import DetectOptions, detect
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.flightlog import read_log, split_flights
 from skyrange.log_detection.airborne import airborne_ns
 from skyrange.log_detection.detector_choice import Request, check_request
-from skyrange.log_detection.false_alarms import measure_false_alarms
+from skyrange.log_detection.false_alarms import DetectorRates, FalseAlarmRate, measure_false_alarms
 from skyrange.log_detection.judging import Findings, judge
 from skyrange.log_detection.log_clock import LogClock
 from skyrange.log_detection.opening import LogOptions, open_log
-from skyrange.log_detection.page import render_page
+from skyrange.log_detection.page import RATES, render_page, renew_page
 from tests.written_logs import START_US, Moment, TlogWriter, hop, write_dataflash, write_tlog
 
 GAP = Request(kinds=("heartbeat.gap",))
@@ -378,3 +379,24 @@ def test_a_page_without_alerts_says_so(tmp_path: Path) -> None:
     page = render_page([judge(open_log(write_tlog(tmp_path / "a.tlog", hop(6.0, 2.0))), GAP)], None)
     assert "No alert was raised." in page
     assert "False alarms an hour" not in page
+
+
+def test_rates_renew_the_table_of_a_page(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{RATES.begin}\nold\n{RATES.end}\nafter\n")
+    quiet = FalseAlarmRate(0, 0.5, 0.0, (0.0, 7.38), 5.99)
+    loud = FalseAlarmRate(3, 0.5, 6.0, (1.24, 17.5), 5.99)
+    renew_page([], [DetectorRates("mavlink-rate", "mavlink.rate", 1, 9, whole=loud, airborne=quiet)], page)
+    text = page.read_text()
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    assert "| `mavlink.rate` | 0 in 0.5 h | 0 | 0 to 7.38 | 3 in 0.5 h | 6 | 1.24 to 17.5 |" in text
+    assert "no rate below 5.99 an hour" in text
+
+
+@pytest.mark.parametrize(("benign", "reason"), [(False, "--benign"), (True, "a page without the marks")])
+def test_a_page_is_checked_before_a_log_is_read(tmp_path: Path, benign: bool, reason: str) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("nothing\n")
+    with pytest.raises(InputError, match=reason):
+        detect(DetectOptions(logs=[tmp_path / "none.tlog"], benign=benign, page=page), as_json=True)

@@ -20,7 +20,7 @@ from skyrange.parity.logs.bands import SHARE, Band, fit_band, score_track
 from skyrange.parity.logs.choice import combine_winds
 from skyrange.parity.logs.comparison import find_median
 from skyrange.parity.logs.measures import measure_flight, restore_measures
-from skyrange.parity.marked_page import MarkedPart
+from skyrange.report.marked_page import MarkedPart
 
 HOME = (47.0, 8.0, 400.0)
 LIFT_S, CLIMB_MPS, TOP_M, LAND_S, FAST_MPS, SLOW_MPS = 12.0, 2.5, 20.0, 55.0, 1.5, 0.5

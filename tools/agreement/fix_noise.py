@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from skyrange.core.geodesy import Origin
 from skyrange.flightlog.model import FlightLog, Rows
 from skyrange.flightlog.reading import read_log
-from skyrange.parity.marked_page import MarkedPart
+from skyrange.report.marked_page import MarkedPart
 from skyrange.scenario.toml_files import load_text
 from skyrange.study.runs import fly
 

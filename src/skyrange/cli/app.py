@@ -533,6 +533,9 @@ def detect(
             help="A new or an empty folder for detection.html, detection.json, alerts.parquet and alerts.csv.",
         ),
     ] = None,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also renew the table of false alarms in this Markdown page.")
+    ] = None,
     plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
@@ -549,6 +552,7 @@ def detect(
         to_s=to_s,
         benign=benign,
         out=out,
+        page=page,
     )
     log_detection.detect(options, as_json=as_json)
 

@@ -41,6 +41,7 @@ class DetectOptions:
     to_s: float | None = None
     benign: bool = False
     out: Path | None = None
+    page: Path | None = None
 
 
 def detect(options: DetectOptions, *, as_json: bool) -> None:
@@ -52,6 +53,8 @@ def detect(options: DetectOptions, *, as_json: bool) -> None:
 
     if options.to_s is not None and options.to_s <= options.from_s:
         raise InputError.one("--to", "seconds", f"{options.to_s:g}", f"more than --from, {options.from_s:g}")
+    if options.page is not None:
+        _check_page(options.page, benign=options.benign)
     _check_once(options.logs)
     request = Request(tuple(options.kinds), options.file, tuple(options.changes))
     check_request(request)
@@ -60,6 +63,10 @@ def detect(options: DetectOptions, *, as_json: bool) -> None:
     findings = [_judge(path, how, request) for path in options.logs]
     rates = measure_false_alarms(findings) if options.benign else None
     files = {} if folder is None else _write(findings, rates, folder)
+    if options.page is not None and rates is not None:
+        from skyrange.log_detection.page import renew_page
+
+        renew_page(findings, rates, options.page)
     if as_json:
         print_json({**describe(findings, rates), "files": {name: str(path) for name, path in files.items()}})
         return
@@ -73,6 +80,14 @@ def detect(options: DetectOptions, *, as_json: bool) -> None:
             )
     for path in files.values():
         print_text(f"wrote {path}")
+
+
+def _check_page(page: Path, *, benign: bool) -> None:
+    from skyrange.log_detection.page import RATES
+
+    if not benign:
+        raise InputError.one("--page", "with", "no --benign", "--benign: the table has rates of false alarms")
+    RATES.read(page)
 
 
 def _check_once(logs: Sequence[Path]) -> None:

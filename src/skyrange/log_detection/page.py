@@ -16,9 +16,12 @@ from skyrange.log_detection.judging import Findings
 from skyrange.log_detection.result_files import alert_row_of
 from skyrange.record.notes import parse_details
 from skyrange.report import quantities
+from skyrange.report.marked_page import MarkedPart
 from skyrange.report.rendering import asset, content_policy, render, table_script
 
 PAGE: Final = "detection.html"
+RATES: Final = MarkedPart("<!-- skyrange detect: begin -->", "<!-- skyrange detect: end -->")
+SHOWN_LIMITS: Final = f"{SETTINGS.confidence:.0%}"
 MAX_MARKS: Final = 400
 """Alerts drawn in one lane."""
 MAX_ROWS: Final = 3_000
@@ -73,6 +76,19 @@ def describe_rate(rate: FalseAlarmRate) -> tuple[str, str, str, str]:
         f"{low:.3g} to {high:.3g}" if math.isfinite(high) else f"over {low:.3g}",
         f"{rate.lowest_per_h:.3g}",
     )
+
+
+def renew_page(findings: Sequence[Findings], rates: Sequence[DetectorRates], page: Path) -> None:
+    """Renew `RATES` in a Markdown page. Raises `InputError` for a page without its marks."""
+    logs = ", ".join(found.log.path.name for found in findings)
+    head = ("detector", "in the air", "an hour", SHOWN_LIMITS, "whole logs", "an hour", SHOWN_LIMITS)
+    lines = [f"False alarms over {logs}.", "", f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
+    for rate in rates:
+        air, whole = describe_rate(rate.airborne), describe_rate(rate.whole)
+        lines.append(f"| `{rate.kind}` | {' | '.join((*air[:3], *whole[:3]))} |")
+    least = rates[0].airborne.lowest_per_h if rates else math.inf
+    lines += ["", f"Without any alarm in the air, no rate below {least:.3g} an hour could be claimed.", ""]
+    RATES.write(page, lines)
 
 
 def _tiles(findings: Sequence[Findings], alerts: int) -> list[tuple[str, Any, str]]:

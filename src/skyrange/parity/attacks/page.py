@@ -21,7 +21,7 @@ from skyrange.parity.attacks.flights import (
     count,
 )
 from skyrange.parity.attacks.reactions import NO_EFFECT, Reaction
-from skyrange.parity.marked_page import MarkedPart
+from skyrange.report.marked_page import MarkedPart
 
 TABLE: Final = MarkedPart("<!-- skyrange parity attacks: begin -->", "<!-- skyrange parity attacks: end -->")
 SEEDS_TABLE: Final = MarkedPart(

@@ -10,7 +10,7 @@ from skyrange.core.files import atomic_write
 from skyrange.parity.logs.comparison import LogParity
 from skyrange.parity.logs.figures import COLOURS, draw_heights, draw_leans, draw_way
 from skyrange.parity.logs.tables import NAMES, TextTable, describe_result, list_tables
-from skyrange.parity.marked_page import MarkedPart
+from skyrange.report.marked_page import MarkedPart
 from skyrange.report.rendering import asset, content_policy, render
 
 PAGE: Final = "parity.html"
