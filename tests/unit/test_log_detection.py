@@ -14,7 +14,8 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from skyrange.cli.app import app
-from skyrange.cli.log_detection import DetectOptions, detect
+from skyrange.cli.log_detection import DetectOptions
+from skyrange.cli.log_detection import detect as run_detectors
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.flightlog import read_log, split_flights
@@ -399,4 +400,4 @@ def test_a_page_is_checked_before_a_log_is_read(tmp_path: Path, benign: bool, re
     page = tmp_path / "page.md"
     page.write_text("nothing\n")
     with pytest.raises(InputError, match=reason):
-        detect(DetectOptions(logs=[tmp_path / "none.tlog"], benign=benign, page=page), as_json=True)
+        run_detectors(DetectOptions(logs=[tmp_path / "none.tlog"], benign=benign, page=page), as_json=True)
