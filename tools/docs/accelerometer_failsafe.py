@@ -1,0 +1,173 @@
+"""Measures and page of the study `accelerometer-failsafe`: what comes first, a crash, a departure or the failsafe."""
+
+from __future__ import annotations
+
+import json
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+
+from skyrange.core.time import NS_PER_S, from_seconds
+from skyrange.statistics.means import adjust_by_holm, sign_test
+from tools.docs.study_rows import Row, count, format_share, format_verdicts, list_values, select
+
+WINDOW_S: Final = 25.0
+LEAVES_M: Final = 10.0
+NONE: Final = "none"
+ARMS: Final = ("default", "strict", "off")
+ENDS: Final = ("crash", "leaves", "failsafe", "nothing")
+_POSITION: Final = ("east_m", "north_m", "up_m")
+
+
+def measure(run: Row, kept: Mapping[str, pa.Table], reference: Mapping[str, pa.Table]) -> Row:
+    """How long after the begin of the attack the failsafe acted, the aircraft left and crashed; `None` for never."""
+    begin = from_seconds(float(run["onset"]))
+    end = begin + from_seconds(WINDOW_S)
+    crashes, failsafes = [], []
+    for event in kept["events"].to_pylist():
+        if event["kind"] == "event.crash":
+            crashes.append(event["time_ns"])
+        elif event["kind"] == "event.ekf_failsafe" and json.loads(event["data"])["on"]:
+            failsafes.append(event["time_ns"])
+    own, other = (_positions(tables["truth"]) for tables in (kept, reference))
+    common, mine, theirs = np.intersect1d(own[0], other[0], assume_unique=True, return_indices=True)
+    away = np.sqrt(((own[1][mine] - other[1][theirs]) ** 2).sum(axis=1)) > LEAVES_M
+    return {
+        "signal": run["signal"],
+        "failsafe_s": _first(failsafes, begin, end),
+        "left_s": _first(common[away].tolist(), begin, end),
+        "crashed_s": _first(crashes, begin, end),
+    }
+
+
+def _positions(truth: pa.Table) -> tuple[Any, Any]:
+    return truth["time_ns"].to_numpy(), np.stack([truth[name].to_numpy() for name in _POSITION], axis=1)
+
+
+def _first(times: Iterable[int], begin: int, end: int) -> float | None:
+    inside = [time for time in times if begin <= time <= end]
+    return round((min(inside) - begin) / NS_PER_S, 3) if inside else None
+
+
+def first_end(row: Row) -> str:
+    """What comes first in a flight, one of `ENDS`; at the same time, in their order."""
+    times = {"crash": row["crashed_s"], "leaves": row["left_s"], "failsafe": row["failsafe_s"]}
+    known = {name: time for name, time in times.items() if time is not None}
+    return min(known, key=known.__getitem__) if known else "nothing"
+
+
+def is_silent(row: Row) -> bool:
+    """Whether a flight crashes or leaves before the failsafe acts."""
+    return first_end(row) in ("crash", "leaves")
+
+
+def _crashes(row: Row) -> bool:
+    return row["crashed_s"] is not None
+
+
+def describe(rows: Sequence[Row]) -> list[str]:
+    """The tables of the page."""
+    return [*_list_ends(rows), "", *_compare(rows), "", *format_verdicts(_judge(rows)), ""]
+
+
+def _list_ends(rows: Sequence[Row]) -> list[str]:
+    lines = [
+        "| signal | arm | crash | leaves | failsafe | nothing | silent | crash in the end | failsafe after, s |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for signal in list_values(rows, "signal"):
+        for arm in ARMS:
+            cell = select(rows, signal=signal, arm=arm)
+            ends = [first_end(row) for row in cell]
+            shares = [format_share(count(cell, holds), len(cell)) for holds in (is_silent, _crashes)]
+            times = [row["failsafe_s"] for row in cell if row["failsafe_s"] is not None]
+            after = f"{statistics.median(times):.1f} ({min(times):.1f} to {max(times):.1f})" if times else "–"
+            counts = [str(ends.count(end)) for end in ENDS]
+            lines.append(f"| {' | '.join([signal, arm, *counts, *shares, after])} |")
+    return lines
+
+
+def _compare(rows: Sequence[Row]) -> list[str]:
+    """Silent flights of strict and default, and crashes in the end of default and off, seed by seed."""
+    signals = [signal for signal in list_values(rows, "signal") if signal != NONE]
+    pairs = (("strict", "default", is_silent), ("default", "off", _crashes))
+    counted = [
+        [_count_discordant(rows, signal, first, second, holds) for signal in signals] for first, second, holds in pairs
+    ]
+    adjusted = [adjust_by_holm([sign_test(fewer, fewer + more) for fewer, more in column]) for column in counted]
+    lines = [
+        "| signal | silent only in default : only in strict | p, Holm | crash only in off : only in default | p, Holm |",
+        "|---|---|---|---|---|",
+    ]
+    for place, signal in enumerate(signals):
+        cells = [
+            f"{column[place][0]} : {column[place][1]} | {p[place]:.2g}"
+            for column, p in zip(counted, adjusted, strict=True)
+        ]
+        lines.append(f"| {signal} | {' | '.join(cells)} |")
+    return lines
+
+
+def _count_discordant(rows: Sequence[Row], signal: str, first: str, second: str, holds: Any) -> tuple[int, int]:
+    """Seeds in which something holds in `second` alone, and in `first` alone."""
+    mine, other = ({row["seed"]: holds(row) for row in select(rows, signal=signal, arm=arm)} for arm in (first, second))
+    return (
+        sum(other[seed] and not mine[seed] for seed in mine),
+        sum(mine[seed] and not other[seed] for seed in mine),
+    )
+
+
+def _judge(rows: Sequence[Row]) -> list[tuple[str, bool]]:
+    """What was found of each prediction of the page, and whether it held."""
+
+    def number(signal: str, arm: str, holds: Any) -> int:
+        return count(select(rows, signal=signal, arm=arm), holds)
+
+    def silent(signal: str, arm: str = "default") -> int:
+        return number(signal, arm, is_silent)
+
+    def first(signal: str, arm: str = "default") -> int:
+        return number(signal, arm, lambda row: first_end(row) == "failsafe")
+
+    def failed(signal: str, arm: str = "default") -> int:
+        return number(signal, arm, lambda row: row["failsafe_s"] is not None)
+
+    fast = number("up 20", "default", lambda row: row["crashed_s"] is not None and row["crashed_s"] <= 5.0)
+    left = {signal: silent(signal) for signal in ("up 4", "down 4")}
+    strict = {signal: first(signal, "strict") for signal in ("up 4", "down 4", "forward 4", "up 20")}
+    small = {signal: (failed(signal), silent(signal)) for signal in ("up 1", "forward 1")}
+    crashes = {
+        (signal, arm): number(signal, arm, _crashes) for signal in ("forward 4", "forward 10") for arm in ("strict", "off")
+    }
+    return [
+        (f"crash within 5 s in {fast}, silent in {silent('up 20')}", fast == 20 and silent("up 20") >= 18),
+        (_tell("silent", left), all(value > 10 for value in left.values())),
+        (
+            _tell("failsafe first", {signal: first(signal) for signal in ("forward 10", "forward 4")}),
+            first("forward 10") >= 18 and first("forward 4") < 18,
+        ),
+        (
+            _tell("failsafe first", strict),
+            all(value >= 18 for signal, value in strict.items() if signal != "up 20") and strict["up 20"] <= 2,
+        ),
+        (_tell("failsafe, silent", small), all(value == (0, 0) for value in small.values())),
+        (f"silent in {silent('up 10 Hz 60')}", silent("up 10 Hz 60") <= 2),
+        (
+            f"failsafe in {failed(NONE)} and {failed(NONE, 'strict')}",
+            failed(NONE) == failed(NONE, "strict") == 0,
+        ),
+        (
+            _tell("crash", {f"{signal}, {arm}": value for (signal, arm), value in crashes.items()}),
+            all(crashes[signal, "strict"] >= crashes[signal, "off"] for signal in ("forward 4", "forward 10")),
+        ),
+    ]
+
+
+def _tell(what: str, values: Mapping[str, Any]) -> str:
+    shown = {
+        name: " and ".join(map(str, value)) if isinstance(value, tuple) else value for name, value in values.items()
+    }
+    return f"{what}: " + "; ".join(f"{name}: {value}" for name, value in shown.items())
