@@ -22,8 +22,13 @@ ENDS: Final = ("crash", "leaves", "failsafe", "nothing")
 _POSITION: Final = ("east_m", "north_m", "up_m")
 
 
+_COLUMNS: Final = ("signal", "arm", *ENDS, "silent", "crash in the end", "failsafe after, s", "farthest, m")
+
+
 def measure(run: Row, kept: Mapping[str, pa.Table], reference: Mapping[str, pa.Table]) -> Row:
-    """How long after the begin of the attack the failsafe acted, the aircraft left and crashed; `None` for never."""
+    """How long after the begin of the attack the failsafe acted, the aircraft left and crashed, `None` for never; and
+    how far from the reference it came in the window.
+    """
     begin = from_seconds(float(run["onset"]))
     end = begin + from_seconds(WINDOW_S)
     crashes, failsafes = [], []
@@ -34,12 +39,14 @@ def measure(run: Row, kept: Mapping[str, pa.Table], reference: Mapping[str, pa.T
             failsafes.append(event["time_ns"])
     own, other = (_positions(tables["truth"]) for tables in (kept, reference))
     common, mine, theirs = np.intersect1d(own[0], other[0], assume_unique=True, return_indices=True)
-    away = np.sqrt(((own[1][mine] - other[1][theirs]) ** 2).sum(axis=1)) > LEAVES_M
+    distances = np.sqrt(((own[1][mine] - other[1][theirs]) ** 2).sum(axis=1))
+    window = (common >= begin) & (common <= end)
     return {
         "signal": run["signal"],
         "failsafe_s": _first(failsafes, begin, end),
-        "left_s": _first(common[away].tolist(), begin, end),
+        "left_s": _first(common[distances > LEAVES_M].tolist(), begin, end),
         "crashed_s": _first(crashes, begin, end),
+        "farthest_m": round(float(distances[window].max()), 1),
     }
 
 
@@ -75,8 +82,8 @@ def describe(rows: Sequence[Row]) -> list[str]:
 
 def _list_ends(rows: Sequence[Row]) -> list[str]:
     lines = [
-        "| signal | arm | crash | leaves | failsafe | nothing | silent | crash in the end | failsafe after, s |",
-        "|---|---|---|---|---|---|---|---|---|",
+        f"| {' | '.join(_COLUMNS)} |",
+        f"|{'---|' * len(_COLUMNS)}",
     ]
     for signal in list_values(rows, "signal"):
         for arm in ARMS:
@@ -86,20 +93,26 @@ def _list_ends(rows: Sequence[Row]) -> list[str]:
             times = [row["failsafe_s"] for row in cell if row["failsafe_s"] is not None]
             after = f"{statistics.median(times):.1f} ({min(times):.1f} to {max(times):.1f})" if times else "–"
             counts = [str(ends.count(end)) for end in ENDS]
-            lines.append(f"| {' | '.join([signal, arm, *counts, *shares, after])} |")
+            farthest = f"{statistics.median(row['farthest_m'] for row in cell):.0f}"
+            lines.append(f"| {' | '.join([signal, arm, *counts, *shares, after, farthest])} |")
     return lines
 
 
 def _compare(rows: Sequence[Row]) -> list[str]:
-    """Silent flights of strict and default, and crashes in the end of default and off, seed by seed."""
+    """What differs between arms, seed by seed: silent flights of default and strict, and the farthest distances of
+    default and off.
+    """
     signals = [signal for signal in list_values(rows, "signal") if signal != NONE]
-    pairs = (("strict", "default", is_silent), ("default", "off", _crashes))
+    pairs = (
+        ("strict", "default", lambda row: int(is_silent(row))),
+        ("off", "default", lambda row: row["farthest_m"]),
+    )
     counted = [
-        [_count_discordant(rows, signal, first, second, holds) for signal in signals] for first, second, holds in pairs
+        [_count_differences(rows, signal, first, second, value) for signal in signals] for first, second, value in pairs
     ]
-    adjusted = [adjust_by_holm([sign_test(fewer, fewer + more) for fewer, more in column]) for column in counted]
+    adjusted = [adjust_by_holm([_two_sided(*counts) for counts in column]) for column in counted]
     lines = [
-        "| signal | silent only in default : only in strict | p, Holm | crash only in off : only in default | p, Holm |",
+        "| signal | silent only in default : only in strict | p, Holm | farther in default : in off | p, Holm |",
         "|---|---|---|---|---|",
     ]
     for place, signal in enumerate(signals):
@@ -111,13 +124,15 @@ def _compare(rows: Sequence[Row]) -> list[str]:
     return lines
 
 
-def _count_discordant(rows: Sequence[Row], signal: str, first: str, second: str, holds: Any) -> tuple[int, int]:
-    """Seeds in which something holds in `second` alone, and in `first` alone."""
-    mine, other = ({row["seed"]: holds(row) for row in select(rows, signal=signal, arm=arm)} for arm in (first, second))
-    return (
-        sum(other[seed] and not mine[seed] for seed in mine),
-        sum(mine[seed] and not other[seed] for seed in mine),
-    )
+def _two_sided(more: int, fewer: int) -> float:
+    """The p of a sign test in both directions."""
+    return min(1.0, 2.0 * sign_test(max(more, fewer), more + fewer))
+
+
+def _count_differences(rows: Sequence[Row], signal: str, first: str, second: str, value: Any) -> tuple[int, int]:
+    """Seeds in which a value is larger in the arm `second`, and in `first`."""
+    mine, other = ({row["seed"]: value(row) for row in select(rows, signal=signal, arm=arm)} for arm in (first, second))
+    return sum(other[seed] > mine[seed] for seed in mine), sum(mine[seed] > other[seed] for seed in mine)
 
 
 def _judge(rows: Sequence[Row]) -> list[tuple[str, bool]]:
@@ -140,7 +155,9 @@ def _judge(rows: Sequence[Row]) -> list[tuple[str, bool]]:
     strict = {signal: first(signal, "strict") for signal in ("up 4", "down 4", "forward 4", "up 20")}
     small = {signal: (failed(signal), silent(signal)) for signal in ("up 1", "forward 1")}
     crashes = {
-        (signal, arm): number(signal, arm, _crashes) for signal in ("forward 4", "forward 10") for arm in ("strict", "off")
+        (signal, arm): number(signal, arm, _crashes)
+        for signal in ("forward 4", "forward 10")
+        for arm in ("strict", "off")
     }
     return [
         (f"crash within 5 s in {fast}, silent in {silent('up 20')}", fast == 20 and silent("up 20") >= 18),

@@ -99,8 +99,7 @@ def place_gateways(scenario: Scenario) -> list[TapPlacement]:
 
 
 def check_signing(scenario: Scenario) -> Iterator[Problem]:
-    """Aircraft that are to sign, or to be exempt from it, and whose autopilot cannot; rules of time that nobody obeys.
-    """
+    """Aircraft that are to sign, or to be exempt, and whose autopilot cannot; rules of time that nobody obeys."""
     for operator in scenario.operators:
         if operator.signing_time is not None and operator.signing == "off":
             yield Problem(f"{operator.id}.signing_time", "a table", "none, because signing is off")

@@ -84,8 +84,8 @@ class GroundStation:
         `chance` draws the pauses between requests for one flight; `replanning` says what flights are replanned for.
 
         With a `key` the station signs what it sends to aircraft, at the time that `signing_time` says, and rejects
-        frames that are not signed with that key. Raises `InputError` for another operator's vehicle, for a vehicle id or system id that is duplicate or
-        out of range, and for an unknown profile of `streams`.
+        frames that are not signed with that key. Raises `InputError` for another operator's vehicle, for a vehicle id
+        or system id that is duplicate or out of range, and for an unknown profile of `streams`.
         """
         _check(operator, flights, streams)
         self.name = endpoint(operator, "gcs")

@@ -41,8 +41,8 @@ class SignedReplay(sky.InjectionOnLinks):
     every_s: sky.Number = sky.param("Time between two replayed frames, in seconds.", default=1.0, ge=0.1, le=3600)
     keep: sky.Whole = sky.param("Commands that are kept, the first ones, to replay in turn.", default=16, ge=1, le=1000)
     earlier_s: sky.Number = sky.param(
-        "How long before time 0 the replayed commands were sent, in seconds, if the attacker recorded them on an earlier "
-        "flight; 0: it records those of this flight.",
+        "How long before time 0 the replayed commands were sent, in seconds, if the attacker recorded them on an "
+        "earlier flight; 0: it records those of this flight.",
         default=0.0,
         ge=0,
         le=300_000_000,
