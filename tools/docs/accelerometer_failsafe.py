@@ -183,6 +183,43 @@ def _judge(rows: Sequence[Row]) -> list[tuple[str, bool]]:
     ]
 
 
+def describe_ardupilot(rows: Sequence[Row], builtin: Sequence[Row]) -> list[str]:
+    """The tables of the flights of an ArduPilot with and without its vibration failsafe, beside the builtin ones."""
+    columns = ("signal", "seed", "ArduCopter", "without vibration failsafe", "builtin")
+    lines = [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
+    trios = []
+    for row in select(rows, arm="default"):
+        where = {"signal": row["signal"], "seed": row["seed"]}
+        (bare,), (other,) = select(rows, arm="no-vibe", **where), select(builtin, arm="default", **where)
+        trios.append((row, bare, other))
+        lines.append(f"| {row['signal']} | {row['seed']} | {' | '.join(map(_tell_end, trios[-1]))} |")
+    same = count(trios, lambda trio: first_end(trio[0]) == first_end(trio[2]))
+    changed = count(trios, lambda trio: first_end(trio[0]) != first_end(trio[1]))
+    calm = count(
+        trios, lambda trio: trio[0]["signal"] == NONE and first_end(trio[0]) == first_end(trio[1]) == "nothing"
+    )
+    falls = count(trios, lambda trio: trio[0]["signal"] == "up 20" and _crashes(trio[0]) and _crashes(trio[1]))
+    seeds = len(list_values(rows, "seed"))
+    verdicts = [
+        (f"the same comes first in {same} of {len(trios)}", same >= 12),
+        (
+            f"nothing in {calm} of {seeds} without a signal, crash in {falls} of {seeds} with up 20",
+            calm == falls == seeds,
+        ),
+        (f"another comes first in {changed} of {len(trios)}", changed <= 2),
+    ]
+    return [*lines, "", *format_verdicts(verdicts, start=9), ""]
+
+
+def _tell_end(row: Row) -> str:
+    """What comes first and when, and a crash and a failsafe later."""
+    end = first_end(row)
+    times = {"leaves": row["left_s"], "failsafe": row["failsafe_s"], "crash": row["crashed_s"]}
+    known = sorted((time, name) for name, time in times.items() if time is not None)
+    told = ", ".join(f"{name} {time:.1f} s" for time, name in known)
+    return f"**{end}**: {told}; {row['farthest_m']:.0f} m" if known else f"**{end}**; {row['farthest_m']:.0f} m"
+
+
 def _tell(what: str, values: Mapping[str, Any]) -> str:
     shown = {
         name: " and ".join(map(str, value)) if isinstance(value, tuple) else value for name, value in values.items()

@@ -1,7 +1,8 @@
 """Results of the shipped studies that have a page: their data in `docs/data/NAME.json`, and the tables of the page.
 
 `python -m tools.docs.measure_studies NAME FOLDER` reads the folder in which `skyrange study run NAME` has flown, and
-writes both. `python -m tools.docs.measure_studies NAME` writes the tables again from the data.
+writes both. `python -m tools.docs.measure_studies NAME` writes the tables again from the data. NAME-ardupilot is the
+part of a study that an ArduPilot flies; the page has its command.
 """
 
 from __future__ import annotations
@@ -24,7 +25,10 @@ DOCS: Final = Path(__file__).parents[2] / "docs"
 
 
 class MeasuredStudy(NamedTuple):
-    """A shipped study with a page."""
+    """A shipped study with a page, or a part of it that was flown with another autopilot."""
+
+    page: str
+    """Name of the page in `docs/explanation`."""
 
     tables: tuple[str, ...]
     """Tables that it keeps of each run."""
@@ -38,11 +42,20 @@ class MeasuredStudy(NamedTuple):
 
 STUDIES: Final = {
     "accelerometer-failsafe": MeasuredStudy(
-        ("events", "truth"), accelerometer_failsafe.measure, accelerometer_failsafe.describe
+        "accelerometer-failsafe", ("events", "truth"), accelerometer_failsafe.measure, accelerometer_failsafe.describe
     ),
-    "signing-time": MeasuredStudy(("events",), signing_time.measure, signing_time.describe),
+    "accelerometer-failsafe-ardupilot": MeasuredStudy(
+        "accelerometer-failsafe",
+        ("events", "truth"),
+        accelerometer_failsafe.measure,
+        lambda rows: accelerometer_failsafe.describe_ardupilot(rows, read_data("accelerometer-failsafe")),
+    ),
+    "signing-time": MeasuredStudy("signing-time", ("events",), signing_time.measure, signing_time.describe),
+    "signing-time-ardupilot": MeasuredStudy(
+        "signing-time", ("events",), signing_time.measure, signing_time.describe_ardupilot
+    ),
 }
-"""By name, which is that of the page in `docs/explanation` as well."""
+"""By name, which is that of the file of data as well."""
 
 
 def measure(name: str, folder: Path) -> list[Row]:
@@ -73,7 +86,7 @@ def _read(folder: Path, table: str, block: str, arm: str) -> pa.Table:
 def write_page(name: str, rows: Sequence[Row], page: Path | None = None) -> None:
     """Write the tables of a study into its page."""
     mark = MarkedPart(f"<!-- measured: {name} -->", f"<!-- end: {name} -->")
-    mark.write(page or DOCS / "explanation" / f"{name}.md", STUDIES[name].describe(rows))
+    mark.write(page or DOCS / "explanation" / f"{STUDIES[name].page}.md", STUDIES[name].describe(rows))
 
 
 def read_data(name: str) -> list[Row]:

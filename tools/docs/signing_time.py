@@ -75,6 +75,23 @@ def describe(rows: Sequence[Row]) -> list[str]:
     ]
 
 
+def describe_ardupilot(rows: Sequence[Row]) -> list[str]:
+    """The table of the flights of an ArduPilot, which does not tell what it refuses."""
+    arms, times = _arms(rows), list_values(rows, "time")
+    locked = {(time, arm): count(select(rows, time=time, arm=arm), is_locked_out) for time in times for arm in arms}
+    flights = len(list_values(rows, "seed"))
+    held = all(hits == (flights if cell == ("ahead 1 h", "computer") else 0) for cell, hits in locked.items())
+    found = ", ".join(f"{time}, {arm}: {hits}" for (time, arm), hits in locked.items() if hits) or "none"
+    return [
+        f"ArduCopter, flights of {flights} that are locked out:",
+        "",
+        *_table(rows, times, (is_locked_out,)),
+        "",
+        *format_verdicts([(f"locked out: {found}", held)], start=11),
+        "",
+    ]
+
+
 _MEASURES: Final = (_is_refused, is_locked_out, _is_obeyed)
 
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from skyrange.statistics.exact_intervals import proportion_interval
 
 Row = dict[str, Any]
 """The measures of a run by name."""
 CONFIDENCE: Final = 0.95
+_Item = TypeVar("_Item")
 
 
-def count(rows: Iterable[Row], holds: Callable[[Row], bool]) -> int:
-    """The number of runs of which something holds."""
+def count(rows: Iterable[_Item], holds: Callable[[_Item], bool]) -> int:
+    """The number of runs, or of pairs of runs, of which something holds."""
     return sum(1 for row in rows if holds(row))
 
 
@@ -33,9 +34,9 @@ def list_values(rows: Sequence[Row], name: str) -> list[Any]:
     return list(dict.fromkeys(row[name] for row in rows))
 
 
-def format_verdicts(verdicts: Iterable[tuple[str, bool]]) -> list[str]:
-    """The table of predictions: what was found, and whether it is as predicted."""
+def format_verdicts(verdicts: Iterable[tuple[str, bool]], start: int = 1) -> list[str]:
+    """The table of predictions from number `start` on: what was found, and whether it is as predicted."""
     lines = ["| prediction | found | verdict |", "|---|---|---|"]
-    for number, (found, held) in enumerate(verdicts, 1):
+    for number, (found, held) in enumerate(verdicts, start):
         lines.append(f"| {number} | {found} | {'as predicted' if held else '**missed**'} |")
     return lines
