@@ -10,6 +10,7 @@ from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import (
     MAX_LAG,
+    SIGNING_TIME,
     UNIT_NS,
     ZERO_UNIX_NS,
     ClockRule,
@@ -117,11 +118,11 @@ def test_an_end_follows_what_it_accepts_or_its_own_clock_alone(follows: bool) ->
 
 def test_the_rules_are_those_of_the_operator_and_by_default_none_is_given() -> None:
     (plain,) = scenario().operators
-    assert read_signing_time(plain) == read_signing_time(plain, station=True) == {}
+    assert read_signing_time(plain) == read_signing_time(plain, station=True) == SIGNING_TIME
     ruled = scenario('signing_time = { aircraft = "first-fix", station = "computer", saved_ago_s = 3600 }')
     (operator,) = ruled.operators
-    assert read_signing_time(operator) == {"signing_time": SigningTime(ClockRule.FIRST_FIX)}
-    assert read_signing_time(operator, station=True) == {"signing_time": SigningTime(follows=False)}
+    assert read_signing_time(operator) == SigningTime(ClockRule.FIRST_FIX)
+    assert read_signing_time(operator, station=True) == SigningTime(follows=False)
     now = derive_keys(ruled, operator).aircraft
     stored = derive_stored_key(ruled, operator)
     assert now is not None

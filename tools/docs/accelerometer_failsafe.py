@@ -22,7 +22,16 @@ ENDS: Final = ("crash", "leaves", "failsafe", "nothing")
 _POSITION: Final = ("east_m", "north_m", "up_m")
 
 
-_COLUMNS: Final = ("signal", "arm", *ENDS, "silent", "crash in the end", "failsafe after, s", "farthest, m")
+_COLUMNS: Final = (
+    "signal",
+    "arm",
+    *ENDS,
+    "silent",
+    "crash in the end",
+    "no failsafe",
+    "failsafe after, s",
+    "farthest, m",
+)
 
 
 def measure(run: Row, kept: Mapping[str, pa.Table], reference: Mapping[str, pa.Table]) -> Row:
@@ -94,7 +103,9 @@ def _list_ends(rows: Sequence[Row]) -> list[str]:
             after = f"{statistics.median(times):.1f} ({min(times):.1f} to {max(times):.1f})" if times else "–"
             counts = [str(ends.count(end)) for end in ENDS]
             farthest = f"{statistics.median(row['farthest_m'] for row in cell):.0f}"
-            lines.append(f"| {' | '.join([signal, arm, *counts, *shares, after, farthest])} |")
+            lines.append(
+                f"| {' | '.join([signal, arm, *counts, *shares, str(len(cell) - len(times)), after, farthest])} |"
+            )
     return lines
 
 
@@ -184,31 +195,62 @@ def _judge(rows: Sequence[Row]) -> list[tuple[str, bool]]:
 
 
 def describe_ardupilot(rows: Sequence[Row], builtin: Sequence[Row]) -> list[str]:
-    """The tables of the flights of an ArduPilot with and without its vibration failsafe, beside the builtin ones."""
-    columns = ("signal", "seed", "ArduCopter", "without vibration failsafe", "builtin")
-    lines = [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
-    trios = []
-    for row in select(rows, arm="default"):
-        where = {"signal": row["signal"], "seed": row["seed"]}
-        (bare,), (other,) = select(rows, arm="no-vibe", **where), select(builtin, arm="default", **where)
-        trios.append((row, bare, other))
-        lines.append(f"| {row['signal']} | {row['seed']} | {' | '.join(map(_tell_end, trios[-1]))} |")
-    same = count(trios, lambda trio: first_end(trio[0]) == first_end(trio[2]))
-    changed = count(trios, lambda trio: first_end(trio[0]) != first_end(trio[1]))
-    calm = count(
-        trios, lambda trio: trio[0]["signal"] == NONE and first_end(trio[0]) == first_end(trio[1]) == "nothing"
-    )
-    falls = count(trios, lambda trio: trio[0]["signal"] == "up 20" and _crashes(trio[0]) and _crashes(trio[1]))
+    """The tables of the flights of an ArduCopter with and without its vibration failsafe, beside the builtin ones."""
+    flights = _pair_flights(rows, builtin, (("default", "no-vibe"), ("default",)))
+    lines = _list_flights(flights, ("ArduCopter", "without vibration failsafe", "builtin"))
     seeds = len(list_values(rows, "seed"))
+    same = count(flights, lambda trio: first_end(trio[0]) == first_end(trio[2]))
+    changed = count(flights, lambda trio: first_end(trio[0]) != first_end(trio[1]))
+    calm = count(flights, lambda trio: trio[0]["signal"] == NONE and {*map(first_end, trio[:2])} == {"nothing"})
+    falls = count(flights, lambda trio: trio[0]["signal"] == "up 20" and _crashes(trio[0]) and _crashes(trio[1]))
     verdicts = [
-        (f"the same comes first in {same} of {len(trios)}", same >= 12),
+        (f"the same comes first in {same} of {len(flights)}", same >= 12),
         (
             f"nothing in {calm} of {seeds} without a signal, crash in {falls} of {seeds} with up 20",
             calm == falls == seeds,
         ),
-        (f"another comes first in {changed} of {len(trios)}", changed <= 2),
+        (f"another comes first in {changed} of {len(flights)}", changed <= 2),
     ]
     return [*lines, "", *format_verdicts(verdicts, start=9), ""]
+
+
+def describe_second_ardupilot(rows: Sequence[Row], builtin: Sequence[Row]) -> list[str]:
+    """The tables of the second set of flights of an ArduCopter, in two arms, beside the builtin ones."""
+    arms = ("default", "strict")
+    flights = [four for four in _pair_flights(rows, builtin, (arms, arms)) if four[0]["signal"] != NONE]
+    names = ("ArduCopter, default", "ArduCopter, strict", "builtin, default", "builtin, strict")
+    constant = [four for four in flights if four[0]["signal"] in ("up 2", "down 2")]
+    silent = count(constant, lambda four: first_end(four[0]) == "leaves" and four[0]["failsafe_s"] is None)
+    acted = count(constant, lambda four: first_end(four[1]) == "failsafe")
+    seeds = len(list_values(rows, "seed"))
+    left = count(flights, lambda four: four[0]["signal"] == "up 10 Hz 60" and four[0]["left_s"] is not None)
+    found = f"leaves without any failsafe in {silent} of {len(constant)}; strict: failsafe first in {acted}"
+    verdicts = [(found, silent == acted == len(constant)), (f"{left} of {seeds} leave", left <= 1)]
+    return [*_list_flights(flights, names), "", *format_verdicts(verdicts, start=12), ""]
+
+
+def _pair_flights(
+    rows: Sequence[Row], builtin: Sequence[Row], arms: tuple[Sequence[str], Sequence[str]]
+) -> list[list[Row]]:
+    """The flights of each signal and seed: those of `rows` in the first arms, and the builtin ones in the others."""
+    flights = []
+    for row in select(rows, arm="default"):
+        where = {"signal": row["signal"], "seed": row["seed"]}
+        flights.append(
+            [
+                one
+                for source, chosen in zip((rows, builtin), arms, strict=True)
+                for arm in chosen
+                for one in select(source, arm=arm, **where)
+            ]
+        )
+    return flights
+
+
+def _list_flights(flights: Sequence[Sequence[Row]], names: Sequence[str]) -> list[str]:
+    lines = [f"| signal | seed | {' | '.join(names)} |", f"|---|---|{'---|' * len(names)}"]
+    lines += [f"| {rows[0]['signal']} | {rows[0]['seed']} | {' | '.join(map(_tell_end, rows))} |" for rows in flights]
+    return lines
 
 
 def _tell_end(row: Row) -> str:

@@ -50,6 +50,12 @@ STUDIES: Final = {
         accelerometer_failsafe.measure,
         lambda rows: accelerometer_failsafe.describe_ardupilot(rows, read_data("accelerometer-failsafe")),
     ),
+    "accelerometer-failsafe-ardupilot-2": MeasuredStudy(
+        "accelerometer-failsafe",
+        ("events", "truth"),
+        accelerometer_failsafe.measure,
+        lambda rows: accelerometer_failsafe.describe_second_ardupilot(rows, read_data("accelerometer-failsafe")),
+    ),
     "signing-time": MeasuredStudy("signing-time", ("events",), signing_time.measure, signing_time.describe),
     "signing-time-ardupilot": MeasuredStudy(
         "signing-time", ("events",), signing_time.measure, signing_time.describe_ardupilot

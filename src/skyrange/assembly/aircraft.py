@@ -79,7 +79,7 @@ def list_aircraft(
                 wind_enu_mps=scenario.wind.air.steady_enu_mps,
                 signing_key=derive_stored_key(scenario, operator),
                 signing_exempt=operator.signing == "exempt",
-                **read_signing_time(operator),
+                signing_time=read_signing_time(operator),
                 run=run,
                 seed=scenario.seed,
             )

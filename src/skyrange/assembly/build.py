@@ -202,7 +202,7 @@ def build(
                 city=city,
                 chance=chance,
                 replanning=_replanning_of(operator.replan),
-                **read_signing_time(operator, station=True),
+                signing_time=read_signing_time(operator, station=True),
             )
         )
     placed = place_foreign_radios([*place_gateways(scenario), *defences.taps, *made.taps, *additions.taps], over_air)

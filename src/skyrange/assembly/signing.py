@@ -63,16 +63,16 @@ def derive_stored_key(scenario: Scenario, operator: Operator) -> SigningKey | No
     return key._replace(initial=max(saved, 0) + MAX_LAG)
 
 
-def read_signing_time(operator: Operator, *, station: bool = False) -> dict[str, SigningTime]:
-    """The argument `signing_time` of an operator's aircraft, or of its ground station; none by default."""
+def read_signing_time(operator: Operator, *, station: bool = False) -> SigningTime:
+    """By what the timestamps of an operator's aircraft advance, or those of its ground station."""
+    from skyrange.codec.mavlink.signing import SIGNING_TIME, ClockRule, SigningTime
+
     rules = operator.signing_time
     if rules is None:
-        return {}
-    from skyrange.codec.mavlink.signing import ClockRule, SigningTime
-
+        return SIGNING_TIME
     if station:
-        return {"signing_time": SigningTime(follows=rules.station == "received")}
-    return {"signing_time": SigningTime(ClockRule(rules.aircraft))}
+        return SigningTime(follows=rules.station == "received")
+    return SigningTime(ClockRule(rules.aircraft))
 
 
 @dataclass(frozen=True, slots=True)
