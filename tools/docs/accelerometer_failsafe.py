@@ -229,6 +229,37 @@ def describe_second_ardupilot(rows: Sequence[Row], builtin: Sequence[Row]) -> li
     return [*_list_flights(flights, names), "", *format_verdicts(verdicts, start=12), ""]
 
 
+def describe_lanes(rows: Sequence[Row], others: Sequence[Row]) -> list[str]:
+    """The table of the flights of an ArduCopter with an error in one of its IMUs or in both; `others` are those with
+    the same errors that the world made.
+    """
+    seeds = list_values(rows, "seed")
+    lines = [f"| signal | {' | '.join(f'seed {seed}' for seed in seeds)} |", f"|---|{'---|' * len(seeds)}"]
+    for signal in list_values(rows, "signal"):
+        cells = [_tell_end(row) for seed in seeds for row in select(rows, signal=signal, seed=seed)]
+        lines.append(f"| {signal} | {' | '.join(cells)} |")
+    calm = {
+        signal: count(select(rows, signal=signal), lambda row: first_end(row) == "nothing")
+        for signal in ("one up 2", "one up 4")
+    }
+    falls = count(select(rows, signal="one up 20"), _crashes)
+    both = [row for row in rows if row["signal"].startswith("both ")]
+    same = count(both, lambda row: first_end(row) == first_end(_find_like(row, others)))
+    verdicts = [
+        (_tell("nothing", calm), all(value >= 2 for value in calm.values())),
+        (f"crash in {falls} of {len(seeds)}", falls >= 2),
+        (f"the same comes first in {same} of {len(both)}", same >= 7),
+    ]
+    return [*lines, "", *format_verdicts(verdicts, start=14), ""]
+
+
+def _find_like(row: Row, others: Sequence[Row]) -> Row:
+    """The flight of the same error and seed in the arm *default*."""
+    signal = row["signal"].removeprefix("both ")
+    (found,) = select(others, signal=signal, seed=row["seed"], arm="default")
+    return found
+
+
 def _pair_flights(
     rows: Sequence[Row], builtin: Sequence[Row], arms: tuple[Sequence[str], Sequence[str]]
 ) -> list[list[Row]]:

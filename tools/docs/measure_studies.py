@@ -56,6 +56,19 @@ STUDIES: Final = {
         accelerometer_failsafe.measure,
         lambda rows: accelerometer_failsafe.describe_second_ardupilot(rows, read_data("accelerometer-failsafe")),
     ),
+    "accelerometer-failsafe-lanes": MeasuredStudy(
+        "accelerometer-failsafe",
+        ("events", "truth"),
+        accelerometer_failsafe.measure,
+        lambda rows: accelerometer_failsafe.describe_lanes(
+            rows,
+            [
+                row
+                for name in ("accelerometer-failsafe-ardupilot", "accelerometer-failsafe-ardupilot-2")
+                for row in read_data(name)
+            ],
+        ),
+    ),
     "signing-time": MeasuredStudy("signing-time", ("events",), signing_time.measure, signing_time.describe),
     "signing-time-ardupilot": MeasuredStudy(
         "signing-time", ("events",), signing_time.measure, signing_time.describe_ardupilot
