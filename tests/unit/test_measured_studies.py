@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import statistics
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ import pytest
 
 from tools.docs import accelerometer_failsafe, measure_studies, signing_time
 from tools.docs.measure_studies import DOCS, STUDIES, read_data, write_page
+from tools.docs.study_rows import select
 
 SECOND = 10**9
 
@@ -89,6 +92,30 @@ def test_the_page_has_the_tables_of_its_data(name: str, tmp_path: Path) -> None:
     shutil.copyfile(page, copy)
     write_page(name, read_data(name), copy)
     assert copy.read_text() == page.read_text()
+
+
+def test_figures_in_the_text_are_those_of_the_data() -> None:
+    rows = read_data("accelerometer-failsafe")
+
+    def cell(signal: str, arm: str = "default") -> list[Any]:
+        return select(rows, signal=signal, arm=arm)
+
+    def ends(signal: str, arm: str = "default") -> Counter[str]:
+        return Counter(map(accelerometer_failsafe.first_end, cell(signal, arm)))
+
+    def farthest(signal: str) -> int:
+        return round(statistics.median(row["farthest_m"] for row in cell(signal)))
+
+    text = " ".join((DOCS / "explanation" / "accelerometer-failsafe.md").read_text().split())
+    first = sum(ends(f"forward {size}")["failsafe"] for size in (2, 4, 10))
+    assert f"comes first in {first} of 60 flights with forward 2, 4 and 10" in text
+    assert ends("up 1", "strict")["failsafe"] == 20
+    assert f"of which {ends('up 1')['nothing']} would have stayed within 10 m" in text
+    assert f"climbs out of its height by {farthest('up 10 Hz 60')} m" in text
+    assert f"with down 20 the aircraft climbs by {farthest('down 20')} m" in text
+    assert f"the median of the largest distance is {farthest('up 2')} and {farthest('down 2')} m" in text
+    assert all(row["failsafe_s"] is None for signal in ("up 2", "down 2", "up 20") for row in cell(signal))
+    assert all(row["crashed_s"] < 5.0 for arm in accelerometer_failsafe.ARMS for row in cell("up 20", arm))
 
 
 def test_a_study_with_a_run_that_failed_is_not_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
