@@ -104,7 +104,7 @@ def test_figures_in_the_text_are_those_of_the_data() -> None:
         return Counter(map(accelerometer_failsafe.first_end, cell(signal, arm)))
 
     def farthest(signal: str) -> int:
-        return round(statistics.median(row["farthest_m"] for row in cell(signal)))
+        return round(float(statistics.median(row["farthest_m"] for row in cell(signal))))
 
     text = " ".join((DOCS / "explanation" / "accelerometer-failsafe.md").read_text().split())
     first = sum(ends(f"forward {size}")["failsafe"] for size in (2, 4, 10))

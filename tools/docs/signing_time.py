@@ -92,7 +92,8 @@ def describe_ardupilot(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-_MEASURES: Final = (_is_refused, is_locked_out, _is_obeyed)
+_NAMES: Final = {_is_refused: "refused", is_locked_out: "locked out", _is_obeyed: "obeyed"}
+_MEASURES: Final = tuple(_NAMES)
 
 
 def _arms(rows: Sequence[Row]) -> list[str]:
@@ -119,7 +120,7 @@ def _judge(rows: Sequence[Row]) -> list[tuple[str, bool]]:
     def compare(time: str, holds: Any, all_of: Sequence[str]) -> tuple[str, bool]:
         found = counts(time, holds)
         held = all(found[arm] == (flights if arm in all_of else 0) for arm in arms)
-        return f"{time}: {_tell(found)}", held
+        return f"{_NAMES[holds]}, {time}: {_tell(found)}", held
 
     def join(*results: tuple[str, bool]) -> tuple[str, bool]:
         return "; ".join(text for text, _ in results), all(held for _, held in results)
@@ -131,7 +132,7 @@ def _judge(rows: Sequence[Row]) -> list[tuple[str, bool]]:
     most = [arm for arm in arms if arm != "bounded"]
     return [
         join(*quiet),
-        join(*ahead, (f"HEARTBEAT refused in *received*: {received}", received > 0)),
+        join(*ahead, (f"refused in *received*: {received} of {2 * flights}", received > 0)),
         compare("ahead 10 years, since boot", is_locked_out, ("computer", "first-fix")),
         compare("ahead 20 s more each second", is_locked_out, ("computer", "bounded")),
         join(*later),
