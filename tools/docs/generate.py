@@ -167,6 +167,7 @@ _SECTIONS = (
     ("Operator", "`[[operators]]`"),
     ("VolumeMargins", "`margins` of an operator"),
     ("ReplanningRules", "`replan` of an operator"),
+    ("SigningTimeRules", "`signing_time` of an operator"),
     ("Vehicle", "`[[operators.vehicles]]`"),
     ("Fleet", "`[[operators.fleets]]`"),
     ("Start", "`start`"),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.assembly.acts.honest_arm import HonestAircraft, park
-from skyrange.assembly.signing import derive_keys
+from skyrange.assembly.signing import derive_stored_key, read_signing_time
 from skyrange.city.city import City
 from skyrange.core.chance import Chance
 from skyrange.core.ids import link_name, vehicle_id
@@ -78,9 +78,10 @@ def list_aircraft(
                 heading_deg=start.heading_deg,
                 params=dict(vehicle.params),
                 wind_enu_mps=scenario.wind.air.steady_enu_mps,
-                signing_key=derive_keys(scenario, operator).aircraft,
+                signing_key=derive_stored_key(scenario, operator),
                 signing_exempt=operator.signing == "exempt",
                 telemetry_radio=isinstance(scenario.over_air(link_name("gcs", key)), SikParams),
+                signing_time=read_signing_time(operator),
                 run=run,
                 seed=scenario.seed,
             )

@@ -29,7 +29,7 @@ from skyrange.assembly.placement.moved_places import describe_moves
 from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.assembly.radio import LiveMedium, build_radio, check_radios, describe_medium, make_lookout
 from skyrange.assembly.run_header import make_attachments, make_header, make_mission_files
-from skyrange.assembly.signing import check_signing, derive_keys, place_gateways
+from skyrange.assembly.signing import check_signing, derive_keys, place_gateways, read_signing_time
 from skyrange.city.city import City
 from skyrange.contracts.components import Agent, Observer
 from skyrange.contracts.links import Act, LinkSpec, TapPlacement
@@ -205,6 +205,7 @@ def build(
                 city=city,
                 chance=chance,
                 replanning=_replanning_of(operator.replan),
+                signing_time=read_signing_time(operator, station=True),
             )
         )
     taps = [*place_gateways(scenario), *defences.taps, *made.taps, *additions.taps, *place_reporters(over_air.sik)]

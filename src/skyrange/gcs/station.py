@@ -17,7 +17,7 @@ import numpy as np
 from skyrange.city.city import City
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.message_columns import FleetPacker, assign_sequence_numbers, pack_batches, payload_dtype
-from skyrange.codec.mavlink.signing import SignedConnection, SignedConnections, SigningKey
+from skyrange.codec.mavlink.signing import SIGNING_TIME, SignedConnection, SignedConnections, SigningKey, SigningTime
 from skyrange.contracts.alerts import Scalar
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox, Turn
 from skyrange.core.chance import Chance
@@ -76,15 +76,16 @@ class GroundStation:
         city: City | None = None,
         chance: Chance = NO_CHANCE,
         replanning: Replanning | None = None,
+        signing_time: SigningTime = SIGNING_TIME,
     ) -> None:
         """The plans must have no problems (`plan.checks.check`); `traffic_picture` is that of the ground receivers.
 
         `margins` are those of the volumes that it claims; alternatives are kept clear of the buildings of `city`;
         `chance` draws the pauses between requests for one flight; `replanning` says what flights are replanned for.
 
-        With a `key` the station signs what it sends to aircraft, and rejects frames that are not signed with that
-        key. Raises `InputError` for another operator's vehicle, for a vehicle id or system id that is duplicate or
-        out of range, and for an unknown profile of `streams`.
+        With a `key` the station signs what it sends to aircraft, at the time that `signing_time` says, and rejects
+        frames that are not signed with that key. Raises `InputError` for another operator's vehicle, for a vehicle id
+        or system id that is duplicate or out of range, and for an unknown profile of `streams`.
         """
         _check(operator, flights, streams)
         self.name = endpoint(operator, "gcs")
@@ -123,7 +124,9 @@ class GroundStation:
         self._signed: SignedConnections | None = None
         if key is not None:
             ends = [
-                SignedConnection(sequencer.flight.vehicle, key, sequencer.dialogue.port, sequencer.dialogue.port)
+                SignedConnection(
+                    sequencer.flight.vehicle, key, sequencer.dialogue.port, sequencer.dialogue.port, time=signing_time
+                )
                 for sequencer in self._sequencers
             ]
             self._signed = SignedConnections(self.ports, ends, LINK_ID, "decision.signature_refused")

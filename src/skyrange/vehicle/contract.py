@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from skyrange.codec.mavlink.signing import SigningKey
+from skyrange.codec.mavlink.signing import SIGNING_TIME, SigningKey, SigningTime
 from skyrange.contracts.components import Engine
 from skyrange.contracts.plugins.registry import AUTOPILOTS, Plugin
 from skyrange.core.chance import Chance
@@ -39,6 +39,7 @@ class VehicleSpec:
     signing_key: SigningKey | None = field(default=None, repr=False)
     signing_exempt: bool = False
     telemetry_radio: bool = False
+    signing_time: SigningTime = SIGNING_TIME
     run: int = 0
     seed: int = 0
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 import skyrange.plugin as sky
@@ -9,6 +11,8 @@ from skyrange.attack.bases.gnss.fixes import fixes_since
 
 ROLLOVER_S = 1024 * 604_800
 """After this time the week number of GPS L1 C/A repeats (IS-GPS-200, 6.2.4)."""
+BEFORE_ALL: Final[sky.Time] = -(2**62)
+"""A time before that of every fix."""
 
 
 @sky.attack(
@@ -51,6 +55,11 @@ class FalseTime(sky.OnFixes):
         "Offset of the time at the start, in seconds; positive is ahead.", default=0.0, ge=-ROLLOVER_S, le=ROLLOVER_S
     )
     drift_s_per_s: sky.Number = sky.param("Growth of the offset, in seconds per second.", default=0.0, ge=-100, le=100)
+    since_boot: bool = sky.param(
+        "Whether the spoofer acted already when the receivers were switched on: the fixes that they have at the start "
+        "show the wrong time too, and a clock is set by it first. Otherwise the clocks have been set by the true time.",
+        default=False,
+    )
     offset_ns: sky.Time
 
     def find_problems(self) -> sky.Problems:
@@ -65,8 +74,8 @@ class FalseTime(sky.OnFixes):
         start = self.schedule.start_ns
         if start > now:
             return []
-        rows = fixes_since(start, sensors)
+        rows = fixes_since(BEFORE_ALL if self.since_boot else start, sensors)
         if not self.sham:
-            grown_ns = np.rint(self.drift_s_per_s * (sensors.gnss_time_ns[rows] - start)).astype(np.int64)
+            grown_ns = np.rint(self.drift_s_per_s * np.maximum(sensors.gnss_time_ns[rows] - start, 0)).astype(np.int64)
             sensors.gnss_utc_error_ns[rows] += self.offset_ns + grown_ns
         return self.enter(rows, 0)

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Literal
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.mavlink.compromised_sender import COMMANDS, read_timestamp
+from skyrange.attack.signing.stolen_key import ORDERS
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink.signing import (
+    UNIT_NS,
+    range_passphrase,
+    secret_from_passphrase,
+    sign_frame,
+    signing_timestamp,
+)
 
 _COMMANDS: Final = COMMANDS | {mav.MAVLINK_MSG_ID_SET_MODE, mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT}
 
@@ -32,11 +40,45 @@ class SignedReplay(sky.InjectionOnLinks):
 
     every_s: sky.Number = sky.param("Time between two replayed frames, in seconds.", default=1.0, ge=0.1, le=3600)
     keep: sky.Whole = sky.param("Commands that are kept, the first ones, to replay in turn.", default=16, ge=1, le=1000)
-    kept: list[tuple[sky.FrameId, bytes]] = sky.state(list)
+    earlier_s: sky.Number = sky.param(
+        "How long before time 0 the replayed commands were sent, in seconds, if the attacker recorded them on an "
+        "earlier flight; 0: it records those of this flight.",
+        default=0.0,
+        ge=0,
+        le=300_000_000,
+    )
+    order: Literal["return", "land", "take_off"] = sky.param(
+        "What the commands of an earlier flight are: those of signing.stolen_key.", default="take_off"
+    )
+    link_id: sky.Whole = sky.param(
+        "Link id in the signatures of the commands of an earlier flight. With that of the ground station, 0, the "
+        "aircraft compares them with what the station has sent since.",
+        default=1,
+        ge=0,
+        le=255,
+    )
+    kept: list[tuple[sky.FrameId | None, bytes]] = sky.state(list)
     turn: int = 0
+    first_timestamp: int
+
+    def prepare(self, context: sky.AttackContext) -> None:
+        """Compute when the commands of an earlier flight were signed."""
+        self.first_timestamp = signing_timestamp(context.epoch.unix_ns - round(self.earlier_s * sky.NS_PER_S))
+
+    def begin(self) -> None:
+        """Make the commands of an earlier flight, as the ground station signed them. The attacker has no key."""
+        super().begin()
+        if self.earlier_s:
+            secret = secret_from_passphrase(
+                range_passphrase(self.chance.seed, sky.operator_of(self.link.partition(":")[2]))
+            )
+            for number, order in enumerate(ORDERS[self.order]):
+                timestamp = self.first_timestamp + number * sky.NS_PER_S // UNIT_NS
+                frame = sign_frame(self.packer.pack(order.message(self.target)), secret, self.link_id, timestamp)
+                self.kept.append((None, frame))
 
     def on_frame(self, now: sky.Time, frame: sky.Frame) -> sky.Verdicts:
-        command = frame.direction == "fwd" and sky.message_id(frame.payload) in _COMMANDS
+        command = not self.earlier_s and frame.direction == "fwd" and sky.message_id(frame.payload) in _COMMANDS
         if command and len(self.kept) < self.keep and read_timestamp(frame.payload) is not None:
             self.kept.append((frame.id, frame.payload))
         return ()

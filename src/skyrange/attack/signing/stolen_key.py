@@ -42,7 +42,7 @@ _FORCE: Final = 21196.0
 """Param 2 of MAV_CMD_COMPONENT_ARM_DISARM: disarm in flight too."""
 _TAKE_OFF_M: Final = 20.0
 """Height of a take-off above home, in metres."""
-_ORDERS: Final = {
+ORDERS: Final = {
     "return": (sky.Order(mav.MAV_CMD_NAV_RETURN_TO_LAUNCH),),
     "land": (sky.Order(mav.MAV_CMD_NAV_LAND),),
     "disarm": (sky.Order(mav.MAV_CMD_COMPONENT_ARM_DISARM, (0.0, _FORCE)),),
@@ -52,6 +52,7 @@ _ORDERS: Final = {
         sky.Order(mav.MAV_CMD_NAV_TAKEOFF, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, _TAKE_OFF_M)),
     ),
 }
+"""The commands of each order."""
 _NOTHING: Final = sky.Order(mav.MAV_CMD_REQUEST_MESSAGE, (float(mav.MAVLINK_MSG_ID_HEARTBEAT),))
 
 
@@ -112,5 +113,5 @@ class SignedOrders(sky.InjectionOnLinks):
     def send(self, now: sky.Time) -> sky.Verdicts:
         return [
             self.inject(sign_frame(self.packer.pack(message), self.secret, self.link_id, self.stamps.take(now)))
-            for message in ((_NOTHING if self.sham else order).message(self.target) for order in _ORDERS[self.order])
+            for message in ((_NOTHING if self.sham else order).message(self.target) for order in ORDERS[self.order])
         ]

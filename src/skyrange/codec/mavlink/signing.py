@@ -67,6 +67,32 @@ class SignatureRefusal(StrEnum):
     TOO_MANY_STREAMS = "too many streams"
 
 
+class ClockRule(StrEnum):
+    """Which settings of an aircraft's clock advance the timestamp of its signatures."""
+
+    EVERY_FIX = "every-fix"
+    """Each one, as ArduPilot (GCS_Signing.cpp `update_signing_timestamp`)."""
+    FIRST_FIX = "first-fix"
+    """The first one alone, as issue 13860 of ArduPilot proposes."""
+    BOUNDED = "bounded"
+    """Those that advance it by at most `MAX_LAG`."""
+    NEVER = "never"
+    """None: the timestamp is that which was stored, and what accepted frames and sending make of it."""
+
+
+class SigningTime(NamedTuple):
+    """By what the timestamp of one end of a signed connection advances."""
+
+    rule: ClockRule = ClockRule.EVERY_FIX
+    follows: bool = True
+    """Whether it advances to those of accepted frames ("Timestamp Handling"). If not, each frame has the time of the
+    clock, as those of Mission Planner (MavlinkParse.cs `GenerateMAVLinkPacket20`)."""
+
+
+SIGNING_TIME: Final = SigningTime()
+"""As ArduPilot and MAVLink's C library."""
+
+
 class SigningKey(NamedTuple):
     """A key as SETUP_SIGNING carries it: that of the pairing before the flight, or one that came later."""
 
@@ -115,9 +141,9 @@ class Signer:
     that frame's timestamp; the clock advances it only at `start` and when it is set.
     """
 
-    __slots__ = ("key", "link", "streams", "timestamp")
+    __slots__ = ("clock_was_set", "key", "link", "streams", "time", "timestamp")
 
-    def __init__(self, key: SigningKey, link: int) -> None:
+    def __init__(self, key: SigningKey, link: int, time: SigningTime = SIGNING_TIME) -> None:
         """`link` 0…255 distinguishes the connections of one component; raises `ValueError` for a key of the wrong
         length.
         """
@@ -125,7 +151,9 @@ class Signer:
             raise ValueError(f"a key of {len(key.secret)} bytes, MAVLink's have {KEY_BYTES}")
         self.key = key
         self.link = link
+        self.time = time
         self.timestamp = 0
+        self.clock_was_set = False
         self.streams: dict[tuple[int, int, int], int] = {}
         """(system, component, link) → the last timestamp accepted."""
 
@@ -151,9 +179,22 @@ class Signer:
     def set_clock(self, unix_ns: int) -> None:
         """Advance the timestamp to a clock that was set, in whole seconds and never backwards.
 
-        GCS_Signing.cpp `update_signing_timestamp`.
+        GCS_Signing.cpp `update_signing_timestamp`. The rule of the connection may ignore it.
         """
-        self.timestamp = max(self.timestamp, signing_timestamp(unix_ns // NS_PER_S * NS_PER_S))
+        timestamp, first = signing_timestamp(unix_ns // NS_PER_S * NS_PER_S), not self.clock_was_set
+        self.clock_was_set = True
+        match self.time.rule:
+            case ClockRule.NEVER:
+                return
+            case ClockRule.FIRST_FIX if not first:
+                return
+            case ClockRule.BOUNDED if timestamp > self.timestamp + MAX_LAG:
+                return
+        self.timestamp = max(self.timestamp, timestamp)
+
+    def read_clock(self, now: Time) -> None:
+        """Advance the timestamp to the component's own clock, before it signs without following others."""
+        self.timestamp = max(self.timestamp, min(self.key.initial + max(now, 0) // UNIT_NS, LAST_TIMESTAMP))
 
     def sign(self, frame: bytes) -> bytes:
         """The signed form of a frame to send."""
@@ -184,7 +225,8 @@ class Signer:
         elif timestamp <= last:
             return SignatureRefusal.REPLAYED
         self.streams[stream] = timestamp
-        self.timestamp = max(self.timestamp, timestamp)
+        if self.time.follows:
+            self.timestamp = max(self.timestamp, timestamp)
         return None
 
 
@@ -202,6 +244,7 @@ class SignedConnection(NamedTuple):
     exempt: bool = False
     """Whether frames that fail verification are accepted, as ArduPilot does on its first channel (GCS_Signing.cpp
     `accept_unsigned_callback`). Its own frames are signed all the same."""
+    time: SigningTime = SIGNING_TIME
 
 
 class SignedConnections:
@@ -213,7 +256,8 @@ class SignedConnections:
         """
         self._ports = tuple(ports)
         self._connections = list(connections)
-        self._signers = [Signer(connection.key, link) for connection in connections]
+        self._signers = [Signer(connection.key, link, connection.time) for connection in connections]
+        self._clocked = [signer for signer in self._signers if not signer.time.follows]
         self._link = link
         self._note = note
         self._unsigned: set[int] = set()
@@ -297,6 +341,8 @@ class SignedConnections:
     def sign_outbox(self, now: Time, out: Outbox) -> None:
         """Sign all frames that are sent over signed connections, in the order in which they leave."""
         self._begin(now)
+        for signer in self._clocked:
+            signer.read_clock(now)
         for place, departure in enumerate(out.departures):
             number = self._send_ports.get(departure.port)
             if number is not None:

@@ -55,6 +55,28 @@ class VolumeMargins(Model):
     )
 
 
+class SigningTimeRules(Model):
+    """By what the timestamps of an operator's signatures advance, at its aircraft and at its ground station."""
+
+    aircraft: Literal["every-fix", "first-fix", "bounded", "never"] = Field(
+        default="every-fix",
+        description="Settings of the aircraft's clock by GNSS that advance its timestamp. every-fix: all of them, as "
+        "ArduPilot; first-fix: the first alone; bounded: those by at most a minute; never: none.",
+    )
+    saved_ago_s: Number | None = Field(
+        default=None,
+        ge=0,
+        le=1e9,
+        description="How long before time 0 the aircraft stored the timestamp with which it starts, in seconds; "
+        "default: it starts with a clock that is right.",
+    )
+    station: Literal["received", "computer"] = Field(
+        default="received",
+        description="Timestamps of the ground station. received: they advance to those of the aircraft, as MAVLink's "
+        "C library does; computer: they are the time of its computer, as those of Mission Planner.",
+    )
+
+
 class ReplanningRules(Model):
     """What the ground station replans flights for while they are flown, through an approval that tracks intents."""
 
@@ -120,6 +142,10 @@ class Operator(Model):
         description="MAVLink 2 signing between its ground station and its aircraft. wrong-key: signing is on, and the "
         "key of the ground station differs from that of the aircraft. gateway: the aircraft sign, and a gateway on "
         "board signs what reaches it unsigned. exempt: signing is on, and the aircraft's channel is exempt from it.",
+    )
+    signing_time: SigningTimeRules | None = Field(
+        default=None,
+        description="By what the timestamps of signatures advance; default: as in ArduPilot and MAVLink's C library.",
     )
     station: AnyStation = None
     remote_id: Broadcasts = None

@@ -36,7 +36,7 @@ from skyrange.scenario.model.defences import DefenceCost, DefenceTable, Detector
 from skyrange.scenario.model.fleet import Autopilots, Fleet, Start, Vehicle
 from skyrange.scenario.model.links import AirParams, Hosts, Link, Processing, resolve_channel, resolve_over_air
 from skyrange.scenario.model.manual_acts import ManualActTable
-from skyrange.scenario.model.operators import Operator, ReplanningRules, VolumeMargins, name_operators
+from skyrange.scenario.model.operators import Operator, ReplanningRules, SigningTimeRules, VolumeMargins, name_operators
 from skyrange.scenario.model.plan import (
     Fence,
     FenceCircle,
@@ -86,6 +86,7 @@ __all__ = [
     "Route",
     "Scenario",
     "Sensors",
+    "SigningTimeRules",
     "SikParams",
     "Square",
     "Start",

@@ -146,7 +146,9 @@ class BuiltinFleet(EngineBase):
             vehicle.id for vehicle, spec in zip(vehicles, specs, strict=True) if spec.signing_exempt
         )
         signed = [
-            SignedConnection(vehicle.id, spec.signing_key, vehicle.port, vehicle.port, spec.signing_exempt)
+            SignedConnection(
+                vehicle.id, spec.signing_key, vehicle.port, vehicle.port, spec.signing_exempt, spec.signing_time
+            )
             for vehicle, spec in zip(vehicles, specs, strict=True)
             if spec.signing_key is not None
         ]
