@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 import pyarrow as pa
 
 from skyrange.core.parquet_files import read_table
-from skyrange.parity.marked_page import MarkedPart
+from skyrange.report.marked_page import MarkedPart
 from skyrange.study.results import read_results
 from tools.docs import accelerometer_failsafe, signing_time
 from tools.docs.study_rows import Row
