@@ -18,7 +18,7 @@ from skyrange.city.downtown import downtown_grid
 from skyrange.city.wall_index import build_wall_index
 from skyrange.core.arrays import Floats
 from skyrange.core.errors import InputError
-from skyrange.optics.ray_casting import AIRCRAFT, BUILDING, GROUND, NONE, Hits, Rays, cast_rays, make_rays
+from skyrange.optics.ray_casting import AIRCRAFT, BUILDING, GROUND, NONE, Hits, Rays, cast_rays
 from skyrange.optics.ray_index import build_ray_index
 from skyrange.optics.targets import Targets, place_targets
 from tests.tiers import examples
@@ -26,6 +26,15 @@ from tests.tiers import examples
 REACH_M = 300.0
 EXACT_M = 1e-9
 ANGLE = st.floats(-math.pi, math.pi)
+
+
+def make_rays(origin: Floats, direction: Floats, delay_s: Floats | None = None, own: int = -1) -> Rays:
+    """Rays from one origin (3,) or one each (n, 3), at the start of the scan unless `delay_s` (n,) says when."""
+    count = len(direction)
+    origins = np.ascontiguousarray(np.broadcast_to(np.asarray(origin, dtype=np.float64), (count, 3)))
+    delays = np.zeros(count) if delay_s is None else np.ascontiguousarray(delay_s, dtype=np.float64)
+    directions = np.ascontiguousarray(direction, dtype=np.float64)
+    return Rays(origins, directions, delays, np.full(count, own, dtype=np.int32))
 
 
 def point_at(azimuth: float, elevation: float) -> Floats:
@@ -260,6 +269,31 @@ def test_an_aircraft_moves_while_the_scan_lasts_and_its_own_sensor_sees_through_
     assert hits.distance_m == pytest.approx([49.6, 44.6, 39.6], abs=EXACT_M)
     seen_by_all = cast_rays(index, rays._replace(own=np.full(3, -1, dtype=np.int32)), 100.0, targets)
     assert seen_by_all.distance_m == pytest.approx(0.4, abs=EXACT_M)
+
+
+def test_a_ray_passes_under_a_bridge_and_meets_its_sides_and_its_base() -> None:
+    bridge = Building("bridge", 20.0, shapely.box(-10.0, 30.0, 10.0, 36.0), base_m=12.0)
+    index = build_ray_index(build_wall_index([bridge]))
+    forward, up = np.array([[0.0, 1.0, 0.0]]), np.array([[0.0, 0.0, 1.0]])
+    distances = [
+        cast_rays(index, make_rays(np.array([0.0, 0.0, z]), forward), 90.0).distance_m[0] for z in (11, 15, 21)
+    ]
+    assert distances == [math.inf, 30.0, math.inf]
+    assert cast_rays(index, make_rays(np.array([0.0, 33.0, 2.0]), up), 90.0).distance_m[0] == 10.0
+    assert cast_rays(index, make_rays(np.array([0.0, 33.0, 50.0]), -up), 90.0).distance_m[0] == 30.0
+
+
+def test_an_aircraft_is_found_in_each_cell_that_it_crosses_during_the_scan() -> None:
+    index = build_ray_index(downtown_grid((2, 2)).walls(), 2.0)
+    one = np.ones(1)
+    targets = place_targets(
+        index, np.array([[-60.0, 0.0, 30.0]]), np.array([[400.0, 0.0, 0.0]]), 0.3 * one, one, during_s=0.3
+    )
+    delay = np.linspace(0.0, 0.3, 61)
+    rays = make_rays(np.zeros(3), np.tile([0.0, 0.0, -1.0], (61, 1)), delay)
+    origin = np.column_stack([-60.0 + 400.0 * delay, np.zeros(61), np.full(61, 40.0)])
+    hits = cast_rays(index, rays._replace(origin=origin), 90.0, targets)
+    assert hits.distance_m == pytest.approx(9.0, abs=EXACT_M)
 
 
 def test_a_roof_is_found_where_cells_end_on_walls() -> None:

@@ -253,7 +253,7 @@ def rays_bench(
     scans: Annotated[int, typer.Option(metavar="N", min=1, help="Scans of ten sensors to measure, three times.")] = 10,
     as_json: AsJson = False,
 ) -> None:
-    """Measure how fast the rays of ten LiDARs (16 beams x 720 azimuths) are cast in a city with aircraft."""
+    """Measure rays in a city with aircraft: of ten LiDARs (16 beams × 720 azimuths, 10 Hz) and of a depth camera."""
     from skyrange.bench.planning import load_city
     from skyrange.bench.rays import measure
 
@@ -261,15 +261,16 @@ def rays_bench(
     scene = buildings.stem if buildings is not None else "generated downtown"
     rows = []
     if not as_json:
-        heads = f"{'scene':<24} {'buildings':>9} {'aircraft':>8} {'rays/s':>11} {'× real time':>11}"
-        print_text(f"{heads} {'meet a building':>15} {'an aircraft':>11} {'digest':>16}")
+        heads = f"{'scene':<24} {'buildings':>9} {'aircraft':>8} {'rays/s':>11} {'× LiDARs':>8} {'× depth':>7}"
+        print_text(f"{heads} {'on buildings':>12} {'on aircraft':>11} {'digest':>16}")
     for count in aircraft or [10, 100, 1000]:
         row = measure(city, scene, count, scans)
         rows.append(row)
         if not as_json:
             print_text(
                 f"{scene[:24]:<24} {row['buildings']:>9} {count:>8} {row['rays_per_s']:>11,} "
-                f"{row['real_time_factor']:>11.1f} {row['met']['building']:>15.1%} {row['met']['aircraft']:>11.3%} "
+                f"{row['lidar_factor']:>8.1f} {row['depth_factor']:>7.1f} {row['met']['building']:>12.1%} "
+                f"{row['met']['aircraft']:>11.3%} "
                 f"{row['digest']:>16}"
             )
     if as_json:

@@ -54,15 +54,6 @@ class Hits(NamedTuple):
     """(n,): of the angle between ray and normal, 0 (grazing) to 1; 0 for none."""
 
 
-def make_rays(origin: Floats, direction: Floats, delay_s: Floats | None = None, own: int = -1) -> Rays:
-    """Rays from one origin (3,) or one each (n, 3), at the start of the scan unless `delay_s` (n,) says when."""
-    count = len(direction)
-    origins = np.ascontiguousarray(np.broadcast_to(np.asarray(origin, dtype=np.float64), (count, 3)))
-    delays = np.zeros(count) if delay_s is None else np.ascontiguousarray(delay_s, dtype=np.float64)
-    directions = np.ascontiguousarray(direction, dtype=np.float64)
-    return Rays(origins, directions, delays, np.full(count, own, dtype=np.int32))
-
-
 def cast_rays(index: RayIndex, rays: Rays, reach_m: float, targets: Targets = NO_TARGETS) -> Hits:
     """The first surface that each ray meets within `reach_m`. `targets` were placed on the grid of `index`.
 

@@ -138,7 +138,8 @@ _ROUTES: Final = (
 _RAYS: Final = (
     Quantity("a ray", "yardsticks", "lower", _yardsticks_each("rays_per_s"), relative=True),
     Quantity("rays per core", "1/s", "higher", _key("rays_per_s")),
-    Quantity("ten sensors at 10 Hz, times real time", "×", "higher", _key("real_time_factor")),
+    Quantity("ten LiDARs at 10 Hz, times real time", "×", "higher", _key("lidar_factor")),
+    Quantity("a depth camera at 10 Hz, times real time", "×", "higher", _key("depth_factor")),
 )
 _ANSWERS: Final = (
     Quantity("decisions", "1/s", "higher", _key("decisions_per_s")),
@@ -403,7 +404,7 @@ BENCHMARKS: Final = (
     ),
     Benchmark(
         "rays",
-        "Rays of ten rotating LiDARs on aircraft over a generated downtown, with the other aircraft in it.",
+        "Rays and returns of ten rotating LiDARs, and a depth camera, over a generated downtown with other aircraft.",
         _RAYS,
         _cast([(100, 10), (1000, 10)]),
         _cast([(100, 3)]),
