@@ -14,7 +14,7 @@ import skyrange
 ROOT = Path(skyrange.__file__).parent
 SIMULATED = (
     "assembly", "attack", "codec/f3411", "codec/f3548", "codec/mavlink", "core", "defence", "detect", "fault", "gcs",
-    "kernel", "radio", "remoteid", "runtime/cores", "scenario", "utm", "vehicle/avoidance", "vehicle/builtin",
+    "kernel", "optics", "radio", "remoteid", "runtime/cores", "scenario", "utm", "vehicle/avoidance", "vehicle/builtin",
     "vehicle/claimed_tracks.py", "vehicle/companion", "vehicle/event_detection.py", "vehicle/reported_poses.py",
     "world",
 )  # fmt: skip

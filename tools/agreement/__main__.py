@@ -77,6 +77,32 @@ def fix_noise(
         print_text(line)
 
 
+@app.command("ray-casters", epilog="Example: python -m tools.agreement ray-casters --buildings manhattan.geojson")
+def ray_casters(
+    *,
+    buildings: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File of buildings. Default: a generated downtown.")
+    ] = None,
+    reach_m: Annotated[float, typer.Option("--reach", metavar="M", min=1.0, help="How far rays reach.")] = 100.0,
+    as_json: AsJson = False,
+) -> None:
+    """Compare skyrange's ray caster with Embree's: rays a second of processor time, and distances."""
+    from skyrange.bench.planning import load_city
+    from tools.agreement.ray_casters import compare
+
+    rows, agreed = compare(load_city(buildings), reach_m)
+    if as_json:
+        print_json({"casters": [asdict(row) for row in rows], "agreement": asdict(agreed)})
+        return
+    for row in rows:
+        repeats = "repeats to the bit" if row.repeats else "does not repeat"
+        print_text(f"{row.name:<9} {row.rays_per_s / 1e6:6.1f} M rays/s, built in {row.build_ms:.0f} ms, {repeats}")
+    print_text(
+        f"{agreed.rays:,} rays met something: {agreed.met_by_one} in one of the two only; distances differ by "
+        f"{agreed.median_m * 1e3:.3f} mm (median) and {agreed.worst_m * 1e3:.3f} mm (worst)"
+    )
+
+
 @app.command("gnss", epilog="Example: python -m tools.agreement gnss --out runs/gnss --json")
 def gnss(
     *,

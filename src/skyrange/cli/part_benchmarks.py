@@ -1,4 +1,4 @@
-"""The commands `skyrange bench` of single parts: the radio medium, taps, flight approval, UTM services, planning."""
+"""The commands `skyrange bench` of single parts: radio, taps, flight approval, UTM services, planning, rays."""
 
 from __future__ import annotations
 
@@ -235,6 +235,43 @@ def planning_bench(
             print_text(
                 f"{height_m:>7g} {row['routes']:>7} {row['no_way']:>7} {row['p50_ms']:>8} {row['p95_ms']:>8} "
                 f"{row['detour']:>7} {row['late']:>7}"
+            )
+    if as_json:
+        print_json(rows)
+
+
+@commands.command("rays", epilog="Example: skyrange bench rays --buildings manhattan.geojson --aircraft 100")
+def rays_bench(
+    *,
+    buildings: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File of buildings. Default: a generated downtown.")
+    ] = None,
+    aircraft: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=10, help="Number of aircraft. May be repeated. Default: 10, 100 and 1000."),
+    ] = None,
+    scans: Annotated[int, typer.Option(metavar="N", min=1, help="Scans of ten sensors to measure, three times.")] = 10,
+    as_json: AsJson = False,
+) -> None:
+    """Measure rays in a city with aircraft: of ten LiDARs (16 beams × 720 azimuths, 10 Hz) and of a depth camera."""
+    from skyrange.bench.planning import load_city
+    from skyrange.bench.rays import measure
+
+    city = load_city(buildings)
+    scene = buildings.stem if buildings is not None else "generated downtown"
+    rows = []
+    if not as_json:
+        heads = f"{'scene':<24} {'buildings':>9} {'aircraft':>8} {'rays/s':>11} {'× LiDARs':>8} {'× depth':>7}"
+        print_text(f"{heads} {'on buildings':>12} {'on aircraft':>11} {'digest':>16}")
+    for count in aircraft or [10, 100, 1000]:
+        row = measure(city, scene, count, scans)
+        rows.append(row)
+        if not as_json:
+            print_text(
+                f"{scene[:24]:<24} {row['buildings']:>9} {count:>8} {row['rays_per_s']:>11,} "
+                f"{row['lidar_factor']:>8.1f} {row['depth_factor']:>7.1f} {row['met']['building']:>12.1%} "
+                f"{row['met']['aircraft']:>11.3%} "
+                f"{row['digest']:>16}"
             )
     if as_json:
         print_json(rows)

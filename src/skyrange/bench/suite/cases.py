@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
-from skyrange.bench import approval, ardupilot, attacks, cores, fleet, live, planning, radio, transports
+from skyrange.bench import approval, ardupilot, attacks, cores, fleet, live, planning, radio, rays, transports
 from skyrange.bench.fleet import FleetOptions
 from skyrange.bench.isolation import run_in_process
 from skyrange.bench.suite.results import Better, Measure
@@ -135,6 +135,12 @@ _ROUTES: Final = (
     Quantity("time, 95 %", "ms", "lower", _key("p95_ms")),
     Quantity("length over straight length", "×", "lower", _key("detour"), relative=True),
 )
+_RAYS: Final = (
+    Quantity("a ray", "yardsticks", "lower", _yardsticks_each("rays_per_s"), relative=True),
+    Quantity("rays per core", "1/s", "higher", _key("rays_per_s")),
+    Quantity("ten LiDARs at 10 Hz, times real time", "×", "higher", _key("lidar_factor")),
+    Quantity("a depth camera at 10 Hz, times real time", "×", "higher", _key("depth_factor")),
+)
 _ANSWERS: Final = (
     Quantity("decisions", "1/s", "higher", _key("decisions_per_s")),
     Quantity("answer, median", "ms", "lower", _key("p50_ms")),
@@ -248,6 +254,17 @@ def _routes(sizes: Sequence[tuple[float, int]], iterations: int = 0) -> tuple[Ca
 
 def _plan_routes(routes: int, alt_m: float, iterations: int) -> dict[str, Any]:
     return planning.measure(planning.load_city(None), routes, 1000.0, alt_m, 120.0, iterations)
+
+
+def _cast(sizes: Sequence[tuple[int, int]]) -> tuple[Case, ...]:
+    def cast(aircraft: int, scans: int) -> list[RawRow]:
+        return [run_in_process("bench of rays", _cast_rays, aircraft, scans)]
+
+    return tuple(Case(f"{count:,} aircraft, {scans} scans", partial(cast, count, scans)) for count, scans in sizes)
+
+
+def _cast_rays(aircraft: int, scans: int) -> dict[str, Any]:
+    return rays.measure(planning.load_city(None), "generated downtown", aircraft, scans)
 
 
 def _require_ompl() -> None:
@@ -384,6 +401,13 @@ BENCHMARKS: Final = (
         _routes([(60.0, 10)], 2000),
         _routes([(60.0, 3)], 2000),
         require=_require_ompl,
+    ),
+    Benchmark(
+        "rays",
+        "Rays and returns of ten rotating LiDARs, and a depth camera, over a generated downtown with other aircraft.",
+        _RAYS,
+        _cast([(100, 10), (1000, 10)]),
+        _cast([(100, 3)]),
     ),
     Benchmark(
         "transports",

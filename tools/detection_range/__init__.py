@@ -1,0 +1,1 @@
+"""The study of detection range: `python -m tools.detection_range`."""
