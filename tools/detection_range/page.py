@@ -9,7 +9,6 @@ from typing import Final
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from skyrange.parity.marked_page import MarkedPart
 
 from skyrange.core.arrays import Floats
 from skyrange.figures import svg
@@ -17,6 +16,7 @@ from skyrange.figures.palette import OKABE_ITO
 from skyrange.figures.svg import Figure, format_number
 from skyrange.optics.extinction import Weather
 from skyrange.optics.sensor_models import D435, LIDAR_LITE_V3HP, MID_360, VLP_16
+from skyrange.report.marked_page import MarkedPart
 from skyrange.world.airframes import IRIS
 from tools.detection_range.encounters import (
     BIRD,
