@@ -115,3 +115,10 @@ def test_two_logs_with_one_name_are_refused(tmp_path: Path) -> None:
     logs = [read_log(write_tlog(folder / "x.tlog", hop())) for folder in (tmp_path, tmp_path / "a")]
     with pytest.raises(InputError, match="logs whose names differ"):
         plan_logs(logs, {"builtin": 2})
+
+
+def test_an_autopilot_that_is_missing_is_told_with_the_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SKYRANGE_ARDUCOPTER", str(tmp_path / "none"))
+    plan = plan_logs([read_log(two_flights(tmp_path / "day.tlog"))], {"builtin": 2, "ardupilot": 2})
+    with pytest.raises(InputError, match="--autopilot builtin does without it"):
+        plan.check()

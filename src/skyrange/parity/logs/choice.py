@@ -71,7 +71,7 @@ def choose_flights(
             raise InputError.one("parity log", "--without", name, known, nearest(name, names))
     if not judged:
         reasons = "; ".join(f"{other.name}: {other.reason}" for other in others)
-        found = f"{len(others)} flights, none in a mission" if others else "none"
+        found = f"{len(others)}, none in a mission" if others else "none"
         who = ", ".join(str(log.path) for log in logs)
         raise InputError.one(who, "flights", found, "a flight in the mode of missions", reasons)
     return judged, others

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,12 +18,13 @@ from typing_extensions import TypedDict
 from skyrange.assembly.batches import count_together
 from skyrange.assembly.build import build
 from skyrange.codec.mission import format_waypoints
+from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.core.typed_json import Finite
 from skyrange.flightlog.conversion import MISSION, Conversion
 from skyrange.flightlog.flights import split_flights
 from skyrange.flightlog.run_folder import read_run
-from skyrange.parity.flights import with_autopilot
+from skyrange.parity.flights import KINDS, with_autopilot
 from skyrange.parity.logs.choice import JudgedFlight
 from skyrange.parity.logs.measures import DescribedMeasures, FlightMeasures, measure_flight
 from skyrange.record import RunRecord
@@ -147,7 +148,14 @@ class LogParityPlan(RunPlan):
             self.write_missions(Path(made))
             for number in range(len(self.flights)):
                 for autopilot in self.seeds:
-                    build(self.load(number, Path(made), autopilot))
+                    try:
+                        build(self.load(number, Path(made), autopilot))
+                    except InputError as error:
+                        if len(self.seeds) < 2:
+                            raise
+                        (first, *others) = error.problems
+                        hint = f"{first.hint} --autopilot {_other(autopilot)} does without it."
+                        raise InputError(error.who, [replace(first, hint=hint), *others]) from error
 
     def plan_runs(self, block: PlannedBlock, store: RunStore) -> list[PlannedRun]:
         """The one run of a block."""
@@ -170,6 +178,10 @@ class LogParityPlan(RunPlan):
             for folder in block.folders:
                 shutil.rmtree(root / folder, ignore_errors=True)
         return 0
+
+
+def _other(autopilot: str) -> str:
+    return next(kind for kind in KINDS if kind != autopilot)
 
 
 def name_run(flight: str, autopilot: str, seed: int) -> str:
