@@ -103,6 +103,8 @@ KNOWN = {
     "install/compilation.py": "the user's own data folder",
     "city/gdal_files.py": "a temporary folder",
     "parity/missions/flights.py": "a temporary folder",
+    "export/dataflash_file.py": "a temporary folder",
+    "log_detection/result_files.py": "atomic_write",
     "runtime/utm/initial_files.py": "a new folder",
     "runtime/utm/service.py": "a log that the operator names",
     "runtime/live/config.py": "O_EXCL",

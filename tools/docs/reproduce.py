@@ -120,6 +120,36 @@ MEASURED: Final = (
         time="half an hour",
     ),
     Result(
+        "reality",
+        "explanation/reality.md",
+        (
+            "skyrange parity log mission1.tlog mission2.tlog --without mission2-1 --ardupilot-seeds 3 "
+            "--page docs/explanation/reality.md",
+            "python -m tools.agreement fix-noise mission1.tlog mission2.tlog --page docs/explanation/reality.md",
+            "skyrange detect mission1.tlog mission2.tlog --benign --page docs/explanation/reality.md",
+        ),
+        needs="ArduPilot; the logs of the page as mission1.tlog and mission2.tlog",
+        time="half an hour",
+    ),
+    Result(
+        "accelerometer-failsafe",
+        "explanation/accelerometer-failsafe.md",
+        (
+            "skyrange study run accelerometer-failsafe --out studies/accelerometer-failsafe",
+            "python -m tools.docs.measure_studies accelerometer-failsafe studies/accelerometer-failsafe",
+        ),
+        time="a quarter of an hour",
+    ),
+    Result(
+        "signing-time",
+        "explanation/signing-time.md",
+        (
+            "skyrange study run signing-time --out studies/signing-time",
+            "python -m tools.docs.measure_studies signing-time studies/signing-time",
+        ),
+        time="half an hour",
+    ),
+    Result(
         "parity-results",
         "reference/parity-results.md",
         ("python -m tests.parity runs/parity", "python -m tools.docs.generate"),
