@@ -218,7 +218,9 @@ def test_a_courtyard_is_a_corner_of_planes(azimuth: float, elevation: float, x: 
     index = build_ray_index(build_wall_index([Building("ring", 20.0, ring)]))
     direction = point_at(azimuth, elevation)
     hits = cast_rays(index, make_rays(np.array([x, y, z]), direction[None]), 1e4)
-    planes = [(math.copysign(9.0, direction[a]) - (x, y)[a]) / direction[a] for a in range(2) if direction[a] != 0.0]
+    planes = [
+        (math.copysign(9.0, direction[a]) - (x, y)[a]) / direction[a] for a in range(2) if abs(direction[a]) > 1e-12
+    ]
     nearest = min(planes)
     height = z + nearest * direction[2]
     if height < 0.0:

@@ -18,11 +18,11 @@ FIGURE: Final = "detection-range.svg"
 
 def main(
     *,
-    trials: Annotated[int, typer.Option(metavar="N", min=20, help="Trials of each encounter.")] = 400,
+    trials: Annotated[int, typer.Option(metavar="N", min=20, help="Trials of each encounter.")] = 200,
     page: Annotated[Path | None, typer.Option(metavar="FILE", help="Renew the tables of this page.")] = None,
     images: Annotated[Path | None, typer.Option(metavar="DIR", help="Write the figure to this folder.")] = None,
 ) -> None:
-    """Measure detection ranges; 400 trials take some minutes."""
+    """Measure detection ranges; a hundred trials take two minutes."""
     if page is not None:
         PART.read(page)
     study = run_study(trials)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -66,7 +66,7 @@ class Encounter:
     level: bool = False
     """Whether the cylinder lies on its side, across the line of sight: a wire (the sensor is rolled instead)."""
     tilt_rad: float = 0.0
-    """How far the sensor looks down."""
+    """How far the sensor looks down; if it does, the target is straight ahead."""
 
     def count_returns(self, distance_m: float, closing_mps: float, trial: int, scan: int, rise: float) -> int:
         """Returns of the target in one scan that begins at `distance_m`; `rise` in -1 to 1 is the height between both.
@@ -79,7 +79,7 @@ class Encounter:
         size = math.sqrt(-2.0 * elementary_python.log(1.0 - u0)) * NOD_RAD
         pitch = size * elementary_python.cos(2.0 * math.pi * u1) + self.tilt_rad
         roll = size * elementary_python.sin(2.0 * math.pi * u1) + (0.5 * math.pi if self.level else 0.0)
-        yaw = 0.0 if self.level else 2.0 * math.pi * bearing
+        yaw = 0.0 if self.level or self.tilt_rad else 2.0 * math.pi * bearing
         shift = across - 0.5 if self.level else 0.0  # of the wire, which no row prefers
         origin = np.array([0.0, 0.0, _ABOVE_M])
         attitude = turn_by(yaw, pitch, roll)
@@ -105,23 +105,26 @@ class Encounter:
     def _choose(self, attitude: Floats, to_target: Floats, scan: int) -> Firing:
         """The pulses that can touch the target at some time of the scan."""
         firing = _list_rays(self.model, scan)
-        if self.target is WIRE:
-            return firing
         away = math.sqrt(float((to_target**2).sum()))
+        if self.target is WIRE:  # it is as high as the field: rays beside it cannot touch it
+            ahead, left = (rotate_back(attitude, axis) for axis in np.eye(3)[:2])
+            beside = firing.direction @ left - to_target[1] / to_target[0] * (firing.direction @ ahead)
+            moves = abs(to_target[1]) * 3.0 / (to_target[0] * max(to_target[0] - 3.0, 0.5))
+            near = np.abs(beside) < 0.01 + self.target.radius_m / away + moves
+            return choose_rays(firing, near & (firing.direction @ ahead > 0.0))
         nearest = max(away - 3.0, 0.5)  # it closes by 2 m during a scan
         half = (self.target.radius_m + self.target.height_m + APART_M) / nearest + max(self.model.divergence_rad)
-        inverse = attitude * np.array([1.0, -1.0, -1.0, -1.0])
-        ahead = rotate(inverse, to_target / away)
+        ahead = rotate_back(attitude, to_target / away)
         return choose_rays(firing, firing.direction @ ahead > math.cos(min(half, math.pi)))
 
 
-@cache
-def _list_fixed(model: LidarModel) -> Firing:
-    return model.pattern.list_rays(0)
-
-
 def _list_rays(model: LidarModel, scan: int) -> Firing:
-    return model.pattern.list_rays(scan) if isinstance(model.pattern, ScatteredPattern) else _list_fixed(model)
+    return _remember_rays(model, scan if isinstance(model.pattern, ScatteredPattern) else 0)
+
+
+@lru_cache(maxsize=64)
+def _remember_rays(model: LidarModel, scan: int) -> Firing:
+    return model.pattern.list_rays(scan)
 
 
 def turn_by(yaw: float, pitch: float, roll: float) -> Floats:
@@ -147,10 +150,10 @@ def multiply(a: Floats, b: Floats) -> Floats:
     )
 
 
-def rotate(q: Floats, vector: Floats) -> Floats:
-    """A vector turned by a quaternion."""
+def rotate_back(q: Floats, vector: Floats) -> Floats:
+    """A vector of the local frame in that of a body with the attitude `q`."""
     inverse = q * np.array([1.0, -1.0, -1.0, -1.0])
-    return multiply(multiply(q, np.array([0.0, *vector])), inverse)[1:]
+    return multiply(multiply(inverse, np.array([0.0, *vector])), q)[1:]
 
 
 def draw_rise(trial: int) -> float:
@@ -196,17 +199,29 @@ RULE: Final = Rule(2, 2, 3)
 """That of the page."""
 
 
-def find_detection_m(encounter: Encounter, rule: Rule, closing_mps: float, from_m: float, trial: int) -> float:
-    """Distance at the end of the scan in which an approach is detected by a rule, 0 if it is not before contact."""
-    step_s = 1.0 / encounter.model.pattern.rate_hz
+class Approach(NamedTuple):
+    """The scans of one approach, until contact."""
+
+    left_m: Floats
+    """(n,): distance at the end of each scan."""
+    returns: NDArray[np.int64]
+    """(n,)."""
+
+    def find_detection_m(self, rule: Rule) -> float:
+        """Distance at the end of the scan in which a rule is met first, 0 if it is not before contact."""
+        meets = self.returns >= rule.returns
+        for k in range(len(meets)):
+            if meets[max(k + 1 - rule.of, 0) : k + 1].sum() >= rule.scans:
+                return float(self.left_m[k])
+        return 0.0
+
+
+def approach(encounter: Encounter, closing_mps: float, from_m: float, trial: int) -> Approach:
+    """Fly one approach from about `from_m`."""
+    moved_m = closing_mps / encounter.model.pattern.rate_hz
+    start_m = from_m + moved_m * Chance(trial).uniform4(STREAM, hash64("phase"), 0)[0]
+    scans = math.ceil((start_m - 2.0 * OUTLINE.radius_m) / moved_m) - 1
+    begins = start_m - moved_m * np.arange(float(scans))
     rise = draw_rise(trial)
-    met: list[bool] = []
-    distance_m = from_m + closing_mps * step_s * Chance(trial).uniform4(STREAM, hash64("phase"), 0)[0]
-    scan = 0
-    while distance_m - closing_mps * step_s > 2.0 * OUTLINE.radius_m:
-        met.append(encounter.count_returns(distance_m, closing_mps, trial, scan, rise) >= rule.returns)
-        distance_m -= closing_mps * step_s
-        scan += 1
-        if sum(met[-rule.of :]) >= rule.scans:
-            return distance_m
-    return 0.0
+    found = [encounter.count_returns(float(away), closing_mps, trial, k, rise) for k, away in enumerate(begins)]
+    return Approach(begins - moved_m, np.array(found))

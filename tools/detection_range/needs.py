@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from skyrange.core.arrays import Floats
 from skyrange.optics.sensor_models import LidarModel
 from skyrange.vehicle.avoidance.contract import AvoidanceLimits
 from skyrange.vehicle.companion.companion import CHECK_NS
@@ -19,6 +20,8 @@ CHECK_S: Final = CHECK_NS * 1e-9
 """The longest time until a detection is considered: conflicts are computed that often."""
 GATE_M: Final = 1.0
 """Returns within this distance of each other are of one target."""
+MOVES_M: Final = 6.0
+"""How much farther two returns of one target in two of three scans may be apart: it moves 3 m from scan to scan."""
 NEAREST_M: Final = 5.0
 """Nearer returns are no target in the count of false detections."""
 
@@ -60,10 +63,10 @@ def find_speed_mps(distance_m: float, aside_m: float) -> float:
 
 
 def count_false_per_hour(model: LidarModel, rule: Rule) -> float:
-    """How often an hour noise alone meets a rule in an empty sky.
+    """How often an hour noise alone meets a rule in an empty sky, at most.
 
     Noise returns are independent and evenly spread over pulses and distances. A scan meets `returns` if so many lie
-    within `GATE_M` of one of them; a rule over several scans needs that at one place, within `GATE_M` too.
+    within `GATE_M` of one of them. A rule over several scans needs as many within `GATE_M` + `MOVES_M` of that one.
     """
     firing = model.pattern.list_rays(0)
     odds = model.false_alarm
@@ -73,18 +76,24 @@ def count_false_per_hour(model: LidarModel, rule: Rule) -> float:
     distances = np.linspace(max(model.near_m, NEAREST_M), model.reach_m, 200)
     chosen = firing.direction[:: max(pulses // 50, 1)]
     cosines = chosen @ firing.direction.T
-    near = np.array([(cosines > math.cos(min(GATE_M / away, math.pi))).sum(axis=1).mean() for away in distances])
-    depth = min(2.0 * GATE_M / span_m, 1.0)
-    mean = odds * depth * near  # Poisson mean of false returns around one, itself included as a pulse
+    around, wider = (
+        np.array([_count_within(cosines, gate_m / away) for away in distances]) * min(2.0 * gate_m / span_m, 1.0) * odds
+        for gate_m in (GATE_M, GATE_M + MOVES_M)
+    )
     first = odds * pulses * (model.reach_m - distances[0]) / span_m
     others = rule.returns - 1
-    meets = first * np.mean([_at_least(float(value), others) for value in mean])
+    meets = first * np.mean([_at_least(float(value), others) for value in around])
     if rule.of == 1:
         return float(meets * model.pattern.rate_hz * 3600.0)
     # in another scan at the same place: so many false returns around a fixed point
-    again = float(np.mean([_at_least(float(value), rule.returns) for value in mean]))
+    again = float(np.mean([_at_least(float(value), rule.returns) for value in wider]))
     pairs = math.comb(rule.of - 1, rule.scans - 1)
     return float(meets * pairs * again ** (rule.scans - 1) * model.pattern.rate_hz * 3600.0)
+
+
+def _count_within(cosines: Floats, angle: float) -> float:
+    """The mean number of pulses within an angle of a pulse."""
+    return float((cosines > math.cos(min(angle, math.pi))).sum(axis=1).mean())
 
 
 def _at_least(mean: float, count: int) -> float:

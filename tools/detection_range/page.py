@@ -24,18 +24,19 @@ from tools.detection_range.encounters import (
     OUTLINE,
     RULE,
     WIRE,
+    Approach,
     Encounter,
     Rule,
+    approach,
     count_aimed,
     count_at,
-    find_detection_m,
 )
 from tools.detection_range.needs import Need, count_false_per_hour, find_speed_mps, list_needs
 
 PART: Final = MarkedPart("<!-- measured: detection-range -->", "<!-- end: detection-range -->")
 SPEED_MPS: Final = 10.0
 CLOSING_MPS: Final = 2.0 * SPEED_MPS
-FROM_M: Final = 90.0
+FROM_M: Final = 60.0
 DISTANCES_M: Final = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0)
 RULES: Final = (Rule(1, 1, 1), Rule(2, 1, 1), Rule(3, 1, 1), Rule(1, 2, 3), RULE)
 RAIN_MMPH: Final = 10.0
@@ -51,8 +52,8 @@ class Study:
     trials: int
     counts: Mapping[str, Mapping[float, Floats]]
     """Returns in one scan, by sensor and target and by distance."""
-    approaches: Mapping[str, Floats]
-    """Distances of detection, by sensor and target and condition."""
+    approaches: Mapping[str, Sequence[Approach]]
+    """By sensor, target and condition."""
     aimed: Mapping[float, float]
     """Share of the pulses of the single beam that return, by distance, if it is aimed at the body."""
     clutter: Mapping[str, Mapping[float, Floats]]
@@ -100,8 +101,13 @@ def run_study(trials: int) -> Study:
     return Study(trials, counts, approaches, aimed, clutter)
 
 
-def _approach(encounter: Encounter, trials: int) -> Floats:
-    return np.array([find_detection_m(encounter, RULE, CLOSING_MPS, FROM_M, k) for k in range(trials)])
+def _approach(encounter: Encounter, trials: int) -> list[Approach]:
+    return [approach(encounter, CLOSING_MPS, FROM_M, k) for k in range(trials)]
+
+
+def find_distances(approaches: Sequence[Approach], rule: Rule = RULE) -> Floats:
+    """The distance at which each approach is detected by a rule, 0 for never."""
+    return np.array([one.find_detection_m(rule) for one in approaches])
 
 
 def find_lean_rad(speed_mps: float) -> float:
@@ -123,7 +129,7 @@ def write_lines(study: Study) -> list[str]:
     return [
         f"{study.trials} trials of each. Numbers are those of the program.",
         "",
-        "**Returns in one scan**, and the share of scans with two or more:",
+        "**Returns in one scan**: mean, and in brackets the share of scans with two or more, and the most:",
         "",
         *_write_counts(study.counts),
         "",
@@ -133,17 +139,22 @@ def write_lines(study: Study) -> list[str]:
         "",
         f"**What avoidance needs** at {CLOSING_MPS:g} m/s, with 2.5 m/s² and a decision every quarter of a second:",
         "",
-        "| manoeuvre | distance |",
-        "|---|---|",
-        *(f"| {need.name} | {need.distance_m:.0f} m |" for need in needs),
+        "| manoeuvre | distance | angle of the body's height there |",
+        "|---|---|---|",
+        *(
+            f"| {need.name} | {need.distance_m:.0f} m | {math.degrees(BODY.height_m / need.distance_m):.2f}° |"
+            for need in needs
+        ),
         "",
-        "**Closing speed that leaves time** to swerve by 8 m or past contact, in nine approaches of ten:",
+        "**Closing speed that leaves time** to swerve by 8 m or past contact, in nine approaches of ten, if detection",
+        f"is no farther than at {CLOSING_MPS:g} m/s (slower approaches have more scans):",
         "",
         *_write_speeds(study.approaches),
         "",
-        "**False detections in an hour** of an empty sky, by rule (calculated):",
+        "**By rule**: the distance left when nine approaches in ten are detected, and how often an hour noise alone",
+        "meets the rule in an empty sky (calculated, at most):",
         "",
-        *_write_false(),
+        *_write_rules(study.approaches),
         "",
         "**Clutter**, mean returns in one scan:",
         "",
@@ -165,7 +176,8 @@ def _write_counts(counts: Mapping[str, Mapping[float, Floats]]) -> list[str]:
     lines = [f"| sensor, target | {' | '.join(heads)} |", f"|{'---|' * (len(heads) + 1)}"]
     for name, by_distance in counts.items():
         cells = [
-            f"{by_distance[distance].mean():.1f} ({(by_distance[distance] >= 2).mean():.0%})"
+            f"{by_distance[distance].mean():.1f} ({(by_distance[distance] >= 2).mean():.0%}; "
+            f"{by_distance[distance].max():.0f})"
             if distance in by_distance
             else "–"
             for distance in DISTANCES_M
@@ -174,30 +186,36 @@ def _write_counts(counts: Mapping[str, Mapping[float, Floats]]) -> list[str]:
     return lines
 
 
-def _write_approaches(approaches: Mapping[str, Floats]) -> list[str]:
+def _write_approaches(approaches: Mapping[str, Sequence[Approach]]) -> list[str]:
     heads = [f"{share:.0%}" for share in SHARES]
     lines = [f"| sensor, target, condition | {' | '.join(heads)} | never |", f"|{'---|' * (len(heads) + 2)}"]
-    for name, distances in approaches.items():
+    for name, flown in approaches.items():
+        distances = find_distances(flown)
         cells = [f"{found:.0f} m" if (found := find_share_m(distances, share)) else "–" for share in SHARES]
         lines.append(f"| {name} | {' | '.join(cells)} | {(distances == 0.0).mean():.0%} |")
     return lines
 
 
-def _write_speeds(approaches: Mapping[str, Floats]) -> list[str]:
-    lines = ["| sensor, target | by 8 m | past contact |", "|---|---|---|"]
+def _write_rules(approaches: Mapping[str, Sequence[Approach]]) -> list[str]:
+    lines = [f"| sensor, target | {' | '.join(map(str, RULES))} |", f"|{'---|' * (len(RULES) + 1)}"]
     for model in SCANNING:
         for target in (BODY, OUTLINE):
-            distance = find_share_m(approaches[f"{model.name}, {target.name}"], 0.9)
-            speeds = [find_speed_mps(distance, aside) for aside in (8.0, 2.0 * IRIS.radius_m)]
-            lines.append(f"| {model.name}, {target.name} | {speeds[0]:.1f} m/s | {speeds[1]:.1f} m/s |")
+            name = f"{model.name}, {target.name}"
+            distances = [find_share_m(find_distances(approaches[name], rule), 0.9) for rule in RULES]
+            lines.append(f"| {name} | {' | '.join(f'{away:.0f} m' if away else '–' for away in distances)} |")
+    for model in SCANNING:
+        cells = [_write_rate(count_false_per_hour(model, rule)) for rule in RULES]
+        lines.append(f"| {model.name}, false in an hour | {' | '.join(cells)} |")
     return lines
 
 
-def _write_false() -> list[str]:
-    lines = [f"| sensor | {' | '.join(map(str, RULES))} |", f"|{'---|' * (len(RULES) + 1)}"]
+def _write_speeds(approaches: Mapping[str, Sequence[Approach]]) -> list[str]:
+    lines = ["| sensor, target | by 8 m | past contact |", "|---|---|---|"]
     for model in SCANNING:
-        cells = [_write_rate(count_false_per_hour(model, rule)) for rule in RULES]
-        lines.append(f"| {model.name} | {' | '.join(cells)} |")
+        for target in (BODY, OUTLINE):
+            distance = find_share_m(find_distances(approaches[f"{model.name}, {target.name}"]), 0.9)
+            speeds = [find_speed_mps(distance, aside) for aside in (8.0, 2.0 * IRIS.radius_m)]
+            lines.append(f"| {model.name}, {target.name} | {speeds[0]:.1f} m/s | {speeds[1]:.1f} m/s |")
     return lines
 
 
@@ -259,15 +277,15 @@ def draw(study: Study) -> Figure:
     body += _draw_needs(list_needs(SPEED_MPS), place, last)
     chosen = [f"{model.name}, {target.name}" for model in SCANNING for target in (BODY, OUTLINE)]
     for number, name in enumerate(chosen):
-        ordered = np.sort(study.approaches[name])
+        ordered = np.sort(find_distances(study.approaches[name]))
         left_m = np.linspace(last, 0.0, 321).tolist()
         points = [place(distance, float((ordered >= max(distance, 1e-9)).mean())) for distance in left_m]
         dashes = {} if number % 2 == 0 else {"stroke-dasharray": "5 4"}
         ink = {"stroke": OKABE_ITO[number // 2], "fill": "none", "stroke-width": "2", **dashes}
         body.append(svg.element("path", {"d": svg.path_data(np.array(points)), **ink}))
         y = top + 24 + 18 * number
-        body.append(svg.element("path", {"d": f"M470 {format_number(y - 4)}h24", **ink}))
-        body.append(svg.label(500, y, name, "start", 12))
+        body.append(svg.element("path", {"d": f"M330 {format_number(y - 4)}h24", **ink}))
+        body.append(svg.label(360, y, name, "start", 12))
     return svg.document(width, height, "Distance at which an approaching Iris is detected", body)
 
 

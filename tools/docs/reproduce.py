@@ -150,6 +150,13 @@ MEASURED: Final = (
         time="half an hour",
     ),
     Result(
+        "detection-range",
+        "explanation/detection-range.md",
+        ("python -m tools.detection_range --page docs/explanation/detection-range.md --images docs/images",),
+        ("images/detection-range.svg",),
+        time="five minutes",
+    ),
+    Result(
         "parity-results",
         "reference/parity-results.md",
         ("python -m tests.parity runs/parity", "python -m tools.docs.generate"),

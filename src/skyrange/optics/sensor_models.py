@@ -55,6 +55,7 @@ VLP_16: Final = LidarModel(
     wavelength_um=0.903,
     # Velodyne VLS-128 User Manual, table F-1, of the same maker's lasers: 3.0 mrad across, 1.5 mrad up.
     divergence_rad=(3.0e-3, 1.5e-3),
+    # Assumed: about a centimetre.
     aperture_m=(12.7e-3, 9.5e-3),
     near_m=1.0,
     reach_m=100.0,
