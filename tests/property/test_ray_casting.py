@@ -218,7 +218,9 @@ def test_a_courtyard_is_a_corner_of_planes(azimuth: float, elevation: float, x: 
     index = build_ray_index(build_wall_index([Building("ring", 20.0, ring)]))
     direction = point_at(azimuth, elevation)
     hits = cast_rays(index, make_rays(np.array([x, y, z]), direction[None]), 1e4)
-    planes = [(math.copysign(9.0, direction[a]) - (x, y)[a]) / direction[a] for a in range(2) if abs(direction[a]) > 1e-12]
+    planes = [
+        (math.copysign(9.0, direction[a]) - (x, y)[a]) / direction[a] for a in range(2) if abs(direction[a]) > 1e-12
+    ]
     nearest = min(planes)
     height = z + nearest * direction[2]
     if height < 0.0:
@@ -281,6 +283,10 @@ def test_a_ray_passes_under_a_bridge_and_meets_its_sides_and_its_base() -> None:
     assert distances == [math.inf, 30.0, math.inf]
     assert cast_rays(index, make_rays(np.array([0.0, 33.0, 2.0]), up), 90.0).distance_m[0] == 10.0
     assert cast_rays(index, make_rays(np.array([0.0, 33.0, 50.0]), -up), 90.0).distance_m[0] == 30.0
+    aslant = np.array([[0.0, 2.0, 1.0]]) / math.sqrt(5.0)  # below the foot of the wall, then up to the base behind it
+    hits = cast_rays(index, make_rays(np.array([0.0, 29.0, 11.0]), aslant), 90.0)
+    assert hits.distance_m[0] == pytest.approx(math.sqrt(5.0), abs=EXACT_M)
+    assert hits.cosine[0] == pytest.approx(1.0 / math.sqrt(5.0))
 
 
 def test_an_aircraft_is_found_in_each_cell_that_it_crosses_during_the_scan() -> None:
