@@ -283,6 +283,10 @@ def test_a_ray_passes_under_a_bridge_and_meets_its_sides_and_its_base() -> None:
     assert distances == [math.inf, 30.0, math.inf]
     assert cast_rays(index, make_rays(np.array([0.0, 33.0, 2.0]), up), 90.0).distance_m[0] == 10.0
     assert cast_rays(index, make_rays(np.array([0.0, 33.0, 50.0]), -up), 90.0).distance_m[0] == 30.0
+    aslant = np.array([[0.0, 2.0, 1.0]]) / math.sqrt(5.0)  # below the foot of the wall, then up to the base behind it
+    hits = cast_rays(index, make_rays(np.array([0.0, 29.0, 11.0]), aslant), 90.0)
+    assert hits.distance_m[0] == pytest.approx(math.sqrt(5.0), abs=EXACT_M)
+    assert hits.cosine[0] == pytest.approx(1.0 / math.sqrt(5.0))
 
 
 def test_an_aircraft_is_found_in_each_cell_that_it_crosses_during_the_scan() -> None:
