@@ -12,9 +12,10 @@ from typer.testing import CliRunner
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError
 from skyrange.flightlog import read_log
-from skyrange.parity.logs.comparison import plan_logs
+from skyrange.parity.logs.comparison import plan_logs, resume_log_parity
 from skyrange.scenario.toml_files import load_file
 from skyrange.study.execution.executors import InThisProcess
+from skyrange.study.execution.store import claim_store, open_store
 from skyrange.study.runs import fly
 from tests.written_logs import Moment, TlogWriter, hop, write_tlog
 
@@ -122,3 +123,18 @@ def test_an_autopilot_that_is_missing_is_told_with_the_other(tmp_path: Path, mon
     plan = plan_logs([read_log(two_flights(tmp_path / "day.tlog"))], {"builtin": 2, "ardupilot": 2})
     with pytest.raises(InputError, match="--autopilot builtin does without it"):
         plan.check()
+
+
+@pytest.mark.parametrize("change", [{"name": "../../outside"}, {"name": "a\n"}, {"judged_from_s": float("inf")}])
+def test_a_folder_of_somebody_else_is_checked_before_anything_is_written(
+    tmp_path: Path, change: dict[str, Any]
+) -> None:
+    plan = plan_logs([read_log(two_flights(tmp_path / "day.tlog"))], {"builtin": 2})
+    store = claim_store(plan, tmp_path / "deep" / "plan")
+    file = store.path / "plan.json"
+    told = json.loads(file.read_text())
+    told["told"]["flights"][0] |= change
+    file.write_text(json.dumps(told))
+    with pytest.raises(InputError, match=f"flights.*{next(iter(change))}"):
+        resume_log_parity(open_store(store.path), InThisProcess())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["day.tlog", "deep"]

@@ -270,7 +270,10 @@ def compare(
 def resume(
     *,
     folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="The folder of a pair, a comparison, a matrix or a study.")
+        Path,
+        typer.Argument(
+            metavar="FOLDER", help="The folder of a pair, a comparison, a matrix, a study, or of parity log."
+        ),
     ],
     jobs: Jobs = None,
     on: On = None,

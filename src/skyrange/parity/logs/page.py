@@ -9,7 +9,7 @@ from typing import Final
 from skyrange.core.files import atomic_write
 from skyrange.parity.logs.comparison import LogParity
 from skyrange.parity.logs.figures import COLOURS, draw_heights, draw_leans, draw_way
-from skyrange.parity.logs.tables import NAMES, TextTable, describe_result, list_tables
+from skyrange.parity.logs.tables import NAMES, TextTable, describe_result, list_tables, tabulate_quantities
 from skyrange.report.marked_page import MarkedPart
 from skyrange.report.rendering import asset, content_policy, render
 
@@ -37,7 +37,7 @@ def render_page(result: LogParity) -> str:
             style=style,
             verdict=describe_result(result),
             keys=[{"name": NAMES[name], "colour": COLOURS[name]} for name in plan.seeds],
-            tables=list(list_tables(result)),
+            tables=[*list_tables(result), tabulate_quantities()],
             flights=[
                 {
                     "name": told["name"],

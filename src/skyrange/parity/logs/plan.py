@@ -42,7 +42,8 @@ _STREAMS: Final = "operator"
 class ToldFlight(TypedDict):
     """One flight of a log, as the plan's manifest has it."""
 
-    name: str
+    name: Annotated[str, Field(pattern=r"^[\w-]{1,64}$")]
+    """A folder of the plan is called so."""
     scenario: str
     """TOML."""
     mission: str
@@ -58,7 +59,7 @@ class ToldPlan(TypedDict):
     """What `LogParityPlan.tell` says."""
 
     flights: list[ToldFlight]
-    seeds: dict[str, Annotated[int, Field(ge=1)]]
+    seeds: dict[Annotated[str, Field(pattern="^(builtin|ardupilot)$")], Annotated[int, Field(ge=1)]]
     """By autopilot."""
     unjudged: dict[str, str]
     firmware: str

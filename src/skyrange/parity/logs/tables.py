@@ -43,6 +43,12 @@ def list_tables(result: LogParity) -> Iterator[TextTable]:
     yield _tabulate_spreads(result)
 
 
+def tabulate_quantities() -> TextTable:
+    """What each quantity is."""
+    rows = [(quantity.name, quantity.unit, quantity.definition) for quantity in QUANTITIES.values()]
+    return TextTable("Quantities", "Heights are above home.", ("quantity", "unit", "definition"), rows)
+
+
 def _tabulate_differences(result: LogParity) -> TextTable:
     rows = []
     for name, quantity in QUANTITIES.items():

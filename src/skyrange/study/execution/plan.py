@@ -64,7 +64,7 @@ class RunPlan(ABC):
     """What a command flies. It can be pickled, so that workers of a cluster get it."""
 
     kind: ClassVar[str]
-    """The command: pair, compare, matrix or study."""
+    """The command, such as pair, compare, matrix or study."""
     resume: ClassVar[str] = "skyrange resume"
     """The command that goes on with a folder of such a plan."""
 
