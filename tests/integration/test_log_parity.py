@@ -125,6 +125,26 @@ def test_an_autopilot_that_is_missing_is_told_with_the_other(tmp_path: Path, mon
         plan.check()
 
 
+def test_an_autopilot_that_has_flown_everything_is_not_needed_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SKYRANGE_ARDUCOPTER", str(tmp_path / "none"))
+    plan = plan_logs([read_log(two_flights(tmp_path / "day.tlog"))], {"builtin": 2, "ardupilot": 2})
+    flown = {block.name for block, (_, autopilot, _) in plan.runs.items() if autopilot == "ardupilot"}
+    plan.check(flown)
+    with pytest.raises(InputError, match="arducopter"):
+        plan.check(flown - {min(flown)})
+
+
+def test_a_fault_that_all_autopilots_share_is_told_without_advice(tmp_path: Path) -> None:
+    plan = plan_logs([read_log(two_flights(tmp_path / "day.tlog"))], {"builtin": 2, "ardupilot": 2})
+    flight = plan.flights[0]
+    flight["scenario"] = flight["scenario"].replace("duration_s = ", "duration_s = -")
+    with pytest.raises(InputError, match="duration_s") as raised:
+        plan.check()
+    assert "does without it" not in str(raised.value)
+
+
 @pytest.mark.parametrize("change", [{"name": "../../outside"}, {"name": "a\n"}, {"judged_from_s": float("inf")}])
 def test_a_folder_of_somebody_else_is_checked_before_anything_is_written(
     tmp_path: Path, change: dict[str, Any]

@@ -138,6 +138,12 @@ def test_errors_and_usage_escape_what_they_quote(tmp_path: Path) -> None:
         assert b"Traceback" not in done.stderr
 
 
+@pytest.mark.rotating
+def test_a_wrong_choice_is_told_with_the_right_ones(tmp_path: Path) -> None:
+    done = run_command("detect", "some.tlog", "--end", "moon", cwd=tmp_path)
+    assert b"Invalid value for '--end': 'moon' is not one of 'gcs', 'companion'." in done.stderr
+
+
 @pytest.mark.parametrize(
     "command", ["run", pytest.param("pair", marks=pytest.mark.slow), pytest.param("live", marks=pytest.mark.slow)]
 )

@@ -354,9 +354,17 @@ def test_a_log_that_is_named_twice_is_refused(tmp_path: Path) -> None:
 def test_a_copy_of_a_log_is_noticed(tmp_path: Path) -> None:
     log = silent_log(tmp_path / "a.tlog")
     (tmp_path / "b.tlog").write_bytes(log.read_bytes())
-    code, _, said = detect(str(log), str(tmp_path / "b.tlog"), "--benign", "--detector", "heartbeat.gap")
+    words = (str(log), str(tmp_path / "b.tlog"), "--benign", "--detector", "heartbeat.gap")
+    code, _, said = detect(*words)
     assert code == 0
     assert "it counts twice" in said
+    out = tmp_path / "out"
+    _, told, _ = detect(*words, "--json", "--out", str(out))
+    (warning,) = json.loads(told)["warnings"]
+    assert "b.tlog have the same times and number of frames" in warning
+    assert warning in (out / "detection.html").read_text()
+    _, told, _ = detect(*words[:1], *words[2:], "--json")
+    assert json.loads(told)["warnings"] == []
 
 
 def test_mavlink_1_is_judged_as_mavlink_2_is(tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ class DetectOptions:
 def detect(options: DetectOptions, *, as_json: bool) -> None:
     """`skyrange detect`."""
     from skyrange.log_detection.detector_choice import Request, check_request
-    from skyrange.log_detection.false_alarms import measure_false_alarms
+    from skyrange.log_detection.false_alarms import measure_false_alarms, warn_of_copies
     from skyrange.log_detection.opening import LogOptions
     from skyrange.log_detection.result_files import describe
 
@@ -74,10 +74,8 @@ def detect(options: DetectOptions, *, as_json: bool) -> None:
         _print_log(found)
     if rates is not None:
         _print_rates(rates)
-        for one, other in _find_alike(findings):
-            print_notice(
-                f"{one} and {other} have the same times and number of frames; if they are one, it counts twice"
-            )
+        for warning in warn_of_copies(findings):
+            print_notice(warning)
     for path in files.values():
         print_text(f"wrote {path}")
 
@@ -144,19 +142,6 @@ def _write(findings: Sequence[Findings], rates: Sequence[DetectorRates] | None, 
         raise InputError.one("--out", "folder", str(folder), "a folder that can be written", str(error)) from error
 
 
-def _find_alike(findings: Sequence[Findings]) -> list[tuple[Path, Path]]:
-    """Logs that may be copies of each other."""
-    first: dict[tuple[int, int, int], Path] = {}
-    alike = []
-    for found in findings:
-        begin = found.log.epoch.unix_ns + found.first_ns
-        key = begin // NS_PER_S, (found.last_ns - found.first_ns) // NS_PER_S, found.frames
-        other = first.setdefault(key, found.log.path)
-        if other is not found.log.path:
-            alike.append((other, found.log.path))
-    return alike
-
-
 def _print_log(found: Findings) -> None:
     """What a user has to know first, then the alerts."""
     from skyrange.log_detection.airborne import airborne_ns
@@ -208,13 +193,13 @@ def _print_counts(found: Findings) -> None:
 
 
 def _print_rates(rates: Sequence[DetectorRates]) -> None:
-    from skyrange.log_detection.false_alarms import SETTINGS
+    from skyrange.log_detection.false_alarms import SHOWN_LIMITS
     from skyrange.log_detection.page import describe_rate
 
     kinds = [rate.kind for rate in rates]
     for title, whole in (("whole logs, time on the ground included", True), ("in the air", False)):
         table = Table(title=f"false alarms an hour, {title}", title_justify="left", title_style="bold")
-        for column in ("detector", "alarms", "an hour", f"{SETTINGS.confidence:.0%}", "no claim below"):
+        for column in ("detector", "alarms", "an hour", SHOWN_LIMITS, "no claim below"):
             table.add_column(column, justify="left" if column == "detector" else "right", overflow="fold")
         for rate in rates:
             name = rate.kind if kinds.count(rate.kind) == 1 else rate.detector

@@ -35,6 +35,11 @@ _NS: Final = 1_000_000_000
 _SECTION_BYTES: Final = _SECTION.to_bytes(4, "big")
 
 
+def is_capture(data: bytes) -> bool:
+    """Whether a file that begins with `data` is pcapng or pcap."""
+    return data[:4] == _SECTION_BYTES or data[:4] in _OLD
+
+
 class Interface(NamedTuple):
     """An interface of a capture."""
 

@@ -86,12 +86,13 @@ class Chance:
     Times may be negative (pre-roll); they enter the counter as two's complement.
     """
 
-    __slots__ = ("_seed", "seed")
+    __slots__ = ("key", "seed")
 
     def __init__(self, seed: int) -> None:
         """`seed` is any integer; its low 64 bits count."""
         self.seed = seed
-        self._seed = np.uint64(seed & 0xFFFFFFFFFFFFFFFF)
+        self.key = np.uint64(seed & 0xFFFFFFFFFFFFFFFF)
+        """What compiled functions draw with."""
 
     def uniform4(self, stream: str, who: int, when: int, k: int = 0) -> tuple[float, float, float, float]:
         """Four uniforms in [0, 1) for (stream, who, when, k).
@@ -100,7 +101,7 @@ class Chance:
         the rest.
         """
         return uniform4(
-            self._seed,
+            self.key,
             np.uint64(hash64(stream)),
             np.uint64(who),
             np.uint64(when & 0xFFFFFFFFFFFFFFFF),
@@ -112,5 +113,5 @@ class Chance:
     ) -> NDArray[np.float64]:
         """The same for arrays of shape (n,): an (n, 4) array, equal to n scalar calls to the bit."""
         out = np.empty((who.shape[0], 4), dtype=np.float64)
-        _fill(self._seed, np.uint64(hash64(stream)), who, when.astype(np.int64).view(np.uint64), k, out)
+        _fill(self.key, np.uint64(hash64(stream)), who, when.astype(np.int64).view(np.uint64), k, out)
         return out

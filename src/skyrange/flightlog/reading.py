@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from skyrange.codec.mavlink.telemetry_log import is_time
 from skyrange.core.errors import InputError
 from skyrange.core.files import expand_user, open_input
 from skyrange.flightlog.model import FlightLog, Remark
@@ -26,14 +27,9 @@ def find_format(data: bytes) -> str | None:
     if data.startswith(_DATAFLASH):
         return "dataflash"
     for at in range(min(len(data) - 8, _SEARCHED)):
-        if data[at + 8] in _MAVLINK and _is_time(data[at : at + 8]):
+        if data[at + 8] in _MAVLINK and is_time(data[at : at + 8]):
             return "tlog"
     return None
-
-
-def _is_time(data: bytes) -> bool:
-    """Whether eight bytes are microseconds since 1970 of the years 2005 to 2100."""
-    return 1_104_537_600_000_000 <= int.from_bytes(data, "big") < 4_102_444_800_000_000
 
 
 def read_log(file: Path | str, system: int | None = None, vehicle: str | None = None) -> FlightLog:

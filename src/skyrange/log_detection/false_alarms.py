@@ -7,11 +7,12 @@ same subject that are less than `episode_s` later than its beginning. In a benig
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from skyrange.core.time import Time, from_seconds
+from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.detect.episodes import subject_of_link
 from skyrange.log_detection.airborne import Spans, airborne_ns
 from skyrange.log_detection.judging import Findings
@@ -22,6 +23,7 @@ from skyrange.statistics.exact_intervals import Limits, lowest_claimable_rate, r
 
 SETTINGS: Final = ScoreSettings()
 """The length of an episode and the confidence are those of scores."""
+SHOWN_LIMITS: Final = f"{SETTINGS.confidence:.0%}"
 
 
 class FalseAlarmRate(NamedTuple):
@@ -54,6 +56,20 @@ def measure_false_alarms(findings: Sequence[Findings]) -> list[DetectorRates]:
     """The rates of each detector, in order of id. Raises `InputError` if SciPy is missing."""
     names = sorted({(one.id, one.kind) for found in findings for one in found.choice.chosen})
     return [_measure(id_, kind, findings) for id_, kind in names]
+
+
+def warn_of_copies(findings: Sequence[Findings]) -> list[str]:
+    """A warning for each log that may be a copy of another one, whose hours and alarms would count twice."""
+    first: dict[tuple[int, int, int], Path] = {}
+    warnings = []
+    for found in findings:
+        begin = found.log.epoch.unix_ns + found.first_ns
+        key = begin // NS_PER_S, (found.last_ns - found.first_ns) // NS_PER_S, found.frames
+        other = first.setdefault(key, found.log.path)
+        if other is not found.log.path:
+            told = "have the same times and number of frames; if they are one, it counts twice"
+            warnings.append(f"{other} and {found.log.path} {told}")
+    return warnings
 
 
 def _measure(id_: str, kind: str, findings: Sequence[Findings]) -> DetectorRates:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from skyrange.codec.capture_reading import is_capture
 from skyrange.core.errors import InputError
 from skyrange.core.files import expand_user, open_input
 from skyrange.flightlog.reading import find_format
@@ -16,10 +17,6 @@ from skyrange.log_detection.observed_log import ObservedLog, Remark
 from skyrange.log_detection.telemetry_log import EXPECTED, Side, TelemetryLog, Window
 
 _SEARCHED: Final = 4096 + 9
-_CAPTURES: Final = frozenset(
-    bytes.fromhex(magic) for magic in ("0a0d0d0a", "a1b2c3d4", "d4c3b2a1", "a1b23c4d", "4d3cb2a1")
-)
-"""First bytes of pcapng, and of pcap in microseconds and nanoseconds of both byte orders."""
 _SUFFIXES: Final = {"tlog": (".tlog", ".rlog"), "capture": (".pcapng", ".pcap", ".cap", ".ntar")}
 
 
@@ -52,7 +49,7 @@ def open_log(file: Path | str, options: LogOptions | None = None) -> ObservedLog
     with open_input(path, str(path), "file", expected=EXPECTED) as opened:
         data = opened.read(_SEARCHED)
     window = Window(options.from_s, options.to_s)
-    found = "capture" if data[:4] in _CAPTURES else find_format(data)
+    found = "capture" if is_capture(data) else find_format(data)
     log: FrameLog
     if found == "capture":
         log = CaptureLog(path, options.systems, options.side, window)

@@ -11,7 +11,14 @@ from skyrange.core.files import atomic_write
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.figures.svg import format_tick, ticks
 from skyrange.log_detection.airborne import Spans, airborne_ns
-from skyrange.log_detection.false_alarms import SETTINGS, DetectorRates, FalseAlarmRate, count_alarms
+from skyrange.log_detection.false_alarms import (
+    SETTINGS,
+    SHOWN_LIMITS,
+    DetectorRates,
+    FalseAlarmRate,
+    count_alarms,
+    warn_of_copies,
+)
 from skyrange.log_detection.judging import Findings
 from skyrange.log_detection.result_files import alert_row_of
 from skyrange.record.notes import parse_details
@@ -21,7 +28,6 @@ from skyrange.report.rendering import asset, content_policy, render, table_scrip
 
 PAGE: Final = "detection.html"
 RATES: Final = MarkedPart("<!-- skyrange detect: begin -->", "<!-- skyrange detect: end -->")
-SHOWN_LIMITS: Final = f"{SETTINGS.confidence:.0%}"
 MAX_MARKS: Final = 400
 """Alerts drawn in one lane."""
 MAX_ROWS: Final = 3_000
@@ -58,7 +64,8 @@ def render_page(findings: Sequence[Findings], rates: Sequence[DetectorRates] | N
             verdict=verdict,
             tiles=_tiles(findings, alerts),
             rates=None if rates is None else [_row_of_rates(rate) for rate in rates],
-            confidence=f"{SETTINGS.confidence:.0%}",
+            warnings=[] if rates is None else warn_of_copies(findings),
+            confidence=SHOWN_LIMITS,
             episode_s=f"{SETTINGS.episode_s:g}",
             logs=[_describe_log(found) for found in findings],
         )

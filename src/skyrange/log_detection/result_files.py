@@ -15,7 +15,7 @@ from skyrange.core.files import atomic_write
 from skyrange.core.time import NS_PER_S
 from skyrange.export.csv_tables import write_csv
 from skyrange.log_detection.airborne import airborne_ns
-from skyrange.log_detection.false_alarms import DetectorRates, FalseAlarmRate
+from skyrange.log_detection.false_alarms import DetectorRates, FalseAlarmRate, warn_of_copies
 from skyrange.log_detection.judging import Findings
 from skyrange.record.notes import alert_batch, alert_row, parse_details
 
@@ -29,6 +29,7 @@ def describe(findings: Sequence[Findings], rates: Sequence[DetectorRates] | None
     return {
         "logs": [_describe_log(found) for found in findings],
         "false_alarms": None if rates is None else [_describe_rates(rate) for rate in rates],
+        "warnings": [] if rates is None else warn_of_copies(findings),
     }
 
 

@@ -17,14 +17,12 @@ from skyrange.core.arrays import Floats
 from skyrange.core.chance import uniform4
 from skyrange.core.compiled import compiled
 from skyrange.core.errors import InputError
-from skyrange.core.ids import hash64
 from skyrange.optics.ray_casting import NONE, Hits
 from skyrange.optics.returns import MAX_STEPS, Address
 from skyrange.optics.scan_patterns import Firing
 from skyrange.optics.sensor_models import DepthCameraModel
 
 STREAM: Final = "optics.depth"
-_WORD: Final = 0xFFFFFFFFFFFFFFFF
 
 
 class DepthImage(NamedTuple):
@@ -52,9 +50,8 @@ def make_depth_image(model: DepthCameraModel, firing: Firing, hits: Hits, addres
             model.name, "reach_m", repr(model.reach_m), f"at most {MAX_STEPS * model.resolution_m:g} m"
         )
     steps = np.zeros(count, dtype=np.uint16)
-    key = (np.uint64(address.chance.seed & _WORD), np.uint64(hash64(STREAM)), np.uint64(address.who & _WORD))
     limits = (model.near_m, model.reach_m, model.noise_m(1.0), model.resolution_m)
-    _find(hits, firing.direction, limits, key, np.uint64(address.start_ns & _WORD), steps)
+    _find(hits, firing.direction, limits, address.key(STREAM), np.int64(address.start_ns).view(np.uint64), steps)
     shape = (grid.height, grid.width)
     return DepthImage(steps.reshape(shape), hits.kind.reshape(shape), hits.row.reshape(shape))
 

@@ -37,7 +37,6 @@ from skyrange.optics.sensor_models import LidarModel
 STREAM: Final = "optics.lidar"
 MAX_STEPS: Final = 65_535
 """The largest distance that can be reported, in steps of the model's resolution; 0 is no return."""
-_WORD: Final = 0xFFFFFFFFFFFFFFFF
 
 
 class Address(NamedTuple):
@@ -48,6 +47,10 @@ class Address(NamedTuple):
     """The sensor (`core.ids.hash64` of its name)."""
     start_ns: int
     """Time of the start of the scan."""
+
+    def key(self, stream: str) -> tuple[np.uint64, np.uint64, np.uint64]:
+        """What compiled functions draw with, besides the time and the number of the draw."""
+        return self.chance.key, np.uint64(hash64(stream)), np.uint64(self.who)
 
 
 class Returns(NamedTuple):
@@ -122,7 +125,7 @@ def find_returns(
     )
     limits = (model.near_m, model.reach_m, model.noise_m, model.rise_m, model.resolution_m)
     odds = (model.false_alarm, model.drop_out, model.reference_reflectivity / (model.reference_m * model.reference_m))
-    key = (np.uint64(address.chance.seed & _WORD), np.uint64(hash64(STREAM)), np.uint64(address.who & _WORD))
+    key = address.key(STREAM)
     _find(hits, surfaces, extinction, detector, limits, odds, key, times, firing.number, returns)
     return returns
 

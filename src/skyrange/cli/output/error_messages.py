@@ -24,7 +24,8 @@ def describe_error(error: Exception) -> tuple[str, int]:
         return "skyrange: aborted", 1
     usage = getattr(error, "format_message", None)
     if callable(usage):  # of typer: an option or argument that is not known, or has a wrong value
-        return _describe_usage(error, str(usage())), int(getattr(error, "exit_code", _BAD_INPUT))
+        message = str(usage()).replace(": Value error, ", ": ", 1)  # the words of the library that checks options
+        return _describe_usage(error, message), int(getattr(error, "exit_code", _BAD_INPUT))
     if isinstance(error, SkyrangeError):
         return "\n".join([f"skyrange: {error}", *getattr(error, "__notes__", ())]), error.exit_code
     if isinstance(error, ModuleNotFoundError) and error.name and (extra := find_extra(error.name)):

@@ -75,11 +75,11 @@ def read_frames(file: BufferedIOBase, counts: LogCounts) -> Iterator[LoggedFrame
                 counts.unknown_bytes += after - at
                 at = after
                 continue
-            if end > size and _find_frame(buffer, at, size, is_last=is_last)[0] is None:
+            found, resume = _find_frame(buffer, at, size, is_last=is_last)
+            if end > size and found is None:
                 counts.cut_bytes += size - at
                 return
             counts.bad_checksums += end == BAD_CHECKSUM
-            found, resume = _find_frame(buffer, at, size, is_last=is_last)
             counts.bad_bytes += (resume if found is None else found) - at
             at = resume if found is None else found
     counts.cut_bytes += max(len(buffer) - at, 0)

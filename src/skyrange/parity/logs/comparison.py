@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -144,7 +144,7 @@ class LogParity:
             "autopilots": {
                 autopilot: {
                     "differences": {
-                        name: vars_of(median)
+                        name: asdict(median)
                         for name in QUANTITIES
                         if (median := self.median(autopilot, name)) is not None
                     },
@@ -153,11 +153,6 @@ class LogParity:
                 for autopilot in self.plan.seeds
             },
         }
-
-
-def vars_of(value: Median | TrackScore) -> dict[str, Any]:
-    """The fields of a value."""
-    return {name: getattr(value, name) for name in value.__dataclass_fields__}
 
 
 def _describe_flight(flight: ComparedFlight) -> dict[str, Any]:
@@ -175,7 +170,7 @@ def _describe_flight(flight: ComparedFlight) -> dict[str, Any]:
         "flight": flight.name,
         "outcomes": dict(flight.outcomes),
         "quantities": quantities,
-        "track": None if flight.score is None else vars_of(flight.score),
+        "track": None if flight.score is None else asdict(flight.score),
     }
 
 
@@ -199,21 +194,27 @@ def plan_logs(logs: Sequence[FlightLog], seeds: Mapping[str, int], without: Sequ
             told.append(tell_flight(each, measures))
     if not told:
         raise InputError.one("parity log", "flights", "none that can be measured", "a flight that leaves the ground")
-    check_size("parity log", {"flights": len(told), "seeds of all autopilots": sum(seeds.values())}, MAX_RUNS, "")
+    sizes = {"flights": len(told), "seeds of all autopilots": sum(seeds.values())}
+    check_size("parity log", sizes, MAX_RUNS, "Ask for fewer --seeds, or name fewer logs.")
     unnamed = {RUN: "a simulated aircraft"}
     firmware = ", ".join(dict.fromkeys(log.firmware or unnamed.get(log.format, "an unknown firmware") for log in logs))
     return LogParityPlan(tuple(told), dict(seeds), {other.name: other.reason for other in others}, firmware)
 
 
 def compare_logs(
-    plan: LogParityPlan, out: Path | None, executor: Executor, on_progress: OnPlanProgress | None = None
+    plan: LogParityPlan,
+    out: Path | None,
+    executor: Executor,
+    on_progress: OnPlanProgress | None = None,
+    finished: Set[str] = frozenset(),
 ) -> LogParity:
     """Fly a plan, or what is left of it in a folder in which it was begun, and compare.
 
-    Raises `InputError` before anything is flown for scenarios that cannot be built and for a folder of something else,
-    `ComponentError` if a run failed, and `ShortfallError` after Ctrl-C.
+    `finished` names the runs of the folder that need no check. Raises `InputError` before anything is flown for
+    scenarios that cannot be built and for a folder of something else, `ComponentError` if a run failed, and
+    `ShortfallError` after Ctrl-C.
     """
-    plan.check()
+    plan.check(finished)
     store = claim_store(plan, expand_user(out) if out is not None else free_folder("log-parity"))
     forget_failures(store)
     plan.write_missions(store.path)
@@ -225,7 +226,8 @@ def resume_log_parity(store: RunStore, executor: Executor, on_progress: OnPlanPr
     """Go on with the comparison in a folder: `skyrange resume`."""
     told: ToldPlan = check_type(store.told, ToldPlan, str(store.path), f"{PLAN}: told")
     plan = LogParityPlan(tuple(told["flights"]), told["seeds"], told["unjudged"], told["firmware"])
-    return compare_logs(plan, store.path, executor, on_progress)
+    finished = store.finished() - {result.name for result in store.list_failures()}
+    return compare_logs(plan, store.path, executor, on_progress, finished)
 
 
 def read_comparison(plan: LogParityPlan, store: RunStore) -> LogParity:

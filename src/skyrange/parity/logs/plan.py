@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,7 +24,7 @@ from skyrange.core.typed_json import Finite
 from skyrange.flightlog.conversion import MISSION, Conversion
 from skyrange.flightlog.flights import split_flights
 from skyrange.flightlog.run_folder import read_run
-from skyrange.parity.flights import KINDS, with_autopilot
+from skyrange.parity.flights import with_autopilot
 from skyrange.parity.logs.choice import JudgedFlight
 from skyrange.parity.logs.measures import DescribedMeasures, FlightMeasures, measure_flight
 from skyrange.record import RunRecord
@@ -32,6 +32,7 @@ from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_files import load_text
 from skyrange.study.execution.plan import PlannedBlock, PlannedRun, RunPlan, digest_plan
 from skyrange.study.execution.store import RunStore
+from skyrange.study.plan_size import MAX_RUNS
 
 KIND: Final = "parity log"
 _INPUTS: Final = "flights"
@@ -59,7 +60,7 @@ class ToldPlan(TypedDict):
     """What `LogParityPlan.tell` says."""
 
     flights: list[ToldFlight]
-    seeds: dict[Annotated[str, Field(pattern="^(builtin|ardupilot)$")], Annotated[int, Field(ge=1)]]
+    seeds: dict[Annotated[str, Field(pattern="^(builtin|ardupilot)$")], Annotated[int, Field(ge=1, le=MAX_RUNS)]]
     """By autopilot."""
     unjudged: dict[str, str]
     firmware: str
@@ -143,20 +144,29 @@ class LogParityPlan(RunPlan):
         scenario = load_text(flight["scenario"], flight["name"], folder / _INPUTS / flight["name"], seed=seed)
         return with_autopilot(scenario, autopilot).model_copy(update={"record": scenario.record})
 
-    def check(self) -> None:
-        """Raise `InputError` for a scenario that cannot be built with one of the autopilots."""
+    def check(self, finished: Set[str] = frozenset()) -> None:
+        """Raise `InputError` for a scenario that cannot be built with one of the autopilots.
+
+        Flights whose runs are all `finished`, by name, need no autopilot any more.
+        """
         with TemporaryDirectory(prefix="skyrange-") as made:
             self.write_missions(Path(made))
-            for number in range(len(self.flights)):
-                for autopilot in self.seeds:
+            for number, flight in enumerate(self.flights):
+                failed: dict[str, InputError] = {}
+                for autopilot, seeds in self.seeds.items():
+                    if all(name_run(flight["name"], autopilot, seed + 1) in finished for seed in range(seeds)):
+                        continue
                     try:
                         build(self.load(number, Path(made), autopilot))
                     except InputError as error:
-                        if len(self.seeds) < 2:
-                            raise
-                        (first, *others) = error.problems
-                        hint = f"{first.hint} --autopilot {_other(autopilot)} does without it."
-                        raise InputError(error.who, [replace(first, hint=hint), *others]) from error
+                        failed[autopilot] = error
+                others = [autopilot for autopilot in self.seeds if autopilot not in failed]
+                for fault in failed.values():
+                    if not others:
+                        raise fault
+                    (first, *further) = fault.problems
+                    hint = f"{first.hint} --autopilot {others[0]} does without it."
+                    raise InputError(fault.who, [replace(first, hint=hint), *further]) from fault
 
     def plan_runs(self, block: PlannedBlock, store: RunStore) -> list[PlannedRun]:
         """The one run of a block."""
@@ -179,10 +189,6 @@ class LogParityPlan(RunPlan):
             for folder in block.folders:
                 shutil.rmtree(root / folder, ignore_errors=True)
         return 0
-
-
-def _other(autopilot: str) -> str:
-    return next(kind for kind in KINDS if kind != autopilot)
 
 
 def name_run(flight: str, autopilot: str, seed: int) -> str:

@@ -61,8 +61,8 @@ def _tabulate_differences(result: LogParity) -> TextTable:
             value, low, high = (f"{v:+.1%}" if quantity.relative else f"{v:+.1f}{quantity.unit}" for v in values)
             rows.append((quantity.name, NAMES[autopilot], value, f"{low} to {high}", str(median.flights)))
     lead = (
-        "The median over the flights of: median of the simulated flights less the log, relative to the log. The limits "
-        "are those of 95 % by a bootstrap over the flights."
+        "The median over the flights of: median of the simulated flights less the log, relative to the log or in the "
+        "unit of the quantity. The limits are those of 95 % by a bootstrap over the flights."
     )
     return TextTable("Differences", lead, ("quantity", "flown by", "difference", "limits", "flights"), rows)
 
@@ -95,7 +95,8 @@ def _tabulate_flights(result: LogParity) -> TextTable:
             logged, values = flight.log.quantities.get(name), flight.values(name)
             simulated = f"{np.median(values):.1f}" if len(values) else _NONE
             note = "" if logged is None or flight.is_judged(name) else " (not judged)"
-            cells.append(f"{logged.value if logged else math.nan:.1f} / {simulated} {quantity.unit}{note}")
+            known = f"{logged.value:.1f}" if logged is not None else _NONE
+            cells.append(f"{known} / {simulated} {quantity.unit}{note}")
         ended = ", ".join(f"{count} {outcome}" for outcome, count in sorted(flight.outcomes.items()))
         rows.append((flight.name, NAMES[flight.autopilot], *cells, ended))
     head = ("flight", "flown by", *(quantity.name for quantity in QUANTITIES.values()), "simulated flights")
@@ -130,7 +131,7 @@ def _show_spread(flights: Sequence[FlightMeasures], subject: str, column: str) -
         return "not reported"
     low, middle, high = np.median(np.array(known), axis=0)
     if not np.any(np.array(known)):
-        return "0: not modelled"
+        return "0 throughout"
     return f"{middle:.3g} ({low:.3g} to {high:.3g})"
 
 

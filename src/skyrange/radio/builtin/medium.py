@@ -120,7 +120,7 @@ class BuiltinMedium(MediumBase):
             -math.inf if surroundings.carrier_sense_dbm is None else float(surroundings.carrier_sense_dbm),
         )
         self._params = MediumParams(
-            seed=np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF),
+            seed=chance.key,
             horizon_m=float(surroundings.horizon_m),
             randomness=surroundings.chance,
             background_share=float(surroundings.city_busy),

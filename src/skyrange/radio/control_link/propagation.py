@@ -56,7 +56,7 @@ class Propagation:
         self._who = np.array([hash64(name) for name in names], dtype=np.uint64)
         self._antenna = np.array([(ANTENNAS.index(pattern), gain) for pattern, gain in antennas], dtype=np.float64)
         self._params = MediumParams(
-            seed=np.uint64(chance.seed & 0xFFFF_FFFF_FFFF_FFFF),
+            seed=chance.key,
             horizon_m=HORIZON_M,
             randomness=randomness,
             background_share=0.0,

@@ -71,7 +71,7 @@ class PathFinder:
         self._obstacles = obstacle_index(city.walls()) if city is not None and not own_losses else obstacle_index()
         self.own_losses = own_losses
         self.params = MediumParams(
-            seed=np.uint64(chance.seed & 0xFFFF_FFFF_FFFF_FFFF),
+            seed=chance.key,
             horizon_m=float(surroundings.horizon_m),
             randomness=surroundings.chance and not own_losses,
             background_share=float(surroundings.city_busy),

@@ -69,11 +69,16 @@ def bit_error(bit_snr: float) -> float:
     return 0.5 * float(elementary.exp(-0.5 * bit_snr))
 
 
-def _implied_noise_figure_db(air_speed_kbps: int) -> float:
-    """The noise figure with which `bit_error` gives the data sheet's sensitivity at one of its rates."""
+def _ideal_sensitivity_dbm(air_speed_kbps: int) -> float:
+    """Input power at which one bit in a thousand is wrong, with thermal noise alone."""
     needed = -2.0 * elementary_python.log(2.0 * SENSITIVITY_BIT_ERROR)
     thermal = THERMAL_DBM_PER_MHZ + 10.0 * elementary_python.log10(air_speed_kbps / 1e3)
-    return SENSITIVITY_DBM[air_speed_kbps] - thermal - 10.0 * elementary_python.log10(needed)
+    return thermal + 10.0 * elementary_python.log10(needed)
+
+
+def _implied_noise_figure_db(air_speed_kbps: int) -> float:
+    """The noise figure with which `bit_error` gives the data sheet's sensitivity at one of its rates."""
+    return SENSITIVITY_DBM[air_speed_kbps] - _ideal_sensitivity_dbm(air_speed_kbps)
 
 
 _NOISE_FIGURES_DB: Final = [
@@ -95,9 +100,7 @@ def noise_figure_db(air_speed_kbps: int) -> float:
 
 def sensitivity_dbm(air_speed_kbps: int) -> float:
     """Input power at which one bit in a thousand is wrong, without other noise."""
-    needed = -2.0 * elementary_python.log(2.0 * SENSITIVITY_BIT_ERROR)
-    thermal = THERMAL_DBM_PER_MHZ + 10.0 * elementary_python.log10(air_speed_kbps / 1e3)
-    return thermal + noise_figure_db(air_speed_kbps) + 10.0 * elementary_python.log10(needed)
+    return _ideal_sensitivity_dbm(air_speed_kbps) + noise_figure_db(air_speed_kbps)
 
 
 def max_data_bytes(*, ecc: bool) -> int:
