@@ -12,9 +12,9 @@ from skyrange.contracts.plugins.registry import Plugin
 
 @contextmanager
 def registered(*offers: tuple[str, Plugin[Any, Any]]) -> Iterator[None]:
-    """Each (kind, plugin) is registered in the plugin's group inside, as is what the body registers."""
-    known = plugins._registered
-    before = dict(known)
+    """Each (kind, plugin) is registered in the plugin's group inside, as are the kinds and files of the body."""
+    known, files = plugins._registered, plugins._loaded_files
+    before, files_before = dict(known), dict(files)
     try:
         for kind, plugin in offers:
             plugins.register(plugin.group, kind, plugin)
@@ -22,3 +22,5 @@ def registered(*offers: tuple[str, Plugin[Any, Any]]) -> Iterator[None]:
     finally:
         known.clear()
         known.update(before)
+        files.clear()
+        files.update(files_before)

@@ -6,12 +6,14 @@ The sections are those of M. Mitchell and others, "Model Cards for Model Reporti
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
+from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.core.parquet_files import read_table
 from skyrange.core.time import NS_PER_S, from_seconds
@@ -290,7 +292,11 @@ def _read_windows(folder: StudyFolder, runs: dict[str, dict[str, Any]]) -> pa.Ta
     tables = []
     for run in sorted(runs):
         path = folder.path / KEPT / WINDOWS / runs[run]["block"] / f"{runs[run]['arm']}.parquet"
-        table = read_table(path, str(folder.path), str(path.relative_to(folder.path)), SCHEMA)
+        try:
+            table = read_table(path, str(folder.path), str(path.relative_to(folder.path)), SCHEMA)
+        except InputError as error:
+            hint = "Delete the block's file in the folder blocks, and resume the study."
+            raise InputError(error.who, [replace(problem, hint=hint) for problem in error.problems]) from error
         tables.append(table.append_column("run", pa.repeat(pa.scalar(run), table.num_rows)))
     return pa.concat_tables(tables)
 
