@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ from skyrange.scenario.toml_files import parse_toml
 from skyrange.study.design.blocks import Block, list_blocks
 from skyrange.study.design.factors import BUILDINGS, SCENARIO, is_city_file
 from skyrange.study.design.model import Study, scenarios_of
-from skyrange.study.execution.plan import digest_files
+from skyrange.study.execution.plan import describe_decided, digest_files
 from skyrange.study.execution.store import RunStore, open_store
 from skyrange.study.measurement import Rows
 from skyrange.study.stored_rows import check_rows
@@ -81,8 +80,7 @@ def require_unchanged(folder: StudyFolder) -> None:
 
 def digest_of(study: Study) -> str:
     """A digest of what a study flies: its design, and its input files. Raises `InputError` for one it cannot read."""
-    text = json.dumps(study.model_dump(mode="json"), sort_keys=True)
-    return hashlib.sha256(text.encode() + b"\0" + digest_files(list_inputs(study))).hexdigest()
+    return hashlib.sha256(describe_decided(study).encode() + b"\0" + digest_files(list_inputs(study))).hexdigest()
 
 
 def list_inputs(study: Study) -> list[Path]:

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from pydantic import BaseModel
+
 from skyrange.city.building_files import files_of
 from skyrange.contracts.plugins.registry import loaded_sources
 from skyrange.core.errors import InputError
@@ -138,16 +140,44 @@ class RunPlan(ABC):
 def digest_plan(kind: str, arguments: Mapping[str, Any], scenarios: Iterable[Scenario]) -> str:
     """A digest of what a command was told, of scenarios, the files that these name, and the plugin files.
 
+    A key that a scenario leaves at a default of nothing (none, false or an empty list) is not in it: a plan keeps its
+    digest when a later version adds such a key.
+
     Raises `InputError` for a file that cannot be read.
     """
     hasher = hashlib.sha256(json.dumps([kind, arguments], sort_keys=True).encode())
     files: dict[Path, None] = {}
     for scenario in scenarios:
-        hasher.update(scenario.model_dump_json().encode())
+        hasher.update(describe_decided(scenario).encode())
         for _, name in list_named_files(scenario.data()):
             files.update(dict.fromkeys(files_of(Path(name))))
     hasher.update(digest_files(files))
     return hasher.hexdigest()
+
+
+def describe_decided(model: BaseModel) -> str:
+    """JSON text of what a model decides: without the keys whose default is nothing and that have it."""
+    whole, changed = model.model_dump(mode="json"), model.model_dump(mode="json", exclude_defaults=True)
+    return json.dumps(_drop_unused(whole, changed), sort_keys=True)
+
+
+def _drop_unused(whole: Any, changed: Any) -> Any:
+    """JSON data without the keys of nothing that are not in `changed`, which lacks all that has its default."""
+    if isinstance(whole, dict):
+        known = changed if isinstance(changed, dict) else {}
+        return {
+            key: _drop_unused(value, known.get(key))
+            for key, value in whole.items()
+            if key in known or not _is_nothing(value)
+        }
+    if isinstance(whole, list):
+        known_items = changed if isinstance(changed, list) and len(changed) == len(whole) else [None] * len(whole)
+        return [_drop_unused(value, known) for value, known in zip(whole, known_items, strict=True)]
+    return whole
+
+
+def _is_nothing(value: Any) -> bool:
+    return value is None or value is False or value in ([], {})
 
 
 def digest_files(files: Iterable[Path]) -> bytes:
