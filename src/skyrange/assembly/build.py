@@ -23,6 +23,7 @@ from skyrange.assembly.control_links import (
 )
 from skyrange.assembly.detectors import build_detectors, describe_monitor
 from skyrange.assembly.network import build_network, list_processing_limits
+from skyrange.assembly.optics import build_scanner, check_sensors, describe_scans, list_sensors
 from skyrange.assembly.placement.clear_placing import apply_placing
 from skyrange.assembly.placement.flight_plans import make_flight_plans, plan_routes
 from skyrange.assembly.placement.moved_places import describe_moves
@@ -44,6 +45,7 @@ from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.plan.volumes import Margins
 from skyrange.gcs.station import GroundStation
 from skyrange.kernel import Wiring
+from skyrange.optics.scanner import Scanner
 from skyrange.radio.control_link.sik.status import place_reporters
 from skyrange.radio.oracle import ENDPOINT, Oracle
 from skyrange.scenario.model.operators import ReplanningRules
@@ -90,6 +92,8 @@ class BuiltScenario:
     """The missions of the vehicles that are built, as they fly them, as further files."""
     oracle: Oracle | None
     """The one that owns the radio medium, if there is one."""
+    scanner: Scanner | None
+    """The one that makes the scans of sensors, if there are any."""
     overlaps: Overlaps
     """What its acts alter or decide as the only ones."""
     honest: Sequence[HonestAircraft] = ()
@@ -149,6 +153,7 @@ def build(
         *check_signing(scenario),
         *check_radios(scenario, made.radios, city),
         *check_links_over_air(scenario, city, over_air),
+        *check_sensors(scenario),
     ]
     problems += check_transmitters(made, city)
     if problems:
@@ -174,6 +179,8 @@ def build(
         if whole and aircraft
         else (None, [])
     )
+    sensors = list_sensors(scenario)
+    scanner = build_scanner(scenario, city, made.aircraft, sensors) if whole else None
     agents: list[Agent] = [a for service in approvals for a in service.agents] if APPROVAL in here else []
     over_sik = {link.name for link in over_air.sik}
     for operator in scenario.operators:
@@ -214,12 +221,13 @@ def build(
     if control_links is not None:
         agents.append(control_links)
     processing = list_processing_limits(scenario)
+    warnings = [*list_battery_warnings(scenario), *describe_scans(scenario, sensors)]
     wiring = Wiring(
         seed=scenario.seed,
         links=links,
         routes=[route for route in all_routes if route.endpoint in here],
         agents=[*agents, *air.agents],
-        truth_subscribers=air.truth_subscribers,
+        truth_subscribers=[*air.truth_subscribers, *([] if scanner is None else [scanner])],
         taps=placed,
         acts=[plan if whole else _elsewhere(plan) for plan in (*made.plans, *additions.acts, *defences.plans)],
         manual_acts=[act.manual_act for act in scenario.manual_acts],
@@ -244,10 +252,15 @@ def build(
         | ({"honest": describe_aircraft(made.aircraft, scenario)} if made.aircraft else {})
         | ({"defences": defences.rows} if defences.rows else {})
         | ({"detectors": rows} if rows else {})
-        | ({"warnings": warnings} if (warnings := list_battery_warnings(scenario)) else {}),
+        | (
+            {"warnings": warnings}
+            if (warnings := [*list_battery_warnings(scenario), *describe_scans(scenario, sensors)])
+            else {}
+        ),
         make_attachments(scenario, city) if attached else {},
         make_mission_files(plans),
         air.oracle,
+        scanner,
         Overlaps(
             made.exclusive,
             defences.exclusive,

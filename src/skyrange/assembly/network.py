@@ -10,7 +10,7 @@ from skyrange.core.time import NS_PER_MS
 from skyrange.radio.oracle import ENDPOINT
 from skyrange.scenario.model.links import endpoint_names, find_matches
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.vehicle.onboard_network import onboard_links, onboard_routes, oracle_links
+from skyrange.vehicle.onboard_network import onboard_links, onboard_routes, oracle_links, scan_link
 
 APPROVAL_CHANNEL = Channel(mode="reliable", latency_ns=25 * NS_PER_MS)
 """A web service some tens of milliseconds away."""
@@ -36,7 +36,8 @@ def build_network(scenario: Scenario, over_air: Mapping[str, VariableChannel]) -
                     else LinkSpec(spec.name, spec.a, spec.b, channel)
                 )
             all_routes += onboard_routes(key)
-    return [*links, *_air_links(scenario)], all_routes
+    scans = [scan_link(vehicle_id(operator.id, v.id)) for operator, v in scenario.fleet if v.sensors]
+    return [*links, *_air_links(scenario), *(apply_link_rules(scenario, spec) for spec in scans)], all_routes
 
 
 def list_processing_limits(scenario: Scenario) -> list[ProcessingLimit]:

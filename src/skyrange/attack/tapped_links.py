@@ -32,14 +32,14 @@ LEARNED: Final = "event.learned"
 USS: Final = "uss"
 """Role of the links between services of a flight approval: `uss:dss~blue`."""
 SIDES: Final = {"gcs": "companion", "log": "proxy", "autopilot": "proxy", "rid_data": "companion", "approval": "gcs",
-                "rid_up": "companion", "rid_down": "companion", "oracle": "gcs"}  # fmt: skip
+                "rid_up": "companion", "rid_down": "companion", "oracle": "gcs", "scan": "companion"}  # fmt: skip
 """By role of a link: the end at which an attacker's tap is."""
 _ON_BOARD: Final = ("companion", "proxy")
 STATION_SIDE: Final = "gcs"
 """The end of a gcs link at which the tap of an attacker in the operator's network is."""
 CONTROL_LINKS: Final = ("gcs", "log", "autopilot")
 """The roles of the links that a control link consists of, from ground station to autopilot."""
-EVERY_LINK: Final = ("gcs", "log", "autopilot", "rid_data", "approval", USS, "rid_up", "rid_down", "oracle")
+EVERY_LINK: Final = ("gcs", "log", "autopilot", "rid_data", "approval", USS, "rid_up", "rid_down", "oracle", "scan")
 """The roles of all links: the surface of what acts on any of them."""
 
 
@@ -117,7 +117,7 @@ def _place_tap(
         return TapPlacement(link, side_of(link), make)
     if place == "onboard":
         if side_of(link) not in _ON_BOARD:
-            expected = "a link with an end in an aircraft: gcs, log, autopilot, rid_data, rid_up or rid_down"
+            expected = "a link with an end in an aircraft: gcs, log, autopilot, rid_data, rid_up, rid_down or scan"
             raise InputError.one(context.id, "place", f"onboard, for {link}", expected)
         return TapPlacement(link, side_of(link), make, place=place)
     if not link.startswith(f"{CONTROL_LINKS[0]}:"):

@@ -17,6 +17,7 @@ and echoes of two surfaces that merge.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -76,6 +77,7 @@ class Detector(NamedTuple):
     """Amplitude of the reference's echo."""
 
 
+@lru_cache(maxsize=64)
 def make_detector(model: LidarModel) -> Detector:
     """The threshold and the amplitude that the probabilities of a model mean.
 

@@ -75,7 +75,8 @@ def _fill(firing: Firing, pose: SensorPose, across: int, up: int, spread: Floats
     origin, direction, side, over = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(firing.direction.shape[0]):
         delay = firing.delay_s[i]
-        _find_rotation(pose.attitude, pose.rates, delay, turn)
+        if i == 0 or delay != firing.delay_s[i - 1]:
+            _find_rotation(pose.attitude, pose.rates, delay, turn)
         fx, fy, fz = firing.direction[i, 0], firing.direction[i, 1], firing.direction[i, 2]
         level = math.sqrt(fx * fx + fy * fy)
         # to the left of the beam and over it, in the frame of the sensor

@@ -34,6 +34,7 @@ CHANNELS: Final = {
     "rid_data": _ON_BOARD,
     "rid_up": _ON_BOARD,
     "rid_down": _ON_BOARD,
+    "scan": _ON_BOARD,
 }
 """Default channel of each kind of link: UDP over a cellular network, and TCP or ZeroMQ within one computer."""
 
@@ -103,3 +104,8 @@ def oracle_links(vehicle: str) -> list[LinkSpec]:
     """The two links between one vehicle's companion and the oracle, with default channels."""
     ends = {"rid_up": (endpoint(vehicle, "companion"), ORACLE), "rid_down": (ORACLE, endpoint(vehicle, "companion"))}
     return [LinkSpec(link_name(kind, vehicle), a, b, CHANNELS[kind]) for kind, (a, b) in ends.items()]
+
+
+def scan_link(vehicle: str) -> LinkSpec:
+    """The link on which the scans of one vehicle's sensors reach its companion, with its default channel."""
+    return LinkSpec(link_name("scan", vehicle), ORACLE, endpoint(vehicle, "companion"), CHANNELS["scan"])

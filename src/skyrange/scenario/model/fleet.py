@@ -13,6 +13,7 @@ from skyrange.contracts.plugins.registry import AUTOPILOTS, kinds
 from skyrange.core import elementary_python
 from skyrange.core.errors import Problem, nearest
 from skyrange.scenario.model.base import Id, Model, Number, Whole, items, refuse, wrong
+from skyrange.scenario.model.optics import MAX_SENSORS, OpticalSensor
 from skyrange.scenario.model.plan import Plan
 from skyrange.scenario.model.radio import AnyAvoidance, RemoteId
 from skyrange.scenario.validation.error_messages import input_error
@@ -103,6 +104,10 @@ Avoids = Annotated[
         "else none."
     ),
 ]
+OpticalSensors = Annotated[
+    tuple[OpticalSensor, ...],
+    Field(max_length=MAX_SENSORS, description="LiDARs and depth cameras; default: none."),
+]
 _Coordinate = Annotated[Number, Field(ge=-REACH_M, le=REACH_M)]
 AnyStation = Annotated[
     tuple[_Coordinate, _Coordinate] | None,
@@ -149,6 +154,7 @@ class Vehicle(Model):
     charge: Charge = 1.0
     remote_id: Broadcasts = None
     avoidance: Avoids = None
+    sensors: OpticalSensors = ()
     network: Whole = Field(
         default=-1,
         ge=0,
@@ -194,6 +200,7 @@ class Fleet(Model):
     charge: Charge = 1.0
     remote_id: Broadcasts = None
     avoidance: Avoids = None
+    sensors: OpticalSensors = ()
     every_s: Number = Field(
         default=0.0,
         ge=0,
@@ -251,7 +258,7 @@ class Fleet(Model):
 
     def vehicles(self) -> list[Vehicle]:
         """Its aircraft as vehicles, without ids."""
-        keys = ("autopilot", "airframe", "placing", "plan", "charge", "remote_id", "avoidance")
+        keys = ("autopilot", "airframe", "placing", "plan", "charge", "remote_id", "avoidance", "sensors")
         shared = {key: getattr(self, key) for key in keys}
         return [
             Vehicle.model_construct(

@@ -21,6 +21,7 @@ from skyrange.scenario.model.operators import Operator
 VEHICLE_LINKS = ("gcs", "log", "autopilot", "rid_data")
 """Kinds of link; every aircraft has one of each."""
 AIR_LINKS = ("rid_up", "rid_down")
+SCAN_LINK = "scan"
 """Kinds of link; with a radio medium, every aircraft has one of each."""
 OPERATOR_LINKS = ("approval",)
 """Kinds of link; every operator has one of each."""
@@ -141,7 +142,8 @@ def link_names(operators: Iterable[Operator], *, radio: bool = False) -> list[st
         names += [link_name(kind, operator.id) for kind in OPERATOR_LINKS]
         kinds = (*VEHICLE_LINKS, *(AIR_LINKS if radio else ()))
         for vehicle in operator.vehicles:
-            names += [link_name(kind, vehicle_id(operator.id, vehicle.id)) for kind in kinds]
+            scanned = (SCAN_LINK,) if vehicle.sensors else ()
+            names += [link_name(kind, vehicle_id(operator.id, vehicle.id)) for kind in (*kinds, *scanned)]
     return names
 
 

@@ -11,6 +11,7 @@ from skyrange.contracts.plugins.registry import APPROVALS
 from skyrange.core.errors import nearest
 from skyrange.scenario.model.base import Id, Model, Number, wrong
 from skyrange.scenario.model.fleet import MAX_SYSTEM_ID, AnyStation, Avoids, Broadcasts, Fleet, Params, Vehicle
+from skyrange.scenario.model.optics import name_sensors
 from skyrange.scenario.validation.plugin_params import known
 
 COLORS = (
@@ -241,6 +242,7 @@ def _vehicles(name: str, operator: Operator) -> tuple[Vehicle, ...]:
                 "params": {**operator.params, **vehicle.params},
                 "remote_id": vehicle.remote_id or operator.remote_id,
                 "avoidance": vehicle.avoidance or operator.avoidance,
+                "sensors": name_sensors(vehicle.sensors),
             }
         )
         for vehicle, id_, (network, system_id) in zip(vehicles, ids, where, strict=True)

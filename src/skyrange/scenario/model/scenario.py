@@ -37,6 +37,7 @@ from skyrange.scenario.model.fleet import Autopilots, Fleet, Start, Vehicle
 from skyrange.scenario.model.links import AirParams, Hosts, Link, Processing, resolve_channel, resolve_over_air
 from skyrange.scenario.model.manual_acts import ManualActTable
 from skyrange.scenario.model.operators import Operator, ReplanningRules, SigningTimeRules, VolumeMargins, name_operators
+from skyrange.scenario.model.optics import OpticalSensor, Optics
 from skyrange.scenario.model.plan import (
     Fence,
     FenceCircle,
@@ -74,6 +75,8 @@ __all__ = [
     "Link",
     "ManualActTable",
     "Operator",
+    "OpticalSensor",
+    "Optics",
     "Origin",
     "Path",
     "Plan",
@@ -338,6 +341,10 @@ class Scenario(Model):
     radio: Radio | None = Field(
         default=None,
         description="Radio medium of Remote ID, over which aircraft broadcast and receive each other; default: none.",
+    )
+    optics: Optics | None = Field(
+        default=None,
+        description="Weather and surfaces as LiDARs and depth cameras see them; default: the defaults of all keys.",
     )
     links: tuple[Link, ...] = Field(
         default=(), description="Changes to channels of links; a later rule overrides an earlier one."

@@ -89,6 +89,8 @@ def _find_fleet_problems(where: str, operator: Any) -> Iterator[Problem]:
     yield from _twice(here, vehicles, "id", "an id that no other vehicle of this operator has")
     yield from _addressed_twice(here, vehicles)
     for index, vehicle in enumerate(vehicles):
+        sensors = _list(vehicle, "sensors") or ()
+        yield from _twice(f"{here}.{index}.sensors", sensors, "id", "an id that no other sensor of this aircraft has")
         if _get(vehicle, "placing") == "clear" and _get(_get(vehicle, "plan"), "anchor") == "file":
             yield Problem(
                 f"{here}.{index}.placing",

@@ -43,6 +43,7 @@ KINDS: Final[Mapping[str, Kind]] = {
     "rid_data": Kind("zmq", 14558, "proxy"),
     "rid_up": Kind("zmq", 14556, "oracle"),
     "rid_down": Kind("zmq", 14557, "oracle"),
+    "scan": Kind("zmq", 14559, "oracle"),
     "oracle": Kind("zmq", 30000, "oracle"),
     "approval": Kind("http", 18080, "approval"),
 }

@@ -1,0 +1,122 @@
+"""Optics of a scenario: the scanner that makes the scans of its sensors, and what is wrong with where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from typing import Final
+
+from skyrange.assembly.acts.honest_arm import HonestAircraft, park
+from skyrange.city.city import City
+from skyrange.core.chance import Chance
+from skyrange.core.errors import Problem
+from skyrange.core.ids import vehicle_id
+from skyrange.optics.mounted_sensors import MountedSensor
+from skyrange.optics.ray_index import RayIndex, build_ray_index
+from skyrange.optics.reflectivity import make_surfaces
+from skyrange.optics.scanner import Scanner, Scene, Shape
+from skyrange.scenario.model.fleet import Vehicle
+from skyrange.scenario.model.optics import Optics, OpticalSensor, count_rays
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.world.airframes import AIRFRAMES, Airframe
+
+_CUBE: Final = 1.05
+"""Drag coefficient by which the side of an airframe's box became its drag area (`world.airframes`)."""
+_CLEAR_M: Final = 0.05
+"""How far outside the cylinder of the aircraft a sensor is by default."""
+_DOWN_DEG: Final = -45.0
+"""A sensor that looks down more than this is in front of the aircraft by default, otherwise on top."""
+_BYTES_PER_RAY: Final = 2
+_WORTH_SAYING: Final = 100e6
+"""Bytes of scans in a run from which on it is said before."""
+
+
+def list_sensors(scenario: Scenario) -> list[MountedSensor]:
+    """The sensors of all aircraft, in the order of the fleet."""
+    return [
+        mount_sensor(vehicle_id(operator.id, vehicle.id), vehicle, sensor, number)
+        for operator, vehicle in scenario.fleet
+        for number, sensor in enumerate(vehicle.sensors)
+    ]
+
+
+def mount_sensor(key: str, vehicle: Vehicle, sensor: OpticalSensor, number: int) -> MountedSensor:
+    """A sensor of the aircraft `key`, the `number`-th that it has."""
+    return MountedSensor(
+        key,
+        sensor.id,
+        number,
+        sensor.make(),
+        sensor.place_m or _default_place(AIRFRAMES[vehicle.airframe], sensor),
+        sensor.yaw_deg,
+        sensor.pitch_deg,
+        sensor.stabilised,
+    )
+
+
+def _default_place(airframe: Airframe, sensor: OpticalSensor) -> tuple[float, float, float]:
+    if sensor.pitch_deg <= _DOWN_DEG:
+        return (airframe.radius_m + _CLEAR_M, 0.0, _CLEAR_M)
+    return (0.0, 0.0, airframe.height_m + _CLEAR_M)
+
+
+def build_scanner(
+    scenario: Scenario, city: City | None, honest: Sequence[HonestAircraft], sensors: Sequence[MountedSensor]
+) -> Scanner | None:
+    """The agent that makes all scans; None without sensors."""
+    if not sensors:
+        return None
+    optics = scenario.optics or Optics()
+    airframes = {vehicle_id(o.id, v.id): v.airframe for o, v in scenario.fleet}
+    airframes |= {body.vehicle: body.airframe for body in park(honest, scenario, 0)[0]}
+    shapes = {key: find_shape(AIRFRAMES[name], optics.shape) for key, name in airframes.items()}
+    surfaces = make_surfaces(optics.ground, optics.walls, optics.aircraft)
+    scene = Scene(index_city(city), surfaces, optics.weather)
+    return Scanner(sensors, shapes, scene, Chance(scenario.seed), recording=True)
+
+
+@lru_cache(maxsize=4)
+def index_city(city: City | None) -> RayIndex:
+    """The surfaces of a city for rays. Those of the last cities are kept."""
+    return build_ray_index() if city is None else build_ray_index(city.walls())
+
+
+def find_shape(airframe: Airframe, shape: str) -> Shape:
+    """An aircraft as light meets it: the `outline` of collisions, or the `body`."""
+    if shape == "outline":
+        return Shape(airframe.radius_m, airframe.height_m, 0.0)
+    width_m = 2.0 * airframe.gear_half_track_m
+    height_m = min(airframe.drag_area_m2 / _CUBE / width_m, airframe.height_m)
+    return Shape(0.5 * width_m, height_m, airframe.height_m - height_m)
+
+
+def check_sensors(scenario: Scenario) -> Iterator[Problem]:
+    """Sensors inside the cylinder that encloses their aircraft."""
+    for operator, vehicle in scenario.fleet:
+        airframe = AIRFRAMES[vehicle.airframe]
+        for sensor in vehicle.sensors:
+            if sensor.place_m is None:
+                continue
+            forward, left, up = sensor.place_m
+            inside = forward * forward + left * left < airframe.radius_m * airframe.radius_m
+            if inside and 0.0 <= up < airframe.height_m:
+                where = f"{vehicle_id(operator.id, vehicle.id)}.sensors.{sensor.id}.place_m"
+                expected = (
+                    f"a place outside the cylinder that encloses the {vehicle.airframe}: {airframe.radius_m:.3g} m "
+                    f"from its axis, or not between 0 and {airframe.height_m:.3g} m up"
+                )
+                yield Problem(where, f"[{forward:g}, {left:g}, {up:g}] m", expected, "Omit place_m for a usual place.")
+
+
+def describe_scans(scenario: Scenario, sensors: Sequence[MountedSensor]) -> list[str]:
+    """A line about how much the scans of a run are, if they are much."""
+    total = sum(scan_bytes_per_s(sensor) for sensor in sensors) * float(scenario.duration_s)
+    if total < _WORTH_SAYING or scenario.record.level != "full":
+        return []
+    number = f"{len(sensors)} sensor" + ("s" if len(sensors) > 1 else "")
+    return [f"{number}: {total / 1e9:.1f} GB of scans before compression; level = 'study' in [record] keeps none"]
+
+
+def scan_bytes_per_s(sensor: MountedSensor) -> float:
+    """Bytes of the scans of a sensor in a second."""
+    return _BYTES_PER_RAY * count_rays(sensor.model) * sensor.model.pattern.rate_hz
