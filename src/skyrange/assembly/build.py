@@ -180,7 +180,8 @@ def build(
         else (None, [])
     )
     sensors = list_sensors(scenario)
-    scanner = build_scanner(scenario, city, park(made.aircraft, scenario, 0)[0], sensors) if whole else None
+    parked = park(made.aircraft, scenario, 0)[0]
+    scanner = build_scanner(scenario, city, parked, sensors, flown) if whole else None
     agents: list[Agent] = [a for service in approvals for a in service.agents] if APPROVAL in here else []
     over_sik = {link.name for link in over_air.sik}
     for operator in scenario.operators:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Container, Iterator, Sequence
 from typing import Final
 
 from skyrange.city.city import City
@@ -72,11 +73,16 @@ def _default_place(airframe: Airframe, sensor: OpticalSensor) -> tuple[float, fl
 
 
 def build_scanner(
-    scenario: Scenario, city: City | None, parked: Sequence[Body], sensors: Sequence[MountedSensor]
+    scenario: Scenario,
+    city: City | None,
+    parked: Sequence[Body],
+    sensors: Sequence[MountedSensor],
+    flown: Container[str] | None = None,
 ) -> Scanner | None:
     """The agent that makes all scans; None without sensors.
 
-    `parked` are the bodies that no vehicle of the scenario has.
+    `parked` are the bodies that no vehicle of the scenario has. With `flown` it makes those of these vehicles only, but
+    as often as that of all.
     """
     if not sensors:
         return None
@@ -86,7 +92,9 @@ def build_scanner(
     shapes = {key: find_shape(AIRFRAMES[name], optics.shape) for key, name in airframes.items()}
     surfaces = make_surfaces(optics.ground, optics.walls, optics.aircraft)
     scene = Scene(index_city(city), surfaces, optics.weather)
-    return Scanner(sensors, shapes, scene, Chance(scenario.seed), recording=True)
+    own = [sensor for sensor in sensors if flown is None or sensor.vehicle in flown]
+    period_ns = math.gcd(*(sensor.period_ns for sensor in sensors))
+    return Scanner(own, shapes, scene, Chance(scenario.seed), period_ns, recording=True)
 
 
 def find_shape(airframe: Airframe, shape: str) -> Shape:

@@ -112,15 +112,19 @@ class Scanner:
         shapes: Mapping[str, Shape],
         scene: Scene,
         chance: Chance,
+        period_ns: Time,
         *,
         recording: bool = False,
     ) -> None:
-        """`shapes` are those of all aircraft of the world, by name. `recording` keeps the truth of scans."""
+        """`shapes` are those of all aircraft of the world, by name; scans begin at multiples of `period_ns`.
+
+        `recording` keeps the truth of scans.
+        """
         self.sensors = tuple(sensors)
         vehicles = list(dict.fromkeys(sensor.vehicle for sensor in sensors))
         self.ports: Sequence[Port] = [Port(ENDPOINT, link_name("scan", vehicle)) for vehicle in vehicles]
         self._places = [vehicles.index(sensor.vehicle) for sensor in sensors]
-        self.service_ns: Time = math.gcd(*(sensor.period_ns for sensor in sensors))
+        self.service_ns: Time = period_ns
         self.observe_period_ns: Time = self.service_ns
         self._shape_of = dict(shapes)
         self._scene = _Shared(scene)

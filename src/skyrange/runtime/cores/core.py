@@ -35,6 +35,7 @@ from skyrange.runtime.cores.division import (
 from skyrange.runtime.cores.exchange import CoreFailedError, Member, Topic
 from skyrange.runtime.cores.frame_messages import pack_transits, unpack_transits
 from skyrange.runtime.cores.oracle_replica import OracleReplica, arrive_ahead
+from skyrange.runtime.cores.scanner_replica import ScannerReplica
 from skyrange.runtime.cores.separation import Approach, FleetMotion, Separation
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.scenario.model.scenario import Scenario
@@ -142,7 +143,7 @@ class Core:
         wiring = replace(
             wiring,
             preroll_ns=max(part["preroll_ns"] for part in parts),
-            truth_subscribers=[] if replica is None else [replica],
+            truth_subscribers=[*([] if replica is None else [replica]), *self._share_scanner()],
         )
         self.kernel = Kernel(wiring)
         record = self.built.scenario.record
@@ -294,6 +295,11 @@ class Core:
         ]
         table = _number_links(self.built.wiring.links, {port: place for place, port in enumerate(oracle.ports)})
         return OracleReplica(oracle, self.member, FleetMotion(self._fleet), table, radios, ahead=ahead)
+
+    def _share_scanner(self) -> list[ScannerReplica]:
+        """The scanner of the sensors on this core. Every core takes part, if any has sensors."""
+        scanner = self.built.scanner
+        return [] if scanner is None else [ScannerReplica(scanner, self.member, FleetMotion(self._fleet))]
 
     def _is_own(self, end: str) -> bool:
         """Whether an endpoint is on this core and on no other."""

@@ -227,8 +227,6 @@ def _find_obstacles(scenario: Scenario) -> Iterator[str]:
         yield "real aircraft fly on the tracks that an attack claims"
     if scenario.radio is not None and scenario.radio.plugin is not BUILTIN:
         yield f"the radio engine {scenario.radio.engine} is one program"
-    if any(vehicle.sensors for _, vehicle in scenario.fleet):
-        yield "LiDARs and depth cameras see the aircraft of all cores"
     if any(scenario.over_air(f"gcs:{vehicle_id(operator.id, v.id)}") is not None for operator, v in scenario.fleet):
         yield "control links over the air share one spectrum"
     for kind in sorted({vehicle.autopilot for _, vehicle in scenario.fleet}):
