@@ -315,7 +315,9 @@ def stay_elsewhere(plan: Act) -> Act:
 def _elsewhere(plan: Act) -> Act:
     """An attack as a process has it without the world: taps alone, and of its trigger it is told (`Kernel.begin`)."""
     start = NEVER if plan.trigger is not None or plan.manual else plan.start_ns
-    return replace(plan, agents=(), sensor_hooks=(), body_hooks=(), scan_hooks=(), trigger=None, manual=False, start_ns=start)
+    return replace(
+        plan, agents=(), sensor_hooks=(), body_hooks=(), scan_hooks=(), trigger=None, manual=False, start_ns=start
+    )
 
 
 def _replanning_of(rules: ReplanningRules | None) -> Replanning | None:

@@ -61,14 +61,25 @@ class ScanHook(Protocol):
     and directions, as nature does, to find where light goes. Of two false echoes of a pulse the later hook's counts.
     """
 
-    name: str
-    """The actor in labels; unique among the scan hooks of a run."""
-    vehicles: Sequence[str]
-    """The vehicles whose sensors it acts on."""
-    kinds: Sequence[ScannerKind]
-    """The kinds of sensors that it acts on."""
-    sensor: str | None
-    """Id of the sensor; `None` for all of its kinds."""
+    @property
+    def name(self) -> str:
+        """The actor in labels; unique among the scan hooks of a run."""
+        ...
+
+    @property
+    def vehicles(self) -> Sequence[str]:
+        """The vehicles whose sensors it acts on."""
+        ...
+
+    @property
+    def kinds(self) -> Sequence[ScannerKind]:
+        """The kinds of sensors that it acts on."""
+        ...
+
+    @property
+    def sensor(self) -> str | None:
+        """Id of the sensor; `None` for all of its kinds."""
+        ...
 
     def on_scan(self, now: Time, light: ScanLight) -> bool:
         """Write into the light of a scan that begins at `now`; returns whether it acted, which is then labelled."""

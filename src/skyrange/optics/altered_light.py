@@ -27,8 +27,8 @@ from skyrange.optics.sensor_models import LidarModel
 from skyrange.optics.sensor_poses import SensorPose
 
 FALSE_STRENGTH: Final = 1_000.0
-"""Power of a false echo over that of the reference (assumed: the power of a laser falls with the square of the distance,
-that of an echo with its fourth power and with the reflectivity)."""
+"""Power of a false echo over that of the reference (assumed: an echo has the power of the part of a beam that a
+surface reflects and a small aperture receives, a laser that is aimed at the aperture has much more)."""
 CLEAR: Final = 0.5
 """Share of the light below which a pixel of a camera has no depth (assumed)."""
 _MOST_LOSS: Final = 300.0

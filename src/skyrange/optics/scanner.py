@@ -220,7 +220,7 @@ class Scanner:
         rays = make_pulse_rays(firing, pose, own=own)
         light = self._alter_light(now, sensor, firing, pose, rays)
         if isinstance(model, LidarModel):
-            returns = self._find_returns(model, firing, pose, rays, fleet.targets, address, light)
+            returns = self._find_returns(model, firing, pose, rays, fleet.targets, address, light=light)
             steps, kind, met, is_false = returns.steps, returns.kind, returns.row, returns.is_false
         else:
             steps, kind, met = self._find_depths(model, rays, fleet.targets, address, light)
@@ -256,6 +256,7 @@ class Scanner:
         rays: Rays,
         targets: Targets,
         address: Address,
+        *,
         light: ScanLight | None,
     ) -> Returns:
         index, surfaces, weather = self._scene.value

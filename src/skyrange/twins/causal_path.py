@@ -144,7 +144,8 @@ def _begin(
             step = Step(to_seconds(note.time_ns), layer, root["attack"], f"stage {note.data.get('stage')}")
             before = path.add(step, before)
     role = str(root["link"]).partition(":")[0]
-    action = f"{_ACTS.get(root['kind'], root['kind'])} {role if root['kind'] in ('sensor', 'body', 'scan') else root['link']}"
+    what = role if root["kind"] in ("sensor", "body", "scan") else root["link"]
+    action = f"{_ACTS.get(root['kind'], root['kind'])} {what}"
     return path.add(Step(to_seconds(root["at_ns"]), layer, root["attack"], action), before)
 
 

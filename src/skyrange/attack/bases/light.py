@@ -8,7 +8,7 @@ for each scan, and by what the aircraft flies across the line of sight within th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, pi, radians, sqrt
+from math import pi, radians, sqrt
 from typing import ClassVar, Final
 
 import numpy as np
@@ -100,8 +100,8 @@ class LightsSensor(AltersLight):
         "Distance in metres up to which its light is strong enough.", default=100.0, gt=0, le=10_000
     )
     reach_deg: Number = param(
-        "Angular reach: width in degrees of the cone around the direction to the light, in which the sensor's pulses are "
-        "affected.",
+        "Angular reach: width in degrees of the cone around the direction to the light, in which "
+        "the sensor's pulses are affected.",
         default=10.0, gt=0, le=180,
     )  # fmt: skip
     aperture_m: Number = param("Width in metres of the beam where it leaves the source.", default=0.01, gt=0, le=1)
@@ -146,7 +146,9 @@ class LightsSensor(AltersLight):
     def find_lit(self, light: ScanLight, reach_deg: float) -> Mask:
         """(n,): which pulses look at the light, within half of `reach_deg`."""
         way = np.array(self.at) - light.origin
-        along = light.direction[:, 0] * way[:, 0] + light.direction[:, 1] * way[:, 1] + light.direction[:, 2] * way[:, 2]
+        along = (
+            light.direction[:, 0] * way[:, 0] + light.direction[:, 1] * way[:, 1] + light.direction[:, 2] * way[:, 2]
+        )
         return np.asarray(along >= elementary.cos(0.5 * radians(reach_deg)) * elementwise.length(way))
 
     def hits_window(self, now: Time, light: ScanLight) -> bool:
@@ -176,8 +178,9 @@ class LightsSensor(AltersLight):
         return elementwise.length(np.array(self.at) - light.origin[pulses])
 
 
-def even_choice(rows: NDArray[np.int64], most: float) -> NDArray[np.int64]:
+def even_choice(rows: NDArray[np.int64], most: int) -> NDArray[np.int64]:
     """At most so many of some rows, evenly spread over them."""
-    if len(rows) <= most or most == inf:
+    if len(rows) <= most:
         return rows
-    return rows[np.floor(np.arange(int(most)) * (len(rows) / int(most))).astype(np.int64)]
+    chosen = np.floor(np.arange(most) * (len(rows) / most)).astype(np.int64)
+    return np.asarray(rows[chosen])

@@ -23,8 +23,8 @@ class SendsPulses(LightsSensor):
     """Sends pulses that a LiDAR takes for echoes of its own, at distances that depend on their time."""
 
     generation: Generation = param(
-        "Generation of the LiDAR. first: its pulses come at known times; randomised: at random times; fingerprint: each "
-        "carries a code.",
+        "Generation of the LiDAR. first: its pulses come at known times; randomised: at random times; fingerprint: "
+        "each carries a code.",
         default="first",
     )
     jitter_ns: Number = param(

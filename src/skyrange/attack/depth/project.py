@@ -48,7 +48,9 @@ class Project(LightsSensor):
         "Aiming error in milliradians, one standard deviation on each of two axes, new for each image.",
         default=20.0, ge=0, le=1_000,
     )  # fmt: skip
-    depth_m: sky.Number = sky.param("The false depth along the axis of the camera in metres.", default=2.0, gt=0, le=100)
+    depth_m: sky.Number = sky.param(
+        "The false depth along the axis of the camera in metres.", default=2.0, gt=0, le=100
+    )
 
     def shine(self, now: sky.Time, light: sky.ScanLight, pulses: NDArray[np.int64]) -> None:
         """Give the pixels a false depth."""

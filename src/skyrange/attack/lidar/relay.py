@@ -34,8 +34,8 @@ def _open_sky() -> RayIndex:
         "returns": "simulated: the echoes of an upright cylinder for the pulses of the scan, with the sensor's noise",
         "principle": "cited: relay with a delay (Petit et al., Black Hat Europe 2015, on an IBEO LUX 3); points nearer "
         "than the attacker (Shin et al., Illusion and Dazzle, CHES 2017, on a VLP-16)",
-        "number of points": "cited: about 60 reliable ones (Cao et al., CCS 2019), at most 200 within 10 degrees (Sun et "
-        "al., USENIX Security 2020); thousands with later equipment (Sato et al., NDSS 2024)",
+        "number of points": "cited: about 60 reliable ones (Cao et al., CCS 2019), at most 200 within 10 degrees (Sun "
+        "et al., USENIX Security 2020); thousands with later equipment (Sato et al., NDSS 2024)",
         "generations": "cited: random times of pulses and fingerprints hinder chosen points (Sato et al., NDSS "
         "2024); assumed: span of the times and share that is accepted",
         "strength": "assumed: stronger than any true echo within `range_m`",
@@ -51,13 +51,16 @@ class Relay(SendsPulses):
         "Place of the false object at the start of the attack: centre of its bottom, [east_m, north_m, up_m] in metres "
         "from the origin or the attack's anchor."
     )
-    velocity_mps: sky.Enu = sky.param("Velocity of the false object, [east, north, up] in m/s.", default=(0.0, 0.0, 0.0))
+    velocity_mps: sky.Enu = sky.param(
+        "Velocity of the false object, [east, north, up] in m/s.", default=(0.0, 0.0, 0.0)
+    )
     radius_m: sky.Number = sky.param("Radius of the false object in metres.", default=0.3, gt=0, le=100)
     height_m: sky.Number = sky.param("Height of the false object in metres.", default=0.3, gt=0, le=100)
     points: sky.Whole = sky.param("Points that it can place in a scan at most.", default=200, ge=1, le=1_000_000)
     delay_ns: sky.Number | None = sky.param(
-        "Least delay in nanoseconds of a relay that answers the pulses it receives: its points are only in the direction "
-        "to itself, and farther than itself. Default: pulses at predicted times, which may be anywhere within reach_deg.",
+        "Least delay in nanoseconds of a relay that answers the pulses it receives: its points are only in the "
+        "direction to itself, and farther than itself. Default: pulses at predicted times, anywhere within "
+        "`reach_deg`.",
         default=None, ge=0, le=1e6,
     )  # fmt: skip
     seen_deg: sky.Number = sky.param(
@@ -85,5 +88,7 @@ class Relay(SendsPulses):
         velocity = np.array([self.velocity_mps])
         place = np.array([self.object_m]) + since_s * velocity
         target = place_targets(_open_sky(), place, velocity, np.array([self.radius_m]), np.array([self.height_m]))
-        rays = Rays(light.origin[pulses], light.direction[pulses], light.delay_s[pulses], np.full(len(pulses), -1, np.int32))
+        rays = Rays(
+            light.origin[pulses], light.direction[pulses], light.delay_s[pulses], np.full(len(pulses), -1, np.int32)
+        )
         return cast_rays(_open_sky(), rays, light.reach_m, target).distance_m

@@ -26,7 +26,7 @@ from skyrange.attack.bases.pulses import SendsPulses
         "al., You Can't See Me, USENIX Security 2023, on a VLP-16)",
         "share and reach": "cited: 90 % of the points of an obstacle, and 45 degrees (the same)",
         "high frequency": "cited: many pulses randomise the point cloud and hide authentic returns (Sato et al., NDSS "
-        "2024; Yoshida et al., arXiv 2604.00371, 2026); assumed: the returned one is any of them with equal probability",
+        "2024; Yoshida et al., arXiv 2604.00371, 2026); assumed: the returned one is any of them with the same odds",
         "generations": "cited: against random times of pulses only high_frequency works (Sato et al.); "
         "assumed: span of the times and share of a fingerprint",
         "aim at an aircraft": "assumed: beam, aiming error and delay of the tracking; not shown on aircraft: all cited "
@@ -42,14 +42,12 @@ class Remove(SendsPulses):
         default=45.0, gt=0, le=180,
     )  # fmt: skip
     method: Literal["near", "high_frequency"] = sky.param(
-        "near: an echo that is too near to be returned, for each pulse; high_frequency: pulses at a high rate, whatever "
-        "the times of the LiDAR's are.",
+        "near: an echo that is too near to be returned, for each pulse; high_frequency: pulses at a high rate, "
+        "whatever the times of the LiDAR's are.",
         default="near",
     )
     share: sky.Number = sky.param("Share of the pulses within reach that are met.", default=0.9, gt=0, le=1)
-    rate_mhz: sky.Number = sky.param(
-        "Of high_frequency: pulses in a microsecond.", default=1.0, gt=0, le=1_000
-    )
+    rate_mhz: sky.Number = sky.param("Of high_frequency: pulses in a microsecond.", default=1.0, gt=0, le=1_000)
 
     def shine(self, now: sky.Time, light: sky.ScanLight, pulses: NDArray[np.int64]) -> None:
         """Send a false echo before the true one, or many of them."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
 from math import ceil
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 import skyrange.plugin as sky
 from skyrange.attack.bases.light import AltersLight
@@ -20,8 +20,8 @@ STREAM: Final = "fault.lens_dirt"
     surface=("lidar", "depth"),
     effect="the sensor sees nothing through some parts of its window, and less far through the rest",
     cause="dust, mud, insects or drops on the window",
-    not_modelled="light that dirt scatters back, which makes false returns close by; distortion by drops; dirt that the "
-    "air carries away",
+    not_modelled="light that dirt scatters back, which makes false returns close by; distortion by drops; dirt that "
+    "the air carries away",
     realism={
         "spots": "assumed: squares of `spot_deg` in azimuth and elevation, blocked whole and at random",
         "film": "assumed: one share of the power for the rest of the field, on the ways out and back together",
@@ -67,8 +67,8 @@ class Dirt(AltersLight):
         light.transmission[dirty] *= share[dirty]
         return bool(dirty.any())
 
-    def _is_blocked(self, light: sky.ScanLight, cells: sky.Ints) -> sky.Floats:
+    def _is_blocked(self, light: sky.ScanLight, cells: sky.Ints) -> NDArray[np.bool_]:
         """(n,): whether each of these parts of the window is a spot; the same in all scans."""
         found, back = np.unique(cells, return_inverse=True)
         draws = self.draw(STREAM, light, 0, found)[:, 0]
-        return (draws < self.blocked)[back]
+        return np.asarray((draws < self.blocked)[back])

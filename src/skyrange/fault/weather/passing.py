@@ -14,7 +14,9 @@ class PassingWeather(AltersLight):
 
     needs: ClassVar[tuple[str, ...]] = ("weather",)
 
-    vehicles: Any = sky.param("Aircraft that it meets, such as ['blue/b1']. Default: all of the scenario.", default=None)
+    vehicles: Any = sky.param(
+        "Aircraft that it meets, such as ['blue/b1']. Default: all of the scenario.", default=None
+    )
     ramp_s: sky.Number = sky.param(
         "Time in seconds in which it rises after the start, and falls before the stop; 0 is at once.",
         default=10.0, ge=0, le=3_600,

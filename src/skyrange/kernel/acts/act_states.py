@@ -228,7 +228,9 @@ class ActCounter:
         return FrameId(link, "fwd", fault.name, serial)
 
 
-def check_faults(sort: str, owned: Sequence[tuple[ActState, SensorHook | BodyHook | ScanHook]], vehicles: Sequence[str]) -> None:
+def check_faults(
+    sort: str, owned: Sequence[tuple[ActState, SensorHook | BodyHook | ScanHook]], vehicles: Sequence[str]
+) -> None:
     """Raise `InputError` for a name used twice, a vehicle named twice, or one that is not in `vehicles`."""
     problems = []
     seen: set[str] = set()
