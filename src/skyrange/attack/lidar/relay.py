@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import skyrange.plugin as sky
 from skyrange.attack.bases.light import LIGHT_M_PER_NS, even_choice
 from skyrange.attack.bases.pulses import SendsPulses
-from skyrange.optics.ray_casting import Rays, cast_rays
+from skyrange.optics.ray_casting import AIRCRAFT, Rays, cast_rays
 from skyrange.optics.ray_index import RayIndex, build_ray_index
 from skyrange.optics.targets import place_targets
 
@@ -34,8 +34,8 @@ def _open_sky() -> RayIndex:
         "returns": "simulated: the echoes of an upright cylinder for the pulses of the scan, with the sensor's noise",
         "principle": "cited: relay with a delay (Petit et al., Black Hat Europe 2015, on an IBEO LUX 3); points nearer "
         "than the attacker (Shin et al., Illusion and Dazzle, CHES 2017, on a VLP-16)",
-        "number of points": "cited: about 60 reliable ones (Cao et al., CCS 2019), at most 200 within 10 degrees (Sun "
-        "et al., USENIX Security 2020); thousands with later equipment (Sato et al., NDSS 2024)",
+        "number of points": "cited: about 60 reliable ones (Cao et al., CCS 2019), at most 200 (Sun et al., USENIX "
+        "Security 2020); thousands with later equipment (Sato et al., NDSS 2024); assumed: `reach_deg`",
         "generations": "cited: random times of pulses and fingerprints hinder chosen points (Sato et al., NDSS "
         "2024); assumed: span of the times and share that is accepted",
         "strength": "assumed: stronger than any true echo within `range_m`",
@@ -91,4 +91,5 @@ class Relay(SendsPulses):
         rays = Rays(
             light.origin[pulses], light.direction[pulses], light.delay_s[pulses], np.full(len(pulses), -1, np.int32)
         )
-        return cast_rays(_open_sky(), rays, light.reach_m, target).distance_m
+        hits = cast_rays(_open_sky(), rays, light.reach_m, target)
+        return np.where(hits.kind == AIRCRAFT, hits.distance_m, np.inf)  # else the ground

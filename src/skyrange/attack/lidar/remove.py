@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import ceil
 from typing import Literal
 
 import numpy as np
@@ -25,6 +24,7 @@ from skyrange.attack.bases.pulses import SendsPulses
         "principle": "cited: echoes nearer than what the LiDAR returns replace the true ones and are discarded (Cao et "
         "al., You Can't See Me, USENIX Security 2023, on a VLP-16)",
         "share and reach": "cited: 90 % of the points of an obstacle, and 45 degrees (the same)",
+        "distance": "cited: from no more than 15 feet beside a road (Cao et al.); assumed: `range_m` of 100 m",
         "high frequency": "cited: many pulses randomise the point cloud and hide authentic returns (Sato et al., NDSS "
         "2024; Yoshida et al., arXiv 2604.00371, 2026); assumed: the returned one is any of them with the same odds",
         "generations": "cited: against random times of pulses only high_frequency works (Sato et al.); "
@@ -60,7 +60,8 @@ class Remove(SendsPulses):
             taken = np.where(np.isnan(taken) & (self.generation == "first"), 0.5 * light.near_m, taken)
         else:
             apart_m = 0.5 * LIGHT_M_PER_NS * 1e3 / self.rate_mhz
-            number = np.floor(draws[:, 2] * max(ceil(light.reach_m / apart_m), 1))
-            taken = self.refuse(apart_m * (draws[:, 1] + number), draws[:, 3])
+            first_m = apart_m * draws[:, 1]
+            later = np.maximum(np.floor((light.reach_m - first_m) / apart_m), 0.0)  # further ones within its reach
+            taken = self.refuse(first_m + apart_m * np.floor(draws[:, 2] * (later + 1.0)), draws[:, 3])
         told = taken <= light.reach_m
         light.false_echo_m[pulses[told]] = taken[told]
