@@ -310,13 +310,15 @@ def list_acts(scenario: Scenario) -> Acts:
 
 def stay_elsewhere(plan: Act) -> Act:
     """An attack as a process has it in which only some of its taps are; another one notes when it begins and ends."""
-    return replace(plan, agents=(), sensor_hooks=(), body_hooks=(), noted=False)
+    return replace(plan, agents=(), sensor_hooks=(), body_hooks=(), scan_hooks=(), noted=False)
 
 
 def _elsewhere(plan: Act) -> Act:
     """An attack as a process has it without the world: taps alone, and of its trigger it is told (`Kernel.begin`)."""
     start = NEVER if plan.trigger is not None or plan.manual else plan.start_ns
-    return replace(plan, agents=(), sensor_hooks=(), body_hooks=(), trigger=None, manual=False, start_ns=start)
+    return replace(
+        plan, agents=(), sensor_hooks=(), body_hooks=(), scan_hooks=(), trigger=None, manual=False, start_ns=start
+    )
 
 
 def _replanning_of(rules: ReplanningRules | None) -> Replanning | None:

@@ -20,16 +20,18 @@ from numpy.typing import NDArray
 from skyrange.codec.range_scans import RangeScan, pack_scan
 from skyrange.contracts.components import World
 from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.scan_light import SCANNER_KINDS, LightSource, ScanLight
 from skyrange.core import elementary, elementary_python
 from skyrange.core.arrays import Floats
 from skyrange.core.chance import Chance
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import Port, hash64, link_name
 from skyrange.core.time import NS_PER_S, Time
+from skyrange.optics.altered_light import alter_hits, alter_pixels, find_forged, shine
 from skyrange.optics.depth_images import make_depth_image
 from skyrange.optics.extinction import Weather
 from skyrange.optics.mounted_sensors import MountedSensor, list_pulses
-from skyrange.optics.ray_casting import AIRCRAFT, Rays, cast_rays
+from skyrange.optics.ray_casting import AIRCRAFT, NONE, Rays, cast_rays
 from skyrange.optics.ray_index import RayIndex
 from skyrange.optics.reflectivity import Surfaces
 from skyrange.optics.returns import Address, Returns, find_returns
@@ -79,6 +81,8 @@ class ScanTruth(NamedTuple):
     """(n,): building, or aircraft in the order of `Scanner.vehicles`; -1 for others."""
     is_false: NDArray[np.bool_]
     """(n,): whether the distance is noise."""
+    is_forged: NDArray[np.bool_]
+    """(n,): whether the distance is that of a false echo of an attack or a fault; what is met is then unknown."""
 
 
 @dataclass(slots=True)
@@ -136,6 +140,7 @@ class Scanner:
         self._shapes = np.empty((0, 3))
         self._recording = recording
         self._truths: list[ScanTruth] = []
+        self._light: LightSource | None = None
 
     # --- the contract --------------------------------------------------------------------------------
 
@@ -180,6 +185,10 @@ class Scanner:
         self._waiting = [waiting for waiting in self._waiting if waiting.due > now]
         return out
 
+    def attach_light(self, light: LightSource) -> None:
+        """See `contracts.scan_light.ScanMaker`."""
+        self._light = light
+
     def drain_truths(self) -> Sequence[ScanTruth]:
         """The truth of the scans since the last call, if `recording`."""
         truths, self._truths = self._truths, []
@@ -212,11 +221,13 @@ class Scanner:
         firing = sensor.list_rays(scan)
         own = int(fleet.target_of[row])
         model = sensor.model
+        rays = make_pulse_rays(firing, pose, own=own)
+        light = self._alter_light(now, sensor, firing, pose, rays)
         if isinstance(model, LidarModel):
-            returns = self._find_returns(model, firing, pose, own, fleet.targets, address)
+            returns = self._find_returns(model, firing, pose, rays, fleet.targets, address, light=light)
             steps, kind, met, is_false = returns.steps, returns.kind, returns.row, returns.is_false
         else:
-            steps, kind, met = self._find_depths(model, firing, pose, own, fleet.targets, address)
+            steps, kind, met = self._find_depths(model, rays, fleet.targets, address, light)
             is_false = np.zeros(len(steps), dtype=np.bool_)
         estimate = _multiply(self._errors[number], pose.attitude)
         said = RangeScan(sensor.kind, sensor.number, scan, model.resolution_m, now, estimate, steps)
@@ -226,21 +237,45 @@ class Scanner:
             is_aircraft = kind == AIRCRAFT
             met = met.copy()
             met[is_aircraft] = fleet.row_of[met[is_aircraft]]
-            self._truths.append(ScanTruth(due, sensor.vehicle, sensor.id, scan, kind, met, is_false))
+            is_forged = np.zeros(len(steps), np.bool_) if light is None else find_forged(steps, light) & ~is_false
+            kind, met = np.where(is_forged, np.uint8(NONE), kind), np.where(is_forged, np.int32(-1), met)
+            self._truths.append(ScanTruth(due, sensor.vehicle, sensor.id, scan, kind, met, is_false, is_forged))
+
+    def _alter_light(
+        self, now: Time, sensor: MountedSensor, firing: Firing, pose: SensorPose, rays: Rays
+    ) -> ScanLight | None:
+        """The light of a scan as attacks and faults have altered it; None where none ever does."""
+        hooks, kind = self._light, SCANNER_KINDS[sensor.kind]
+        if hooks is None or not hooks.has_hooks(sensor.vehicle, kind):
+            return None
+        light = shine(self._scene.value.city, sensor, firing, pose, rays)
+        hooks.alter(now, light)
+        return light
 
     def _find_returns(
-        self, model: LidarModel, firing: Firing, pose: SensorPose, own: int, targets: Targets, address: Address
+        self,
+        model: LidarModel,
+        firing: Firing,
+        pose: SensorPose,
+        rays: Rays,
+        targets: Targets,
+        address: Address,
+        *,
+        light: ScanLight | None,
     ) -> Returns:
         index, surfaces, weather = self._scene.value
-        rays = make_pulse_rays(firing, pose, own=own)
+        own = int(rays.own[0])
         near = _pass_aircraft(rays, targets, own, model)
-        returns = find_returns(
-            model, firing, cast_rays(index, rays, model.reach_m, targets), surfaces, weather, address
-        )
+        met = cast_rays(index, rays, model.reach_m, targets)
+        if light is not None:
+            met = alter_hits(met, light, np.arange(len(near)), model, surfaces, weather)
+        returns = find_returns(model, firing, met, surfaces, weather, address)
         if near.any():
             some = choose_rays(firing, near)
             beam = sample_footprint(model, SAMPLES, SAMPLES)
             hits = cast_rays(index, make_pulse_rays(some, pose, beam, own), model.reach_m, targets)
+            if light is not None:
+                hits = alter_hits(hits, light, np.flatnonzero(near), model, surfaces, weather)
             sampled = find_returns(model, some, hits, surfaces, weather, address)
             returns.steps[near], returns.signal[near] = sampled.steps, sampled.signal
             returns.kind[near], returns.row[near] = sampled.kind, sampled.row
@@ -248,11 +283,12 @@ class Scanner:
         return returns
 
     def _find_depths(
-        self, model: DepthCameraModel, firing: Firing, pose: SensorPose, own: int, targets: Targets, address: Address
+        self, model: DepthCameraModel, rays: Rays, targets: Targets, address: Address, light: ScanLight | None
     ) -> tuple[NDArray[np.uint16], NDArray[np.uint8], NDArray[np.int32]]:
-        rays = make_pulse_rays(firing, pose, own=own)
         # a pixel at the edge of the image is farther away than its depth along the axis
         hits = cast_rays(self._scene.value.city, rays, 2.0 * model.reach_m, targets)
+        if light is not None:
+            hits = alter_pixels(hits, light)
         image = make_depth_image(model, list_pulses(model.pattern, 0), hits, address)
         return image.steps.reshape(-1), image.kind.reshape(-1), image.row.reshape(-1)
 

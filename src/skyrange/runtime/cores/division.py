@@ -71,7 +71,8 @@ def keep_own_acts(wiring: Wiring, divisible: Container[str]) -> Wiring:
 
 def _is_divisible(plan: Act, taps: Sequence[TapPlacement]) -> bool:
     alone = plan.trigger is None and not plan.manual and not plan.one_process and not plan.is_defence
-    return alone and not plan.sensor_hooks and not plan.body_hooks and all(tap.side != ORACLE for tap in taps)
+    hooked = plan.sensor_hooks or plan.body_hooks or plan.scan_hooks
+    return alone and not hooked and all(tap.side != ORACLE for tap in taps)
 
 
 def _list_vehicles(plan: Act) -> Iterator[str]:
@@ -80,6 +81,8 @@ def _list_vehicles(plan: Act) -> Iterator[str]:
         yield from fault.vehicles
     for body_fault in plan.body_hooks:
         yield from body_fault.vehicles
+    for scan_hook in plan.scan_hooks:
+        yield from scan_hook.vehicles
     if plan.trigger is not None:
         yield from plan.trigger.vehicles
 
