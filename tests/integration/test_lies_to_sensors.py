@@ -55,7 +55,7 @@ class Scans(NamedTuple):
     origin: NDArray[np.float64]
 
     def distances(self, number: int) -> NDArray[np.float64]:
-        return self.scans[number].steps * self.scans[number].resolution_m
+        return self.scans[number].steps.astype(np.float64) * self.scans[number].resolution_m
 
     def cone(self, place: Sequence[float], width_deg: float) -> NDArray[np.bool_]:
         """The pulses within a cone around the direction to a place."""

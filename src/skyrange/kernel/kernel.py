@@ -403,8 +403,8 @@ class Kernel:
                 assert part is not None
                 subscriber.observe(now, part)
         for run in self._lit:
-            for attack, hook, act in run.scan_hooks.take_acts():
-                run.observers.label_fault_act(now, attack, hook.name, "scan", act)
+            for began, attack, hook, act in run.scan_hooks.take_acts():
+                run.observers.label_fault_act(began, attack, hook.name, "scan", act)
         if self._shared_hooks is not None:
             for place, acts in self._shared_hooks.apply(now, world):
                 _report_sensor_acts(now, self._hooked[place], acts)

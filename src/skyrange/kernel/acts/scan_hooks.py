@@ -11,7 +11,8 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
 from skyrange.kernel.acts.act_states import ActCounter, ActState, check_faults, takes_effect
 
-ScanAct = tuple[ActState, ScanHook, FrameId]
+ScanAct = tuple[Time, ActState, ScanHook, FrameId]
+"""When the scan began, the act, its hook, and the act's own id."""
 
 
 class ScanHookInjector:
@@ -45,7 +46,7 @@ class ScanHookInjector:
             except Exception as error:
                 raise attribute_error(f"scan hook {hook.name}", now, error) from error
             if acted:
-                self._acts.append((attack, hook, self._counter.number(hook, light.vehicle, light.kind)))
+                self._acts.append((now, attack, hook, self._counter.number(hook, light.vehicle, light.kind)))
 
     def take_acts(self) -> list[ScanAct]:
         """Each act since the last call, by an id of its own."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from skyrange.contracts.components import Floats, World
 from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.scan_light import LightSource
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
 from skyrange.optics.scanner import Scanner, ScanTruth
@@ -58,6 +59,10 @@ class ScannerReplica:
         self._motion.update(self._member.collect(Topic.SCANS, now))
         self._scanner.observe(now, cast("World", _FleetView(self._motion, self._member.number, self._own)))
         return self._scanner.step(now, inbox)
+
+    def attach_light(self, light: LightSource) -> None:
+        """As of `Scanner`."""
+        self._scanner.attach_light(light)
 
     def drain_truths(self) -> Sequence[ScanTruth]:
         """As of `Scanner`."""
