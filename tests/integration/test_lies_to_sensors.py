@@ -19,6 +19,7 @@ from skyrange.kernel import Kernel
 from skyrange.optics.mounted_sensors import list_pulses
 from skyrange.record import RunRecord, load
 from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.shipped import load as load_example
 from skyrange.study.execution.flight import fly_runs
 from skyrange.study.execution.plan import PlannedRun
 
@@ -55,7 +56,7 @@ class Scans(NamedTuple):
     origin: NDArray[np.float64]
 
     def distances(self, number: int) -> NDArray[np.float64]:
-        return self.scans[number].steps.astype(np.float64) * self.scans[number].resolution_m
+        return np.asarray(self.scans[number].steps * self.scans[number].resolution_m, dtype=np.float64)
 
     def cone(self, place: Sequence[float], width_deg: float) -> NDArray[np.bool_]:
         """The pulses within a cone around the direction to a place."""
@@ -341,3 +342,24 @@ def test_an_aircraft_without_the_sensor_is_named_before_the_run() -> None:
     bare = PARKED[: PARKED.index("sensors =")]
     with pytest.raises(InputError, match="vehicles: blue/b1 — expected an aircraft with a LiDAR"):
         build(Scenario.from_toml(bare + act("lidar.blind", at(LASER))))
+
+
+@pytest.mark.rotating
+@pytest.mark.parametrize("kind", ["lidar.relay", "lidar.remove", "lidar.blind"])
+def test_an_aircraft_that_believes_its_lidar_is_led_by_the_lie(kind: str, tmp_path: Path) -> None:
+    """The shipped examples: it avoids what is not there, or does not avoid in time what is."""
+    attack = load_example(kind).attacks[0].id
+    runs = {
+        name: skyrange.run(load_example(kind, changes), tmp_path / name)
+        for name, changes in (("lied", []), ("muted", [f"attacks.{attack}.muted=true"]))
+    }
+    avoided = {
+        name: [row["time_ns"] for row in run.table("decisions").to_pylist() if row["kind"] == "decision.avoid"]
+        for name, run in runs.items()
+    }
+    if kind == "lidar.relay":
+        assert avoided["lied"]
+        assert not avoided["muted"]
+    else:
+        assert avoided["muted"]
+        assert not avoided["lied"] or avoided["lied"][0] > avoided["muted"][0] + 5 * NS_PER_S
