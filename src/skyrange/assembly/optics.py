@@ -26,7 +26,8 @@ _CLEAR_M: Final = 0.05
 """How far outside the cylinder of the aircraft a sensor is by default."""
 _DOWN_DEG: Final = -45.0
 """A sensor that looks down more than this is in front of the aircraft by default, otherwise on top."""
-_BYTES_PER_RAY: Final = 2
+_BYTES_PER_RAY: Final = 4
+"""16 bits of the payload, and again of the table `scans`; all else of it is small once compressed."""
 _WORTH_SAYING: Final = 100e6
 """Bytes of scans in a run from which on it is said before."""
 
@@ -118,5 +119,5 @@ def describe_scans(scenario: Scenario, sensors: Sequence[MountedSensor]) -> list
 
 
 def scan_bytes_per_s(sensor: MountedSensor) -> float:
-    """Bytes of the scans of a sensor in a second."""
+    """Bytes of the scans of a sensor in a second, as recorded, before compression."""
     return _BYTES_PER_RAY * count_rays(sensor.model) * sensor.model.pattern.rate_hz
