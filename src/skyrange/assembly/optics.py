@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Final
 
 from skyrange.assembly.acts.honest_arm import HonestAircraft, park
 from skyrange.city.city import City
 from skyrange.core.chance import Chance
-from skyrange.core.errors import Problem
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import vehicle_id
 from skyrange.optics.mounted_sensors import MountedSensor
 from skyrange.optics.ray_index import RayIndex, build_ray_index
 from skyrange.optics.reflectivity import make_surfaces
 from skyrange.optics.scanner import Scanner, Scene, Shape
 from skyrange.scenario.model.fleet import Vehicle
-from skyrange.scenario.model.optics import Optics, OpticalSensor, count_rays
+from skyrange.scenario.model.optics import OpticalSensor, Optics, count_rays
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.world.airframes import AIRFRAMES, Airframe
 
@@ -43,12 +44,33 @@ def list_sensors(scenario: Scenario) -> list[MountedSensor]:
 
 def mount_sensor(key: str, vehicle: Vehicle, sensor: OpticalSensor, number: int) -> MountedSensor:
     """A sensor of the aircraft `key`, the `number`-th that it has."""
+    return _mount(key, AIRFRAMES[vehicle.airframe], sensor, number)
+
+
+def read_sensors(scenario: bytes, airframes: Mapping[str, str], who: str) -> list[MountedSensor]:
+    """The sensors in the text of a scenario as a run's folder has it, without the rest of the scenario, which may need
+    plugins. `airframes` are the names of those of all aircraft, by id. Raises `InputError` in the name of `who`.
+    """
+    try:
+        operators = tomllib.loads(scenario.decode()).get("operators") or []
+        rows = [(vehicle_id(operator["id"], row["id"]), row) for operator in operators for row in operator["vehicles"]]
+        return [
+            _mount(key, AIRFRAMES[airframes[key]], OpticalSensor.model_validate(sensor), number)
+            for key, row in rows
+            for number, sensor in enumerate(row.get("sensors") or ())
+        ]
+    except (ValueError, TypeError, KeyError) as error:
+        expected = "the scenario of the run, as it was written"
+        raise InputError.one(who, "scenario.toml", str(error)[:80], expected) from error
+
+
+def _mount(key: str, airframe: Airframe, sensor: OpticalSensor, number: int) -> MountedSensor:
     return MountedSensor(
         key,
         sensor.id,
         number,
         sensor.make(),
-        sensor.place_m or _default_place(AIRFRAMES[vehicle.airframe], sensor),
+        sensor.place_m or _default_place(airframe, sensor),
         sensor.yaw_deg,
         sensor.pitch_deg,
         sensor.stabilised,

@@ -212,7 +212,7 @@ class Scanner:
             height,
             during_s=duration_ns / NS_PER_S,
         )
-        return _Fleet(targets, tuple(world.vehicles[row] for row in rows), target_of)
+        return _Fleet(targets, tuple(world.vehicles[row] for row in rows.tolist()), target_of)
 
     def _scan(self, now: Time, number: int, pose: SensorPose, fleet: _Fleet) -> None:
         sensor, row = self.sensors[number], 0 if self._rows is None else self._rows[number]

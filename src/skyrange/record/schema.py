@@ -102,7 +102,8 @@ TELEMETRY = _COLUMNS["telemetry"]
 OPTIONAL = frozenset({"alerts", "observations", "features", "received_sensors", "scans"})
 """Tables that only some runs have: `alerts`, only runs with detectors; `observations`, only runs in which a radio
 decoded something; `features`, only runs at level `study`; `received_sensors`, only runs in which an autopilot received
-other readings than its sensors gave; `scans`, only runs in which a LiDAR or a depth camera made one. In other runs all but `features` are read as empty."""
+other readings than its sensors gave; `scans`, only runs in which a LiDAR or a depth camera made one. In other
+runs all but `features` are read as empty."""
 
 DERIVED = frozenset({"observations", "features"})
 """Tables that follow from frames and receptions: computed from these where they are recorded, as telemetry is, or else
