@@ -57,4 +57,4 @@ def _encodings(schema: pa.Schema) -> dict[str, object]:
 
 
 def _is_number(kind: pa.DataType) -> bool:
-    return pa.types.is_integer(kind) or pa.types.is_floating(kind)
+    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind))

@@ -33,7 +33,8 @@ def count_bytes(table: str, batch: pa.RecordBatch) -> NDArray[np.int64] | None:
         sizes = pc.list_value_length(batch.column("steps")).to_numpy(zero_copy_only=False) * _BYTES_PER_RAY
     else:
         return None
-    return sizes.astype(np.int64)
+    found: NDArray[np.int64] = sizes.astype(np.int64)
+    return found
 
 
 def split_batch(table: str, batch: pa.RecordBatch, rows: int, room_bytes: int) -> tuple[pa.RecordBatch, int, bool]:
