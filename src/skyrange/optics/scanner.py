@@ -69,20 +69,30 @@ class Scene(NamedTuple):
 
 
 class ScanTruth(NamedTuple):
-    """What is true of the pulses or pixels of one scan."""
+    """What is true of one scan and of its n pulses or pixels."""
 
     sent_ns: Time
+    start_ns: Time
     vehicle: str
     sensor: str
     scan: int
+    pose: SensorPose
+    """At the start; the attitude and the rates are those of the sensor's base."""
+    estimate: tuple[float, float, float, float]
+    """The attitude that is sent."""
+    resolution_m: float
+    steps: NDArray[np.uint16]
+    """(n,): as sent."""
     kind: NDArray[np.uint8]
     """(n,): as `ray_casting.Hits.kind`."""
     row: NDArray[np.int32]
-    """(n,): building, or aircraft in the order of `Scanner.vehicles`; -1 for others."""
+    """(n,): building, or aircraft in the order of `aircraft`; -1 for others."""
     is_false: NDArray[np.bool_]
     """(n,): whether the distance is noise."""
     is_forged: NDArray[np.bool_]
     """(n,): whether the distance is that of a false echo of an attack or a fault; what is met is then unknown."""
+    aircraft: tuple[str, ...]
+    """Those that the scan met, in the order of the world."""
 
 
 @dataclass(slots=True)
@@ -92,6 +102,7 @@ class _Waiting:
     due: Time
     place: int
     payload: bytes
+    truth: ScanTruth | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +110,8 @@ class _Fleet:
     """All present aircraft at the start of a scan."""
 
     targets: Targets
-    row_of: NDArray[np.int32]
-    """(targets,): row of each in the world."""
+    names: tuple[str, ...]
+    """(targets,): name of each."""
     target_of: NDArray[np.int32]
     """(aircraft,): its row in the targets; -1 for one that is not present."""
 
@@ -182,6 +193,8 @@ class Scanner:
         for waiting in self._waiting:
             if waiting.due <= now:
                 out.send(self.ports[waiting.place], waiting.payload)
+                if waiting.truth is not None:
+                    self._truths.append(waiting.truth)
         self._waiting = [waiting for waiting in self._waiting if waiting.due > now]
         return out
 
@@ -190,7 +203,7 @@ class Scanner:
         self._light = light
 
     def drain_truths(self) -> Sequence[ScanTruth]:
-        """The truth of the scans since the last call, if `recording`."""
+        """The truth of the scans that were sent since the last call, if `recording`."""
         truths, self._truths = self._truths, []
         return truths
 
@@ -212,7 +225,7 @@ class Scanner:
             height,
             during_s=duration_ns / NS_PER_S,
         )
-        return _Fleet(targets, rows.astype(np.int32), target_of)
+        return _Fleet(targets, tuple(world.vehicles[row] for row in rows.tolist()), target_of)
 
     def _scan(self, now: Time, number: int, pose: SensorPose, fleet: _Fleet) -> None:
         sensor, row = self.sensors[number], 0 if self._rows is None else self._rows[number]
@@ -232,14 +245,20 @@ class Scanner:
         estimate = _multiply(self._errors[number], pose.attitude)
         said = RangeScan(sensor.kind, sensor.number, scan, model.resolution_m, now, estimate, steps)
         due = now + max(sensor.duration_ns, self.service_ns)
-        self._waiting.append(_Waiting(due, self._places[number], pack_scan(said)))
+        truth = None
         if self._recording:
             is_aircraft = kind == AIRCRAFT
+            seen, place = np.unique(met[is_aircraft], return_inverse=True)
             met = met.copy()
-            met[is_aircraft] = fleet.row_of[met[is_aircraft]]
+            met[is_aircraft] = place
+            names = tuple(fleet.names[target] for target in seen.tolist())
             is_forged = np.zeros(len(steps), np.bool_) if light is None else find_forged(steps, light) & ~is_false
             kind, met = np.where(is_forged, np.uint8(NONE), kind), np.where(is_forged, np.int32(-1), met)
-            self._truths.append(ScanTruth(due, sensor.vehicle, sensor.id, scan, kind, met, is_false, is_forged))
+            truth = ScanTruth(
+                due, now, sensor.vehicle, sensor.id, scan, pose, estimate, model.resolution_m, steps, kind, met,
+                is_false, is_forged, names,
+            )  # fmt: skip
+        self._waiting.append(_Waiting(due, self._places[number], pack_scan(said), truth))
 
     def _alter_light(
         self, now: Time, sensor: MountedSensor, firing: Firing, pose: SensorPose, rays: Rays
