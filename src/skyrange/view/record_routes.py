@@ -18,7 +18,7 @@ Answer = Callable[[Mapping[str, str]], Any]
 
 
 def add_record_routes(application: web.Application, queries: RecordQueries) -> None:
-    """Answer `fields`, `series`, `frames` and `causes` below `PATH`, one question at a time.
+    """Answer `fields`, `series`, `frames`, `causes` and `scans` below `PATH`, one question at a time.
 
     A question that is wrong is answered with status 400 and the `problem`, in JSON.
     """
@@ -32,6 +32,9 @@ def add_record_routes(application: web.Application, queries: RecordQueries) -> N
             _number(asked, "arm"), _seconds(asked, "at"), asked.get("kind", ""), asked.get("about", "")
         ),
         "frames": lambda asked: queries.read_frames(
+            _number(asked, "arm"), asked.get("vehicle", ""), _seconds(asked, "until")
+        ),
+        "scans": lambda asked: queries.scans.read_scans(
             _number(asked, "arm"), asked.get("vehicle", ""), _seconds(asked, "until")
         ),
     }
