@@ -58,7 +58,7 @@ def test_the_newest_scans_are_told(run: RunRecord, until_s: float) -> None:
 def test_an_aircraft_without_sensors_and_a_time_long_after_have_none(run: RunRecord) -> None:
     queries = ScanQueries([run])
     assert queries.read_scans(0, "blue/b2", 3.0) == {"scans": []}
-    assert queries.read_scans(0, "blue/b1", 9.0) == {"scans": []}
+    assert queries.read_scans(0, "blue/b1", 20.0) == {"scans": []}
 
 
 def test_thinning_leaves_points_of_all_beams(run: RunRecord, monkeypatch: pytest.MonkeyPatch) -> None:
