@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +12,12 @@ import skyrange
 from skyrange.analysis import read_scans
 from skyrange.metrics.scans import ScanIndex
 from skyrange.record import RunRecord
+from skyrange.runtime.run import Run
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.view import scan_queries
+from skyrange.view.flying import FlightView
 from skyrange.view.scan_queries import ScanQueries, draw_field
+from skyrange.view.server import LiveStream
 
 VIEWED = """
 name = "viewed"
@@ -85,3 +89,19 @@ def test_the_points_of_a_camera_are_inside_its_field(run: RunRecord) -> None:
             assert (((points - eye) @ inward) > -1e-6).all()
         checked += len(points)
     assert checked > 1000
+
+
+def test_while_a_run_flies_the_newest_scans_are_told(run: RunRecord, tmp_path: Path) -> None:
+    scenario = Scenario.from_toml(VIEWED)
+    view = FlightView(scenario, LiveStream(), every_s=0.0)
+    assert view.scans.read_scans(0, "blue/b1", 1.0) == {"scans": []}
+    flight = Run.start(scenario, tmp_path / "run")
+    view.start(flight)
+    recorded = ScanQueries([run])
+    for until_s in (2.0, 5.3):
+        flight.advance(until_s)
+        flight.recorder.flush()
+        assert view.scans.read_scans(0, "blue/b1", until_s) == recorded.read_scans(0, "blue/b1", until_s)
+    assert len(recorded.read_scans(0, "blue/b1", 5.3)["scans"]) == 4
+    flight.finish("interrupted")
+    assert view.fault is None

@@ -7,12 +7,13 @@ its base (forward, left, up of the aircraft, or of its level gimbal) when each p
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
+from threading import Lock
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -34,6 +35,7 @@ from skyrange.optics.scanner import ENDPOINT
 from skyrange.optics.sensor_models import DepthCameraModel
 from skyrange.optics.sensor_poses import SensorPose, make_pulse_rays
 from skyrange.record.read.run import RunRecord
+from skyrange.record.read.tables import decode_spooled
 from skyrange.record.schema import arrow_schema
 from skyrange.record.spool import table_files
 
@@ -248,6 +250,44 @@ class ScanIndex:
         check_columns(table.schema, arrow_schema("scans"), who, where)
         check_values(table, arrow_schema("scans"), who, where)
         return table.combine_chunks().to_batches()[0]
+
+
+class NewestScans:
+    """The newest scans of a run that is recorded, in memory, from rows as the recorder writes them. One thread may add
+    rows while another one reads.
+    """
+
+    def __init__(self, record: RunRecord) -> None:
+        """`record` is that of the run, of which no row is read. Raises `InputError` as `list_mounted_sensors`."""
+        self._record = record
+        self._sensors = {(mounted.vehicle, mounted.id): mounted for mounted in list_mounted_sensors(record)}
+        self._held: dict[str, deque[tuple[Time, pa.RecordBatch]]] = {}
+        self._lock = Lock()
+
+    def add(self, batch: pa.RecordBatch) -> None:
+        """Take rows of `scans`, in the form of the spool."""
+        rows = decode_spooled(batch, arrow_schema("scans"))
+        with self._lock:
+            for place, vehicle in enumerate(rows.column("vehicle").to_pylist()):
+                name = f"{vehicle}.{rows.column('sensor')[place].as_py()}"
+                sent_ns = rows.column("time_ns")[place].as_py()
+                held = self._held.setdefault(name, deque(maxlen=_SCANS_HELD))
+                held.append((sent_ns, rows.slice(place, 1)))
+
+    def newest(self, vehicle: str, until_ns: Time) -> list[Scan]:
+        """As `ScanIndex.newest`, among the last scans of each sensor."""
+        found = []
+        with self._lock:
+            held = {name: list(rows) for name, rows in self._held.items()}
+        for mounted in self._sensors.values():
+            rows = [row for sent_ns, row in held.get(mounted.name, ()) if sent_ns <= until_ns]
+            if mounted.vehicle == vehicle and rows:
+                found.append(_make_scan(self._record, next(_plain_rows(rows[-1])), self._sensors))
+        return found
+
+
+_SCANS_HELD: Final = 40
+"""Scans of a sensor that are kept while a run flies: those of some seconds."""
 
 
 def _list_groups(record: RunRecord) -> Iterator[tuple[Path, int, int, int]]:

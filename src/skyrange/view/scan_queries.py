@@ -12,7 +12,7 @@ import numpy as np
 from skyrange.core.arrays import Floats
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
-from skyrange.metrics.scans import Scan, ScanIndex
+from skyrange.metrics.scans import NewestScans, Scan, ScanIndex
 from skyrange.optics.mounted_sensors import MountedSensor, turn_mount
 from skyrange.optics.scan_patterns import Firing, PixelGrid, RotatingPattern, ScatteredPattern
 from skyrange.optics.sensor_poses import make_pulse_rays
@@ -48,8 +48,25 @@ class ScanQueries:
         `Scan.kind`, 4 for noise), and `field`, lines of such numbers. None of a record without scans.
         """
         index = self._index(arm)
-        scans = [] if index is None else index.newest(vehicle, int(until_s * NS_PER_S))
-        return {"scans": [_describe(scan) for scan in scans if _is_shown(scan, until_s)]}
+        return _answer([] if index is None else index.newest(vehicle, int(until_s * NS_PER_S)), until_s)
+
+
+class FlyingScans:
+    """The same about a run that flies, of which only the newest scans are known."""
+
+    def __init__(self) -> None:
+        self.known: NewestScans | None = None
+        """None before the run, and of one that keeps none."""
+
+    def read_scans(self, arm: int, vehicle: str, until_s: float) -> dict[str, Any]:
+        """As `ScanQueries.read_scans`, of the only arm."""
+        if arm:
+            raise InputError.one("viewer", "arm", str(arm), "0")
+        return _answer([] if self.known is None else self.known.newest(vehicle, int(until_s * NS_PER_S)), until_s)
+
+
+def _answer(scans: Sequence[Scan], until_s: float) -> dict[str, Any]:
+    return {"scans": [_describe(scan) for scan in scans if _is_shown(scan, until_s)]}
 
 
 def _is_shown(scan: Scan, until_s: float) -> bool:

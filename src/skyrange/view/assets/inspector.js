@@ -25,8 +25,8 @@ const newestOf = (table, vehicle, time) => {
 
 /** The panel beside the stage. */
 export class Inspector {
-  /** @param {Store} store @param {Theme} theme @param {(node: number) => void} choose @param {RecordClient | null} record */
-  constructor(store, theme, choose, record) {
+  /** @param {Store} store @param {Theme} theme @param {(node: number) => void} choose @param {RecordClient | null} record @param {RecordClient | null} scans */
+  constructor(store, theme, choose, record, scans) {
     this.store = store;
     this.theme = theme;
     this.choose = choose;
@@ -43,7 +43,7 @@ export class Inspector {
     this.close = element("button", { type: "button", className: "sky-close", "aria-label": "Let go of it (escape)", title: "Let go of it (escape)", textContent: "×", onclick: () => choose(-1) });
     this.record = record;
     this.recorded = record ? [new LinkFrames(store, record), new FieldPlots(store, theme, record)] : [];
-    this.sees = record ? new ScanPoints(store, record) : null;
+    this.sees = scans ? new ScanPoints(store, scans) : null;
     this.chosen = element("div", {}, element("div", { className: "sky-panel-head" }, this.swatch, this.title, this.close), this.kind, this.facts, this.sees?.root ?? "", this.heardTitle, this.heard, this.notesTitle, this.notes, ...this.recorded.map(({ root }) => root));
     this.nobody = element("div", {}, element("h2", { className: "sky-name", textContent: "Aircraft" }), this.search, this.found);
     this.root = element("aside", { className: "sky-panel", "aria-label": "What is selected" }, this.nobody, this.chosen);

@@ -7,7 +7,7 @@ import { rgb } from "./theme.js";
 /** @import { Store } from "./store.js" */
 /** @import { Theme } from "./theme.js" */
 const STEP_S = 0.1;
-/** Wall time between two questions while it plays. */
+/** Wall time between an answer and the next question. */
 const PAUSE_MS = 150;
 const MET = ["nothing", "ground", "building", "aircraft", "noise"];
 
@@ -20,29 +20,35 @@ export class ScanPoints {
     this.title = element("h3", { textContent: "Sees", title: "Points of its newest scans: grey the ground, blue buildings, red aircraft, yellow noise" });
     this.told = element("ul", { className: "sky-heard" });
     this.root = element("div", { hidden: true }, this.title, this.told);
+    this.whose = "";
     this.shown = "";
-    this.asked = -Infinity;
+    this.waiting = false;
   }
 
   update() {
     const { store } = this, { scene, view } = store, vehicle = scene?.vehicles[view.selected], arm = Math.max(view.arms.indexOf(true), 0);
-    if (!vehicle) return this.show("", []);
-    const until = Math.floor(view.time / STEP_S + 1e-6) * STEP_S, key = `${arm} ${vehicle.id} ${until.toFixed(1)}`;
-    if (key === this.shown) return;
-    if (performance.now() - this.asked < PAUSE_MS) {
-      if (!view.playing) setTimeout(() => this.update(), PAUSE_MS);
-      return;
+    const whose = vehicle ? `${arm} ${vehicle.id}` : "", until = Math.floor(view.time / STEP_S + 1e-6) * STEP_S, key = `${whose} ${until.toFixed(1)}`;
+    if (whose !== this.whose) {
+      this.whose = whose;
+      this.shown = "";
+      this.show([]);
     }
-    if (!this.shown.startsWith(`${arm} ${vehicle.id} `)) this.show("", []);
+    if (!vehicle || this.waiting || key === this.shown) return;
     this.shown = key;
-    this.asked = performance.now();
-    this.record.scans(arm, vehicle.id, until + 1e-6).then(({ scans }) => this.shown === key && this.show(key, scans), () => this.shown === key && this.show(key, []));
+    this.waiting = true;
+    const answered = (/** @type {ScanRow[]} */ scans) => {
+      if (this.whose === whose) this.show(scans);
+      setTimeout(() => {
+        this.waiting = false;
+        this.update();
+      }, PAUSE_MS);
+    };
+    this.record.scans(arm, vehicle.id, until + 1e-6).then(({ scans }) => answered(scans), () => answered([]));
   }
 
-  /** @param {string} key @param {ScanRow[]} scans */
-  show(key, scans) {
+  /** @param {ScanRow[]} scans */
+  show(scans) {
     const { store } = this;
-    this.shown = key;
     if (!scans.length && !store.scans.length) return;
     store.scans = scans;
     this.root.hidden = !scans.length;
