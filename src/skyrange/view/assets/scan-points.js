@@ -18,7 +18,7 @@ export class ScanPoints {
     this.store = store;
     this.record = record;
     this.title = element("h3", { textContent: "Sees", title: "Points of its newest scans: grey the ground, blue buildings, red aircraft, yellow noise" });
-    this.told = element("ul", { className: "sky-heard" });
+    this.told = element("div");
     this.root = element("div", { hidden: true }, this.title, this.told);
     this.whose = "";
     this.shown = "";
@@ -54,7 +54,7 @@ export class ScanPoints {
     this.root.hidden = !scans.length;
     this.told.replaceChildren(...scans.map(({ sensor, of, points, met }) => {
       const counts = MET.map((name, kind) => [name, met.filter((one) => one === kind).length]).filter(([, count]) => count);
-      const item = element("li", {});
+      const item = element("p", { className: "sky-dim" });
       setText(item, `${sensor}: ${of.toLocaleString("en")} points${points.length / 3 < of ? `, ${(points.length / 3).toLocaleString("en")} shown` : ""} (${counts.map(([name, count]) => `${count} ${name}`).join(", ")})`);
       return item;
     }));
