@@ -48,6 +48,7 @@ from skyrange.vehicle.avoidance.none import NoAvoidance
 from skyrange.vehicle.companion import autopilot_commands
 from skyrange.vehicle.companion.autopilot_commands import MessageRequests
 from skyrange.vehicle.companion.control_handover import CompanionCommand, ControlHandover, ControlState
+from skyrange.vehicle.companion.range_reports import RangeReports
 
 if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
     from skyrange.remoteid.drip.verification.verdicts import Verification
@@ -91,8 +92,17 @@ class Companion:
 
     service_ns: Time = SERVICE_NS
 
-    def __init__(self, name: str, specs: Sequence[CompanionSpec], origin: Origin, chance: Chance) -> None:
-        """`chance` spreads the broadcasts of different aircraft within the second, and is used for nothing else."""
+    def __init__(
+        self,
+        name: str,
+        specs: Sequence[CompanionSpec],
+        origin: Origin,
+        chance: Chance,
+        range_reports: RangeReports | None = None,
+    ) -> None:
+        """`chance` spreads the broadcasts of different aircraft within the second, and is used for nothing else.
+        `range_reports` are of aircraft among `specs`.
+        """
         self.name = name
         self.specs = tuple(specs)
         count = len(self.specs)
@@ -101,6 +111,9 @@ class Companion:
             for spec in self.specs
             for kind in ("rid_data", "rid_up", "rid_down")
         ]
+        self._range_reports = range_reports
+        if range_reports is not None:
+            self.ports = [*self.ports, *range_reports.ports]
         self.originates: Sequence[Port] = [
             Port(endpoint(s.vehicle, "companion"), link_name("log", s.vehicle)) for s in self.specs
         ]
@@ -181,6 +194,8 @@ class Companion:
         mail = inbox.columns(self._places)
         if self._signed is not None:
             mail = self._signed.verify_inbox(now, inbox, mail, out)
+        if self._range_reports is not None:
+            mail = self._range_reports.take_scans(now, inbox, mail, len(self.specs) * _SIDES, out)
         side, vehicle = mail.places % _SIDES, mail.places // _SIDES
         data = np.flatnonzero(side == 0)
         if data.size:
