@@ -16,7 +16,7 @@ from skyrange.optics.ray_index import RayIndex, build_ray_index
 from skyrange.optics.reflectivity import make_surfaces
 from skyrange.optics.scanner import Scanner, Scene, Shape
 from skyrange.scenario.model.fleet import Vehicle
-from skyrange.scenario.model.optics import Optics, OpticalSensor, count_rays
+from skyrange.scenario.model.optics import OpticalSensor, Optics, count_rays
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.vehicle.companion.range_reports import RangeReports, ReportedSensor, can_report
 from skyrange.world.airframes import AIRFRAMES, Airframe

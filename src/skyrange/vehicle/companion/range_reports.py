@@ -1,6 +1,6 @@
 """Range reports: what a companion tells its autopilot of its sensors, as DISTANCE_SENSOR and OBSTACLE_DISTANCE.
 
-After what obstacle-avoidance companions send, and what ArduPilot takes (AP_Proximity_MAV.cpp, AP_RangeFinder_MAVLink.cpp):
+After obstacle-avoidance companions, and what ArduPilot takes (AP_Proximity_MAV.cpp, AP_RangeFinder_MAVLink.cpp):
 centimetres, `max_distance` + 1 for "nothing met", 65535 for "not looked". At most ten messages a second from a sensor.
 """
 
@@ -78,7 +78,7 @@ class RangeReports:
         self._packers = {key: Packer(one.system_id, COMPONENT) for key, one in self._reported.items()}
         for row in range(len(vehicles)):  # one component of an aircraft has one sequence
             of_row = [key for key in self._packers if key[0] == row]
-            self._packers.update({key: self._packers[of_row[0]] for key in of_row})
+            self._packers.update(dict.fromkeys(of_row, self._packers[of_row[0]]))
         self._sent_ns = dict.fromkeys(self._reported, -PERIOD_NS)
         self._bad = [0] * len(vehicles)
 

@@ -27,6 +27,7 @@ from skyrange.vehicle.builtin import battery_monitor, fence, locations
 from skyrange.vehicle.builtin.estimation import validity
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Vehicle
 from skyrange.vehicle.builtin.modes import MANUAL_THROTTLE, REQUIRES_POSITION, Mode
+from skyrange.vehicle.builtin.range_sensing.sensors import has_no_data
 
 _ENFORCE: Final = 1  # DID_OPTIONS bit 0: EnforceArming
 _MAX_AGE_NS: Final[Time] = 3 * NS_PER_S  # max_age_ms
@@ -98,6 +99,7 @@ _MAX_ALT_DISPARITY_M = 1.0  # PREARM_MAX_ALT_DISPARITY_CM
 _FIELD_MIN_MGAUSS, _FIELD_MAX_MGAUSS = 185, 875  # AP_ARMING_COMPASS_MAGFIELD_MIN, …_MAX
 _PRED_POS_ABS = int(dialect.EKF_PRED_POS_HORIZ_ABS)
 _PRED_POS_REL = int(dialect.EKF_PRED_POS_HORIZ_REL)
+_NEAREST_M = 0.6  # AP_Arming_Copter.cpp, proximity_checks
 _HORIZONTAL_TYPES = int(fence.FenceType.CIRCLE | fence.FenceType.POLYGON)
 
 
@@ -112,7 +114,9 @@ class ArmingCheck(IntFlag):
     RC = 1 << 6
     VOLTAGE = 1 << 7
     BATTERY = 1 << 8
+    PARAMETERS = 1 << 5
     MISSION = 1 << 14
+    RANGEFINDER = 1 << 15
 
 
 class CheckInputs(NamedTuple):
@@ -274,6 +278,29 @@ def _missing_item(fleet: Fleet, row: int, bits: int) -> str:
     return ""
 
 
+def _range_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
+    """`proximity_checks` and `rangefinder_checks`: sensors that send nothing, and obstacles within 60 cm."""
+    sensors = [fleet.range_sensors.get(row) for row in inputs.rows.tolist()]
+    if not any(sensors):
+        return []
+    finders = [None if one is None else one.rangefinder for one in sensors]
+    around = [None if one is None else one.proximity for one in sensors]
+    blind = np.array([one is not None and has_no_data(fleet, one.read_ns) for one in around], dtype=bool)
+    lost = np.array([one is not None and has_no_data(fleet, one.read_ns) for one in finders], dtype=bool)
+    near_m = np.array([np.inf if one is None else one.boundary.find_closest() for one in around])
+    uses = np.array([int(fleet.param(fleet.vehicles[row], "AVOID_ENABLE")) & 2 != 0 for row in inputs.rows.tolist()])
+
+    def describe(vehicle: Vehicle) -> str:
+        closest = near_m[inputs.rows.tolist().index(vehicle.row)]
+        return f"Proximity {closest:4.2f}m (want > {_NEAREST_M:.1f}m)"
+
+    return [
+        (inputs.check_enabled(ArmingCheck.RANGEFINDER) & lost, "Rangefinder 1: No Data"),
+        (blind, "PRX1: No Data"),
+        (inputs.check_enabled(ArmingCheck.PARAMETERS) & uses & (near_m <= _NEAREST_M), describe),
+    ]
+
+
 def _fence_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
     return list(fence.prearm_failures(fleet, inputs.rows, inputs.has_position))
 
@@ -291,6 +318,7 @@ CHECKS: Final[list[Callable[[Fleet, CheckInputs], Sequence[Failure]]]] = [
     _gps_checks,
     _battery_checks,
     _mission_checks,
+    _range_checks,
     _battery_failsafe_check,
     _fence_checks,
     _opendroneid_checks,
