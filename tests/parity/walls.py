@@ -1,4 +1,4 @@
-"""How far from a wall do both autopilots stop, under a velocity towards it in GUIDED? Each aircraft in a lane of its own."""
+"""How far from a wall do both autopilots stop, under a velocity towards it in GUIDED? Each aircraft has its own lane."""
 
 from __future__ import annotations
 

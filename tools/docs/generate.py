@@ -176,6 +176,7 @@ _SECTIONS = (
     ("RemoteId", "`remote_id`"),
     ("Verify", "`verify` of `remote_id` and of `[[radio.receivers]]`"),
     ("Avoidance", "`avoidance`"),
+    ("SightRules", "`avoidance.sight`"),
     ("Plan", "`plan`"),
     ("Square", "`plan.square`"),
     ("Path", "`plan.path`"),

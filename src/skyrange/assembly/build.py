@@ -9,7 +9,7 @@ from typing import Any, Final
 from skyrange.assembly.acts.attacks import MadeAttacks, check_transmitters, make_attack_context, make_attacks
 from skyrange.assembly.acts.conflicts import list_own_sensors
 from skyrange.assembly.acts.defences import MadeDefences, make_defences
-from skyrange.assembly.acts.honest_arm import HonestAircraft, describe_aircraft
+from skyrange.assembly.acts.honest_arm import HonestAircraft, describe_aircraft, park
 from skyrange.assembly.acts.overlaps import Overlaps
 from skyrange.assembly.aircraft import build_aircraft, describe_engines, list_battery_warnings
 from skyrange.assembly.approvals import build_approvals
@@ -181,7 +181,7 @@ def build(
         else (None, [])
     )
     sensors = list_sensors(scenario)
-    scanner = build_scanner(scenario, city, made.aircraft, sensors) if whole else None
+    scanner = build_scanner(scenario, city, park(made.aircraft, scenario, 0)[0], sensors) if whole else None
     agents: list[Agent] = [a for service in approvals for a in service.agents] if APPROVAL in here else []
     over_sik = {link.name for link in over_air.sik}
     for operator in scenario.operators:

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Sequence
-from functools import lru_cache
 from typing import Final
 
-from skyrange.assembly.acts.honest_arm import HonestAircraft, park
 from skyrange.city.city import City
 from skyrange.core.chance import Chance
 from skyrange.core.errors import Problem
 from skyrange.core.ids import endpoint, vehicle_id
 from skyrange.optics.mounted_sensors import MountedSensor
-from skyrange.optics.ray_index import RayIndex, build_ray_index
+from skyrange.optics.ray_index import index_city
 from skyrange.optics.reflectivity import make_surfaces
 from skyrange.optics.scanner import Scanner, Scene, Shape
 from skyrange.scenario.model.fleet import Vehicle
 from skyrange.scenario.model.optics import OpticalSensor, Optics, count_rays
+from skyrange.scenario.model.radio import SightRules
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.vehicle.companion.range_reports import RangeReports, ReportedSensor, can_report
+from skyrange.vehicle.sight.evidence import Rates
+from skyrange.vehicle.sight.fusion import Fusion
+from skyrange.vehicle.sight.witness import Sight
+from skyrange.world import Body
 from skyrange.world.airframes import AIRFRAMES, Airframe
 
 _CUBE: Final = 1.05
@@ -39,6 +42,14 @@ def list_sensors(scenario: Scenario) -> list[MountedSensor]:
         for operator, vehicle in scenario.fleet
         for number, sensor in enumerate(vehicle.sensors)
     ]
+
+
+def group_sensors(scenario: Scenario) -> dict[str, list[MountedSensor]]:
+    """The sensors of each aircraft that has some, by its id."""
+    grouped: dict[str, list[MountedSensor]] = {}
+    for sensor in list_sensors(scenario):
+        grouped.setdefault(sensor.vehicle, []).append(sensor)
+    return grouped
 
 
 def mount_sensor(key: str, vehicle: Vehicle, sensor: OpticalSensor, number: int) -> MountedSensor:
@@ -74,24 +85,21 @@ def build_range_reports(scenario: Scenario, here: Container[str]) -> RangeReport
 
 
 def build_scanner(
-    scenario: Scenario, city: City | None, honest: Sequence[HonestAircraft], sensors: Sequence[MountedSensor]
+    scenario: Scenario, city: City | None, parked: Sequence[Body], sensors: Sequence[MountedSensor]
 ) -> Scanner | None:
-    """The agent that makes all scans; None without sensors."""
+    """The agent that makes all scans; None without sensors.
+
+    `parked` are the bodies that no vehicle of the scenario has.
+    """
     if not sensors:
         return None
     optics = scenario.optics or Optics()
     airframes = {vehicle_id(o.id, v.id): v.airframe for o, v in scenario.fleet}
-    airframes |= {body.vehicle: body.airframe for body in park(honest, scenario, 0)[0]}
+    airframes |= {body.vehicle: body.airframe for body in parked}
     shapes = {key: find_shape(AIRFRAMES[name], optics.shape) for key, name in airframes.items()}
     surfaces = make_surfaces(optics.ground, optics.walls, optics.aircraft)
     scene = Scene(index_city(city), surfaces, optics.weather)
     return Scanner(sensors, shapes, scene, Chance(scenario.seed), recording=True)
-
-
-@lru_cache(maxsize=4)
-def index_city(city: City | None) -> RayIndex:
-    """The surfaces of a city for rays. Those of the last cities are kept."""
-    return build_ray_index() if city is None else build_ray_index(city.walls())
 
 
 def find_shape(airframe: Airframe, shape: str) -> Shape:
@@ -103,11 +111,27 @@ def find_shape(airframe: Airframe, shape: str) -> Shape:
     return Shape(0.5 * width_m, height_m, airframe.height_m - height_m)
 
 
+def make_sight(key: str, vehicle: Vehicle) -> tuple[Sight | None, Fusion]:
+    """What the companion of the aircraft `key` uses its sensors for."""
+    if not vehicle.sensors:
+        return None, Fusion.RADIO
+    avoidance = vehicle.avoidance
+    fusion = Fusion.RADIO if avoidance is None or avoidance.fusion is None else Fusion(avoidance.fusion)
+    rules = SightRules() if avoidance is None or avoidance.sight is None else avoidance.sight
+    sensors = [mount_sensor(key, vehicle, sensor, number) for number, sensor in enumerate(vehicle.sensors)]
+    return Sight(sensors, Rates(rules.missed, rules.false), rules.sigma_m), fusion
+
+
 def check_sensors(scenario: Scenario) -> Iterator[Problem]:
     """Sensors inside the cylinder that encloses their aircraft, and those that cannot be reported as declared."""
     for operator, vehicle in scenario.fleet:
         yield from _check_reports(vehicle_id(operator.id, vehicle.id), vehicle)
         airframe = AIRFRAMES[vehicle.airframe]
+        fusion = None if vehicle.avoidance is None else vehicle.avoidance.fusion
+        if fusion not in (None, "radio") and not vehicle.sensors:
+            where = f"{vehicle_id(operator.id, vehicle.id)}.avoidance.fusion"
+            hint = 'Add sensors = [{ model = "mid-360" }] to the aircraft.'
+            yield Problem(where, str(fusion), "radio: the aircraft has no LiDAR and no depth camera", hint)
         for sensor in vehicle.sensors:
             if sensor.place_m is None:
                 continue

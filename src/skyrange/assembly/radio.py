@@ -9,6 +9,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from skyrange.assembly.optics import make_sight
 from skyrange.assembly.remote_id_keys import aircraft_credentials, aircraft_session_id, make_verification
 from skyrange.assembly.signing import derive_keys
 from skyrange.attack.contract import Transmitter
@@ -22,6 +23,7 @@ from skyrange.core.files import read_input
 from skyrange.core.ids import endpoint, owner_of, vehicle_id
 from skyrange.gcs.plan.plans import CRUISE_MPS
 from skyrange.gcs.traffic_picture import TrafficPicture
+from skyrange.optics.ray_index import index_city
 from skyrange.radio.builtin.listening import PROFILES
 from skyrange.radio.builtin.params import RadioEnvironment
 from skyrange.radio.contract import BUILTIN, MediumContext
@@ -203,9 +205,14 @@ def _companions(
                 vehicle.plan.speed_mps or CRUISE_MPS,
                 derive_keys(scenario, operator).aircraft,
                 make_verification((vehicle.remote_id or RemoteId()).verify, scenario),
+                *make_sight(key, vehicle),
             )
         )
-    return Companion(COMPANIONS, aboard, scenario.origin.datum, chance, reports) if aboard else None
+    if not aboard:
+        return None
+    sees = any(spec.sight is not None for spec in aboard)
+    surfaces = index_city(city) if sees else None
+    return Companion(COMPANIONS, aboard, scenario.origin.datum, chance, surfaces, reports)
 
 
 def _avoidance(table: AvoidanceTable, city: City | None) -> Avoidance:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from skyrange.contracts.links import LinkSpec, Schedule, TapPlacement
     from skyrange.core.chance import Chance
     from skyrange.core.geodesy import Origin
+    from skyrange.optics.mounted_sensors import MountedSensor
     from skyrange.remoteid.drip.registry import Anchor, Registration
 
 Place = tuple[float, float, float]
@@ -126,6 +127,8 @@ class AttackContext:
     """The control links that are on the air, by name."""
     receivers: Mapping[str, GroundReceiver] = field(default_factory=dict)
     """The receivers of Remote ID on the ground, by name: what their operators know of them."""
+    sensors: Mapping[str, Sequence[MountedSensor]] = field(default_factory=dict)
+    """The LiDARs and depth cameras of aircraft that have some, by vehicle id."""
     honest: bool = False
     """Whether to make the honest arm: a real aircraft flies on each of `Attack.claims` and carries its radio, so the
     attack has to send each aircraft's broadcasts on the `rid_up` link of that claim's radio."""
@@ -138,7 +141,7 @@ class AttackContext:
     """The public DRIP keys that receivers hold before the flight, by `authorities` of the settings of verification."""
 
     def __post_init__(self) -> None:
-        for name in ("vehicles", "over_air", "receivers"):  # each attack's own
+        for name in ("vehicles", "over_air", "receivers", "sensors"):  # each attack's own
             object.__setattr__(self, name, dict(getattr(self, name)))
         for name in ("links", "signed"):
             object.__setattr__(self, name, tuple(getattr(self, name)))

@@ -120,6 +120,11 @@ class OwnAircraft:
         (x, y, z), (u, v, w) = self._place, self._velocity
         return (x + u * age_s, y + v * age_s, z + w * age_s)
 
+    @property
+    def velocity(self) -> Place:
+        """The velocity that was reported last, east, north and up in m/s."""
+        return self._velocity
+
     def clock_us(self, now: Time) -> int:
         """UTC in µs since 1970 by its clock; -1 before it has one."""
         return -1 if self._clock_ns is None else (now + self._clock_ns) // NS_PER_US

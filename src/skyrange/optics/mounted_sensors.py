@@ -13,7 +13,7 @@ from skyrange.codec.range_scans import DEPTH, LIDAR
 from skyrange.core import elementary_python
 from skyrange.core.arrays import Floats
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.optics.scan_patterns import Firing, PixelGrid, RotatingPattern, ScanPattern, SingleBeam
+from skyrange.optics.scan_patterns import Firing, PixelGrid, RotatingPattern, ScanPattern, ScatteredPattern, SingleBeam
 from skyrange.optics.sensor_models import DepthCameraModel, LidarModel
 
 SensorModel = LidarModel | DepthCameraModel
@@ -78,15 +78,15 @@ def turn_mount(yaw_deg: float, pitch_deg: float) -> Floats:
 
 
 def list_pulses(pattern: ScanPattern, scan: int) -> Firing:
-    """`ScanPattern.list_rays`, kept of patterns whose scans are all alike."""
+    """`ScanPattern.list_rays`. The last scans are kept, for who makes a scan and who receives it."""
     if isinstance(pattern, (RotatingPattern, SingleBeam, PixelGrid)):
-        return _list_repeated(pattern)
-    return pattern.list_rays(scan)
+        return _list_kept(pattern, 0)
+    return _list_kept(pattern, scan) if isinstance(pattern, ScatteredPattern) else pattern.list_rays(scan)
 
 
 @lru_cache(maxsize=16)
-def _list_repeated(pattern: RotatingPattern | SingleBeam | PixelGrid) -> Firing:
-    firing = pattern.list_rays(0)
+def _list_kept(pattern: RotatingPattern | ScatteredPattern | SingleBeam | PixelGrid, scan: int) -> Firing:
+    firing = pattern.list_rays(scan)
     for array in firing:
         array.setflags(write=False)
     return firing

@@ -8,11 +8,13 @@ an odd number of these walls, so a roof is tested without the walls of other cel
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.city.city import City
 from skyrange.city.wall_index import NO_WALLS, WallIndex
 from skyrange.core.compiled import compiled
 
@@ -78,6 +80,12 @@ def build_ray_index(walls: WallIndex = NO_WALLS, cell_m: float = CELL_M) -> RayI
     span = np.ascontiguousarray(box[building, 4:6])
     arrays = (cell_start, cell_top, point, piece_start, building, inside, span, listed)
     return RayIndex(*arrays, west, south, side, columns, rows, float(box[:, 5].max()))
+
+
+@lru_cache(maxsize=4)
+def index_city(city: City | None) -> RayIndex:
+    """The surfaces of a city for rays. Those of the last cities are kept."""
+    return build_ray_index() if city is None else build_ray_index(city.walls())
 
 
 @compiled

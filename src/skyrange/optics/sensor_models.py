@@ -99,6 +99,31 @@ MID_360: Final = LidarModel(
 )
 """Solid state, in the sense of its maker: 20,000 pulses a frame over 360 by 59 degrees, never twice alike."""
 
+HAP: Final = LidarModel(
+    # Livox HAP User Manual (2022), table 1.2.1: 905 nm; 150 m at a reflectivity of 10 %; nothing below 0.5 m; 120 by 25
+    # degrees; 2 cm (one standard deviation, at 20 m); divergence 0.03 by 0.28 degrees; 452,000 points/s, 10 frames/s;
+    # false alarms 0.01 %.
+    name="HAP",
+    pattern=ScatteredPattern(rays=45_200, azimuth_deg=(-60.0, 60.0), elevation_deg=(-12.5, 12.5), rate_hz=10.0),
+    wavelength_um=0.905,
+    divergence_rad=(0.52e-3, 4.9e-3),
+    # Assumed, as for the Mid-360.
+    aperture_m=(5e-3, 5e-3),
+    near_m=0.5,
+    # Assumed: the manual has no greatest distance.
+    reach_m=250.0,
+    reference_m=150.0,
+    reference_reflectivity=0.1,
+    reference_probability=0.9,
+    false_alarm=1e-4,
+    drop_out=0.0,
+    noise_m=0.02,
+    rise_m=0.45,
+    # Assumed: what 16 bits hold.
+    resolution_m=0.005,
+)
+"""Solid state, forward: 45,200 pulses a frame over 120 by 25 degrees. Made for cars, and too heavy for an Iris."""
+
 LIDAR_LITE_V3HP: Final = LidarModel(
     # Garmin LIDAR-Lite v3HP Operation Manual, specifications: 905 nm; 5 cm to 40 m on a target of 70 %; divergence 8
     # mrad; aperture 12.5 mm; resolution 1 cm; accuracy +-2.5 cm from 2 m on, here one standard deviation.

@@ -9,7 +9,7 @@ avoidance.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -239,6 +239,27 @@ class TrackTable:
         )
         _update_tracks(self.rows, self.used, self.counts, self.stale_ns, broadcasts)
 
+    def place(self, receiver: int, address: int, at_ns: Time, position: Floats, velocity: Floats) -> None:
+        """Keep a track that no broadcast made: where something is, and how it moves, (3,) each.
+
+        Without room it displaces the weakest track, as a strong broadcast does.
+        """
+        used, named = self.used.item(receiver), False
+        k, displaces = _find_slot(
+            self.rows, receiver, used, at_ns, self.stale_ns, address, named, 0, 0, 0, math.inf
+        )  # fmt: skip
+        row = self.rows[receiver, k]
+        if row["heard_ns"] < 0:
+            self.used[receiver] = max(used, k + 1)
+            self.counts[receiver, 1] += int(displaces)
+            for field in ("id_a", "id_b", "id_c", "is_impossible", "is_ignored"):
+                row[field] = 0
+            row["address"], row["ref"], row["serial"] = address, NO_REF, 0
+        row["heard_ns"] = row["located_ns"] = at_ns
+        row["east"], row["north"], row["up"] = position.tolist()
+        row["ve"], row["vn"], row["vu"] = velocity.tolist()
+        row["rssi_dbm"], row["status"], row["transport"] = math.nan, Status.AIRBORNE, -1
+
     def _local_motion(self, locations: LocationColumns, keep: Ints) -> Floats:
         """(n, 6) east, north, up in m, speed in m/s, course in rad, climb in m/s; NaN if unknown."""
         out = np.empty((len(keep), 6))
@@ -260,6 +281,10 @@ class TrackTable:
         """Mark the tracks of a receiver whose sender address (48 bits) is to be ignored, and no others."""
         rows = self.rows[receiver, : self.used[receiver]]
         rows["is_ignored"] = [ignored(address) for address in rows["address"].tolist()]
+
+    def ignore_slots(self, receiver: int, slots: Sequence[int]) -> None:
+        """Mark tracks of a receiver to be ignored, besides those that are."""
+        self.rows["is_ignored"][receiver, list(slots)] = 1
 
     def snapshot(
         self, receiver: int, now: Time, *, include_impossible: bool = False, grounded: bool = True

@@ -11,6 +11,7 @@ from typing import Any
 from skyrange.assembly.acts.conflicts import Acting, find_exclusions, find_unread, window_of
 from skyrange.assembly.acts.honest_arm import HonestAircraft, aircraft_of, carried, find_claim_problems, is_honest
 from skyrange.assembly.control_links import describe_to_attackers
+from skyrange.assembly.optics import group_sensors
 from skyrange.assembly.radio import check_place, uas_id_of
 from skyrange.assembly.remote_id_keys import AdversaryKeys, find_anchors
 from skyrange.attack.contract import (
@@ -77,6 +78,7 @@ def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: Cit
         city=city,
         over_air=describe_to_attackers(links),
         receivers={receiver.id: GroundReceiver(receiver.operator, receiver.place) for receiver in receivers},
+        sensors=group_sensors(scenario),
         signed=[operator.id for operator in scenario.operators if operator.signing != "off"],
         keys=AdversaryKeys(scenario),
         anchors=partial(find_anchors, scenario),

@@ -61,10 +61,15 @@ class ReceptionTap(Protection):
             if link_name("rid_data", vehicle) in context.links:
                 learns = TapMaker(OwnTap, (tap.own,))
                 placed += place_taps("rid_data", "companion", [vehicle], context, learns, inspects_none)
+            placed += tap.place_more(context)
         return Defence(taps=placed, exclusive=[Exclusive(f"{self.decides} of {vehicle}") for vehicle in vehicles])
 
     def begin(self, aircraft: Aircraft) -> None:
         """Set what depends on the aircraft; called once for each."""
+
+    def place_more(self, context: DefenceContext) -> Sequence[TapPlacement]:
+        """Further taps of one aircraft, from which it learns; called once for each."""
+        return ()
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """Decide on a frame of `rid_down`; those towards the companion are broadcasts."""

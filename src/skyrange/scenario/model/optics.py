@@ -15,12 +15,13 @@ from skyrange.optics.mounted_sensors import SensorModel
 from skyrange.optics.reflectivity import MATERIALS
 from skyrange.optics.returns import MAX_STEPS, make_detector
 from skyrange.optics.scan_patterns import PixelGrid, RotatingPattern, ScatteredPattern
-from skyrange.optics.sensor_models import D435, LIDAR_LITE_V3HP, MID_360, VLP_16, DepthCameraModel, LidarModel
+from skyrange.optics.sensor_models import D435, HAP, LIDAR_LITE_V3HP, MID_360, VLP_16, DepthCameraModel, LidarModel
 from skyrange.scenario.model.base import Id, Model, Number, Whole, refuse, wrong
 
 MODELS: Final[dict[str, SensorModel]] = {
     "vlp-16": VLP_16,
     "mid-360": MID_360,
+    "hap": HAP,
     "lidar-lite-v3hp": LIDAR_LITE_V3HP,
     "d435": D435,
 }
@@ -68,8 +69,8 @@ class OpticalSensor(Model):
         json_schema_extra={"default": None},
     )
     model: Annotated[str, AfterValidator(_known_model)] = Field(
-        description="Model: vlp-16 (rotating LiDAR), mid-360 (solid-state LiDAR), lidar-lite-v3hp (single beam), or "
-        "d435 (depth camera)."
+        description="Model: vlp-16 (rotating LiDAR), mid-360 and hap (solid-state LiDARs), lidar-lite-v3hp "
+        "(single beam), or d435 (depth camera)."
     )
     place_m: Enu | None = Field(
         default=None,

@@ -208,6 +208,32 @@ class RemoteId(Model):
         return self
 
 
+Fusion = Literal["radio", "sight", "confirm", "either"]
+
+
+class SightRules(Model):
+    """How a companion judges by sight whether an aircraft is where a broadcast claims it."""
+
+    missed: Number = Field(
+        default=0.01,
+        gt=0,
+        lt=0.5,
+        description="Probability that an honest aircraft is called not seen, by the companion's own assumptions.",
+    )
+    false: Number = Field(
+        default=0.01,
+        gt=0,
+        lt=0.5,
+        description="Probability that a claim where nothing flies is called seen, by the same assumptions.",
+    )
+    sigma_m: Number = Field(
+        default=2.5,
+        gt=0,
+        le=100,
+        description="Standard deviation of a claimed position against the own one, on each axis, in metres.",
+    )
+
+
 class Avoidance(Model):
     """How an aircraft avoids the aircraft whose Remote ID it receives."""
 
@@ -215,6 +241,15 @@ class Avoidance(Model):
         default="none", description="Kind of avoidance, a plugin of skyrange.avoidance."
     )
     params: dict[str, Any] = Field(default_factory=dict, validate_default=True, description="Parameters of the kind.")
+    fusion: Fusion | None = Field(
+        default=None,
+        description="What the aircraft avoids, if it has LiDARs or depth cameras. radio: the tracks of Remote ID; "
+        "confirm: those tracks without the ones at which its sensors looked and saw nothing; sight: what its sensors "
+        "see; either: both. Default: radio.",
+    )
+    sight: SightRules | None = Field(
+        default=None, description="What it assumes when it compares sight and radio; default: the defaults of all keys."
+    )
 
     @field_validator("params")
     @classmethod

@@ -51,7 +51,7 @@ from skyrange.scenario.model.plan import (
     route,
     square,
 )
-from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, Verify
+from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, SightRules, Verify
 from skyrange.scenario.validation.cross_checks import cross_check
 from skyrange.scenario.validation.plugin_params import checked, describe, describe_by_kind, normalized, params_of
 from skyrange.utm.contract import ApprovalPlugin
@@ -89,6 +89,7 @@ __all__ = [
     "Route",
     "Scenario",
     "Sensors",
+    "SightRules",
     "SigningTimeRules",
     "SikParams",
     "Square",

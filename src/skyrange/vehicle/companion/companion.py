@@ -49,10 +49,13 @@ from skyrange.vehicle.companion import autopilot_commands
 from skyrange.vehicle.companion.autopilot_commands import MessageRequests
 from skyrange.vehicle.companion.control_handover import CompanionCommand, ControlHandover, ControlState
 from skyrange.vehicle.companion.range_reports import RangeReports
+from skyrange.vehicle.sight.fusion import AircraftSight, Fusion
+from skyrange.vehicle.sight.witness import Sight
 
 if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
     from skyrange.remoteid.drip.verification.verdicts import Verification
 if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
+    from skyrange.optics.ray_index import RayIndex
     from skyrange.remoteid.drip.verification.verifier import Verifier
 
 
@@ -70,6 +73,10 @@ class CompanionSpec:
     """The autopilot's key, if its MAVLink is signed: the companion signs its commands and verifies what it receives."""
     verification: Verification | None = None
     """How it verifies the Remote ID of others; None: not at all."""
+    sight: Sight | None = None
+    """Its sensors, whose scans it receives; None without any."""
+    fusion: Fusion = Fusion.RADIO
+    """What it avoids."""
 
 
 SERVICE_NS: Final[Time] = LEAD_NS
@@ -98,22 +105,29 @@ class Companion:
         specs: Sequence[CompanionSpec],
         origin: Origin,
         chance: Chance,
+        city: RayIndex | None = None,
         range_reports: RangeReports | None = None,
     ) -> None:
         """`chance` spreads the broadcasts of different aircraft within the second, and is used for nothing else.
-        `range_reports` are of aircraft among `specs`.
+
+        `city` is the map by which sensors are told what is a building; it is needed with sensors. `range_reports`
+        are what it tells the autopilots of them.
         """
         self.name = name
         self.specs = tuple(specs)
         count = len(self.specs)
-        self.ports: Sequence[Port] = [
+        ports = [
             Port(endpoint(spec.vehicle, "companion"), link_name(kind, spec.vehicle))
             for spec in self.specs
             for kind in ("rid_data", "rid_up", "rid_down")
         ]
         self._range_reports = range_reports
-        if range_reports is not None:
-            self.ports = [*self.ports, *range_reports.ports]
+        self._scan_rows = [row for row, spec in enumerate(self.specs) if spec.sight is not None]
+        scanned = [self.specs[row].vehicle for row in self._scan_rows]
+        self.ports: Sequence[Port] = [
+            *ports,
+            *(Port(endpoint(vehicle, "companion"), link_name("scan", vehicle)) for vehicle in scanned),
+        ]
         self.originates: Sequence[Port] = [
             Port(endpoint(s.vehicle, "companion"), link_name("log", s.vehicle)) for s in self.specs
         ]
@@ -149,6 +163,11 @@ class Companion:
                 for spec in self.specs
             ]
         ).reshape(count, 3)
+        self._sight = {
+            row: AircraftSight(spec.vehicle, spec.sight, spec.fusion, city)
+            for row, spec in enumerate(self.specs)
+            if spec.sight is not None and city is not None
+        }
         self._requests = MessageRequests(self._avoids)
         self._handovers: dict[int, ControlHandover] = {}
         self._counts = np.zeros((count, len(_COUNTS)), dtype=np.int64)
@@ -194,8 +213,8 @@ class Companion:
         mail = inbox.columns(self._places)
         if self._signed is not None:
             mail = self._signed.verify_inbox(now, inbox, mail, out)
-        if self._range_reports is not None:
-            mail = self._range_reports.take_scans(now, inbox, mail, len(self.specs) * _SIDES, out)
+        if self._sight:
+            mail = self._receive_scans(now, inbox, mail, out)
         side, vehicle = mail.places % _SIDES, mail.places // _SIDES
         data = np.flatnonzero(side == 0)
         if data.size:
@@ -203,6 +222,25 @@ class Companion:
         heard = np.flatnonzero(side == _SIDES - 1)
         if heard.size:
             self._receive_broadcasts(inbox, mail, vehicle, heard)
+
+    def _receive_scans(self, now: Time, inbox: Inbox, mail: Columns, out: Outbox) -> Columns:
+        """Take in the scans among the mail; returns the rest."""
+        first = len(self.specs) * _SIDES
+        scans = np.flatnonzero(mail.places >= first)
+        if not scans.size:
+            return mail
+        places, velocities = self._own_motion(now)
+        placed = is_fresh(self._beliefs.table["position_ns"], now, POSITION_TIMEOUT_NS)
+        for number in scans.tolist():
+            row = self._scan_rows[mail.places.item(number) - first]
+            cause = inbox.arrival(mail.order.item(number)).ref
+            if self._range_reports is not None:
+                payload = bytes(mail.payloads[number])
+                self._range_reports.receive(now, self.specs[row].vehicle, payload, cause, out)
+            if placed[row]:
+                motion = (places[row], velocities[row])
+                self._sight[row].receive(now, row, bytes(mail.payloads[number]), motion, self.tracks, out, cause)
+        return mail.take(np.flatnonzero(mail.places < first))
 
     def _receive_broadcasts(self, inbox: Inbox, mail: Columns, vehicle: Ints, heard: Ints) -> None:
         rid = unpack_rows(mail.payloads.take(heard))
@@ -281,6 +319,9 @@ class Companion:
         if self.verifier is not None:
             for row in filter(self.verifier.filters, self.verifier.rows):
                 self.tracks.ignore(row, partial(self.verifier.disbelieves, row, now))
+        for row, sight in self._sight.items():
+            verifies = self.verifier is not None and self.verifier.filters(row)
+            sight.apply(now, row, self.tracks, keep=verifies)
         in_conflict = detect_conflicts(self.tracks, now, places, velocities, self._limits, free)
         for row in sorted({*np.flatnonzero(in_conflict).tolist(), *self._handovers}):
             handover = self._handovers.get(row) or ControlHandover()

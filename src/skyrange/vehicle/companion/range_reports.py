@@ -9,13 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, Literal, NamedTuple
 
-import numpy as np
-
 from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import SignedConnection, SignedConnections, SigningKey
 from skyrange.codec.range_scans import RangeScan, unpack_scan
-from skyrange.contracts.mailboxes import Columns, Inbox, Outbox
+from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
@@ -74,6 +72,7 @@ class RangeReports:
         self.vehicles: Sequence[str] = vehicles
         self.ports: Sequence[Port] = [Port(endpoint(v, "companion"), link_name("scan", v)) for v in vehicles]
         self.originates: Sequence[Port] = [Port(endpoint(v, "companion"), link_name("log", v)) for v in vehicles]
+        self._rows = {vehicle: row for row, vehicle in enumerate(vehicles)}
         self._reported = {(vehicles.index(one.sensor.vehicle), one.sensor.number): one for one in reported}
         self._packers = {key: Packer(one.system_id, COMPONENT) for key, one in self._reported.items()}
         for row in range(len(vehicles)):  # one component of an aircraft has one sequence
@@ -82,19 +81,11 @@ class RangeReports:
         self._sent_ns = dict.fromkeys(self._reported, -PERIOD_NS)
         self._bad = [0] * len(vehicles)
 
-    def take_scans(self, now: Time, inbox: Inbox, mail: Columns, first: int, out: Outbox) -> Columns:
-        """Report the scans of an inbox: the rows whose place is `first` or more, counted along `ports`.
-
-        Returns the other rows.
-        """
-        is_scan = mail.places >= first
-        for row in np.flatnonzero(is_scan).tolist():
-            arrival = inbox.arrival(mail.order.item(row))
-            self.receive(now, mail.places.item(row) - first, arrival.payload, arrival.ref, out)
-        return mail.take(np.flatnonzero(~is_scan)) if is_scan.any() else mail
-
-    def receive(self, now: Time, row: int, payload: bytes, ref: FrameId, out: Outbox) -> None:
-        """Report one scan, if its sensor is reported and it is time; count one that is none."""
+    def receive(self, now: Time, vehicle: str, payload: bytes, ref: FrameId, out: Outbox) -> None:
+        """Report one scan of an aircraft, if its sensor is reported and it is time; count one that is none."""
+        row = self._rows.get(vehicle)
+        if row is None:
+            return
         try:
             scan = unpack_scan(payload)
             key = (row, scan.sensor)
@@ -174,7 +165,7 @@ class SensorCompanion:
         self.reports = reports
         self.ports: Sequence[Port] = reports.ports
         self.originates: Sequence[Port] = reports.originates
-        self._places = {port: place for place, port in enumerate(self.ports)}
+        self._vehicles = dict(zip(self.ports, reports.vehicles, strict=True))
         signed = [
             SignedConnection(vehicle, key, scan, log)
             for vehicle, key, scan, log in zip(reports.vehicles, keys, self.ports, self.originates, strict=True)
@@ -189,8 +180,10 @@ class SensorCompanion:
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         """Report the scans that arrived."""
         out = Outbox()
-        if len(inbox):
-            self.reports.take_scans(now, inbox, inbox.columns(self._places), 0, out)
+        for arrival in inbox:
+            vehicle = self._vehicles.get(arrival.port)
+            if vehicle is not None:
+                self.reports.receive(now, vehicle, arrival.payload, arrival.ref, out)
         if self._signed is not None:
             self._signed.sign_outbox(now, out)
         return out

@@ -154,4 +154,5 @@ def measure_height(fleet: Fleet, vehicle: Vehicle) -> float | None:
     if not down or not least <= finder.distance_m <= most:
         return None
     _, x, y, _ = fleet.estimate["quat"][vehicle.row].tolist()
-    return finder.distance_m * max(1.0 - 2.0 * (x * x + y * y), 0.707)
+    cosine: float = 1.0 - 2.0 * (x * x + y * y)
+    return finder.distance_m * max(cosine, 0.707)

@@ -1,0 +1,146 @@
+"""Evidence of sight about one claimed position: does something fly there? A sequential test over scans.
+
+Each scan is a look. Under the hypothesis *honest*, an aircraft is at the claimed position, up to an error with the
+standard deviation `sigma_m` on every axis; under *nothing there*, only noise and clutter return. A look sees something
+if a pulse returns from within the gate, a sphere of `GATE_SIGMAS` around the claimed position. The logarithm of the
+ratio of likelihoods adds up from look to look (Wald, "Sequential Tests of Statistical Hypotheses", Ann. Math. Statist.
+16, 1945), between limits that the two allowed rates of error set.
+
+The error of the position hardly changes from scan to scan, so an aircraft may stay in a part of the gate that no beam
+reaches: outside the field, behind something near, or before a wall of the map. The share of the gate that was looked
+at limits how strong the evidence of absence can become.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from skyrange.core import elementary_python
+from skyrange.core.arrays import Floats
+from skyrange.core.elementwise import exp
+from skyrange.optics.ray_index import RayIndex
+from skyrange.vehicle.sight.beams import BODY_M, Beams, SensorView, find_map_distances, find_near_surfaces
+
+GATE_SIGMAS: Final = 3.5
+"""A position with an independent normal error on three axes is within 3.5 standard deviations in 99.3 %."""
+WALL_M: Final = 2.0
+"""How near to a surface of the map a return may be its own: errors of the own position, and of the map (assumed)."""
+CLUTTER: Final = 0.01
+"""Probability that a look returns something else from the gate: birds, drops, wires, leaves (assumed)."""
+_FADE: Final = 0.1
+"""Weight of a new look in the mean share of the gate that was looked at."""
+
+
+class Verdict(StrEnum):
+    """What sight says of a claim."""
+
+    SEEN = "seen"
+    NOT_SEEN = "not-seen"
+    """Looked, and not seen."""
+    COULD_NOT_LOOK = "could-not-look"
+
+
+class Rates(NamedTuple):
+    """The rates of error that a verdict may have."""
+
+    missed: float = 0.01
+    """Probability that an honest aircraft is called not seen."""
+    false: float = 0.01
+    """Probability that a claim without an aircraft is called seen."""
+
+
+DEFAULT_RATES: Final = Rates()
+
+
+class Look(NamedTuple):
+    """One scan at one claimed position."""
+
+    looked: float
+    """Share of the gate, weighted by where an honest aircraft would be, that beams passed through; 0 to 1."""
+    honest: float
+    """Probability that an honest aircraft in that share returns a pulse."""
+    nothing: float
+    """Probability that noise or clutter does."""
+    is_hit: bool
+
+
+NO_LOOK: Final = Look(0.0, 0.0, 0.0, is_hit=False)
+
+
+def look_at(view: SensorView, beams: Beams, claimed: Floats, sigma_m: float, city: RayIndex) -> Look:
+    """Look at a claimed position (3,) with the beams of a scan."""
+    toward = claimed - beams.origin
+    away2 = float(toward[0] * toward[0] + toward[1] * toward[1] + toward[2] * toward[2])
+    gate = GATE_SIGMAS * sigma_m
+    away = math.sqrt(away2)
+    if away > view.reach_m + gate:
+        return NO_LOOK
+    along = sum(toward[k] * beams.direction[:, k] for k in range(3))
+    beside2 = away2 - along * along
+    rows = np.flatnonzero((along > 0.0) & (beside2 < gate * gate))
+    if not rows.size:
+        return NO_LOOK
+    half = np.sqrt(gate * gate - np.maximum(beside2[rows], 0.0))
+    begin, end = np.maximum(along[rows] - half, 0.0), along[rows] + half
+    mapped = find_map_distances(city, beams, rows, away + 2.0 * gate)
+    distance = beams.distance_m[rows]
+    returned = distance > 0.0
+    # beams that end at something nearer, and beams to a surface of the map in the gate, say nothing
+    clear = ~(returned & (distance < begin)) & (mapped > end + WALL_M)
+    if not clear.any():
+        return NO_LOOK
+    hits = clear & returned & (distance <= end)
+    points = beams.origin + beams.direction[rows[hits]] * distance[hits, None]
+    is_hit = bool((~find_near_surfaces(city, points, WALL_M)).any())
+    weight = exp(-0.5 * beside2[rows[clear]] / (sigma_m * sigma_m))
+    across, up = view.spacing_rad
+    cell = across * up * away2
+    total = 0.0
+    for one in weight.tolist():
+        total += one
+    looked = min(total * cell / (2.0 * math.pi * sigma_m * sigma_m), 1.0)
+    area = BODY_M[0] * BODY_M[1]
+    expected = area / cell * view.find_probability(away)
+    # pulses that meet a body come together: a row meets it with several, or passes it by
+    together = max(1.0, BODY_M[0] / (across * away)) * max(1.0, BODY_M[1] / (up * away))
+    honest = 1.0 - elementary_python.exp(-expected / together)
+    noise = view.false_alarm_per_m * 2.0 * gate * int(clear.sum())
+    return Look(looked, honest, 1.0 - elementary_python.exp(-noise) * (1.0 - CLUTTER), is_hit)
+
+
+class Evidence:
+    """What the looks at one claim have said so far."""
+
+    __slots__ = ("_looked", "_ratio", "looks")
+
+    def __init__(self) -> None:
+        self._ratio = 0.0
+        """Logarithm of the ratio of likelihoods, honest over nothing there, of an aircraft where was looked."""
+        self._looked = 0.0
+        self.looks = 0
+
+    def add(self, look: Look, rates: Rates, weight: float) -> None:
+        """Take in a look; `weight` is less than 1 for looks that repeat what the last one saw."""
+        if look.looked <= 0.0 or look.honest <= 0.0:
+            return
+        self.looks += 1
+        self._looked = look.looked if self.looks == 1 else self._looked + _FADE * (look.looked - self._looked)
+        either = 1.0 - (1.0 - look.honest) * (1.0 - look.nothing)
+        if look.is_hit:
+            step = elementary_python.log(either / look.nothing)
+        else:
+            step = elementary_python.log((1.0 - either) / (1.0 - look.nothing))
+        # beyond its limits evidence is not kept, so that a change is noticed
+        low, high = 2.0 * elementary_python.log(rates.missed), -elementary_python.log(rates.false)
+        self._ratio = min(max(self._ratio + weight * step, low), high)
+
+    def judge(self, rates: Rates) -> Verdict:
+        """The verdict."""
+        if self._ratio >= -elementary_python.log(rates.false):
+            return Verdict.SEEN
+        absent = (1.0 - self._looked) + self._looked * elementary_python.exp(self._ratio)
+        return Verdict.NOT_SEEN if absent <= rates.missed else Verdict.COULD_NOT_LOOK

@@ -1,0 +1,185 @@
+"""What sight says of a claim: honest aircraft are seen, ghosts are not, and nothing is said without a look."""
+
+from __future__ import annotations
+
+import math
+from copy import deepcopy
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import shapely
+
+from skyrange.city.buildings import Building
+from skyrange.city.wall_index import build_wall_index
+from skyrange.codec.range_scans import LIDAR, RangeScan
+from skyrange.core.arrays import Floats
+from skyrange.core.chance import Chance
+from skyrange.core.errors import DecodeError
+from skyrange.core.time import NS_PER_MS
+from skyrange.optics.extinction import Weather
+from skyrange.optics.mounted_sensors import MountedSensor
+from skyrange.optics.ray_casting import cast_rays
+from skyrange.optics.ray_index import RayIndex, build_ray_index
+from skyrange.optics.reflectivity import make_surfaces
+from skyrange.optics.returns import Address, find_returns
+from skyrange.optics.scan_patterns import ScatteredPattern
+from skyrange.optics.sensor_models import HAP, VLP_16
+from skyrange.optics.sensor_poses import SensorPose, make_pulse_rays, sample_footprint
+from skyrange.optics.targets import place_targets
+from skyrange.remoteid.tracks import TrackSnapshot
+from skyrange.vehicle.sight.detections import SightTracks
+from skyrange.vehicle.sight.evidence import Verdict
+from skyrange.vehicle.sight.witness import Sight, Witness
+
+HERE = np.array([0.0, 0.0, 30.0])
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+EMPTY = build_ray_index()
+NARROW = replace(
+    HAP, pattern=ScatteredPattern(rays=7_500, azimuth_deg=(-10.0, 10.0), elevation_deg=(-12.5, 12.5), rate_hz=10.0)
+)
+"""A sixth of the HAP's field, as dense as the whole."""
+FORWARD = MountedSensor("blue/b1", "hap", 0, NARROW, (0.0, 0.0, 0.2))
+SCAN_NS = 100 * NS_PER_MS
+
+
+@cache
+def wall(away_m: float) -> RayIndex:
+    """A wall across the view, 40 m high."""
+    footprint = shapely.box(away_m, -60.0, away_m + 10.0, 60.0)
+    return build_ray_index(build_wall_index([Building("w", 40.0, footprint)]))
+
+
+def scan(number: int, seed: int, place: Floats | None, city: RayIndex = EMPTY) -> RangeScan:
+    """What the sensor says of an aircraft whose body is at `place`, or of nothing."""
+    bodies = np.empty((0, 3)) if place is None else np.array([place - np.array([0.0, 0.0, 0.055])])
+    one = np.ones(len(bodies))
+    targets = place_targets(city, bodies, 0.0 * bodies, 0.235 * one, 0.11 * one, during_s=0.1)
+    firing = FORWARD.list_rays(number)
+    pose = SensorPose(HERE, np.zeros(3), np.array(LEVEL), np.zeros(3), np.array(FORWARD.place_m))
+    rays = make_pulse_rays(firing, pose, sample_footprint(NARROW, 3, 3))
+    address = Address(Chance(seed), 9, number * SCAN_NS)
+    returns = find_returns(
+        NARROW, firing, cast_rays(city, rays, NARROW.reach_m, targets), make_surfaces(), Weather(), address
+    )
+    return RangeScan(LIDAR, 0, number, NARROW.resolution_m, number * SCAN_NS, LEVEL, returns.steps)
+
+
+def claim(place: Floats) -> TrackSnapshot:
+    return TrackSnapshot(
+        np.zeros(1, dtype=np.int64), np.array([b"GHOST"], dtype="S20"), np.array([7]), np.array([place]),
+        np.zeros((1, 3)), np.zeros(1), np.zeros(1), np.zeros(1, dtype=np.int64),
+    )  # fmt: skip
+
+
+def look(claimed: Floats, real: Floats | None, scans: int, seed: int, city: RayIndex = EMPTY) -> tuple[Verdict, int]:
+    """The first verdict other than *could not look*, and after how many scans."""
+    witness = Witness(Sight([FORWARD], sigma_m=2.0), city)
+    for number in range(scans):
+        beams = witness.place_beams(scan(number, seed, real, city), HERE, np.zeros(3), number * SCAN_NS)
+        assert beams is not None
+        for change in witness.look(number * SCAN_NS, 0, beams, claim(claimed)):
+            return change.verdict, number + 1
+    return Verdict.COULD_NOT_LOOK, scans
+
+
+def error(seed: int) -> Floats:
+    """Of a position: three independent normal deviates of 2 m."""
+    u = [Chance(seed).uniform4("test", axis, 0) for axis in range(3)]
+    normal = [math.sqrt(-2.0 * math.log(1.0 - a)) * math.cos(2.0 * math.pi * b) for a, b, _, _ in u]
+    return 2.0 * np.array(normal)
+
+
+@pytest.mark.parametrize("away_m", [45.0, 60.0])
+def test_honest_aircraft_are_seen_and_ghosts_are_not(away_m: float) -> None:
+    """Of 24 each, with errors of the position as assumed; each rate of error is 1 % by the assumptions."""
+    claimed = np.array([away_m, 0.0, 30.2])
+    honest = [look(claimed, claimed + error(seed), 60, seed)[0] for seed in range(24)]
+    ghosts = [look(claimed, None, 60, seed)[0] for seed in range(24)]
+    assert honest.count(Verdict.NOT_SEEN) <= 1
+    assert honest.count(Verdict.SEEN) >= 22
+    assert ghosts.count(Verdict.SEEN) <= 1
+    assert ghosts.count(Verdict.NOT_SEEN) >= 22
+
+
+def test_farther_away_it_takes_longer() -> None:
+    near, far = (look(np.array([away, 0.0, 30.2]), None, 200, 1) for away in (45.0, 90.0))
+    assert near[0] is far[0] is Verdict.NOT_SEEN
+    assert near[1] < far[1]
+
+
+@pytest.mark.parametrize(
+    ("place", "why"),
+    [
+        ([400.0, 0.0, 30.0], "out of range"),
+        ([-45.0, 0.0, 30.0], "behind"),
+        ([12.0, 0.0, 30.0], "near: the field does not cover the gate"),
+        ([45.0, 0.0, 40.0], "at the edge of the field"),
+    ],
+)
+def test_where_no_beam_goes_nothing_is_said(place: list[float], why: str) -> None:
+    assert look(np.array(place), None, 40, 1)[0] is Verdict.COULD_NOT_LOOK, why
+
+
+def test_behind_a_wall_and_in_front_of_one_nothing_is_said() -> None:
+    assert look(np.array([60.0, 0.0, 30.0]), None, 40, 1, wall(40.0))[0] is Verdict.COULD_NOT_LOOK
+    assert look(np.array([60.0, 0.0, 30.0]), None, 40, 1, wall(62.0))[0] is Verdict.COULD_NOT_LOOK
+    assert look(np.array([60.0, 0.0, 30.0]), None, 60, 1, wall(100.0))[0] is Verdict.NOT_SEEN
+
+
+def test_what_is_nearer_and_not_on_the_map_hides_the_claim() -> None:
+    """The companion's map lacks the wall."""
+    witness = Witness(Sight([FORWARD], sigma_m=2.0), EMPTY)
+    for number in range(40):
+        beams = witness.place_beams(scan(number, 1, None, wall(30.0)), HERE, np.zeros(3), number * SCAN_NS)
+        assert beams is not None
+        assert witness.look(number * SCAN_NS, 0, beams, claim(np.array([60.0, 0.0, 30.2]))) == []
+
+
+def test_a_verdict_lasts_ten_seconds_after_the_last_look_that_reached_it() -> None:
+    witness = Witness(Sight([FORWARD], sigma_m=2.0), EMPTY)
+    verdicts = []
+    for number in range(260):  # it comes nearer until the field no longer covers the gate
+        place = np.array([max(60.0 - 2.0 * number, 8.0), 0.0, 30.2])
+        beams = witness.place_beams(scan(number, 1, None), HERE, np.zeros(3), number * SCAN_NS)
+        assert beams is not None
+        verdicts += [(number, c.verdict) for c in witness.look(number * SCAN_NS, 0, beams, claim(place))]
+    assert [verdict for _, verdict in verdicts] == [Verdict.NOT_SEEN, Verdict.COULD_NOT_LOOK]
+    assert 100 < verdicts[1][0] < 130
+    copy = deepcopy(witness)
+    copy.forget(1_000 * SCAN_NS)
+    assert copy.verdict((7, b"GHOST")) is Verdict.COULD_NOT_LOOK
+
+
+def test_a_scan_of_another_sensor_is_refused() -> None:
+    witness = Witness(Sight([FORWARD]), EMPTY)
+    good = scan(0, 1, None)
+    with pytest.raises(DecodeError, match="a scan of 3 steps"):
+        witness.place_beams(good._replace(steps=good.steps[:3]), HERE, np.zeros(3), 0)
+    assert witness.place_beams(good._replace(sensor=5), HERE, np.zeros(3), 0) is None
+
+
+def test_sight_follows_an_aircraft_that_no_radio_tells_of_and_no_noise() -> None:
+    tracks, witness = SightTracks(), Witness(Sight([FORWARD]), wall(90.0))
+    found = []
+    for number in range(40):
+        place = np.array([40.0 - 0.5 * number, 1.0, 30.2])
+        beams = witness.place_beams(scan(number, 3, place, wall(90.0)), HERE, np.zeros(3), number * SCAN_NS)
+        assert beams is not None
+        found += [(place, t) for t in tracks.update(number * SCAN_NS, beams, wall(90.0), np.empty((0, 3)), 7.0)]
+    assert len(found) > 20
+    assert {track.number for _, track in found} == {found[0][1].number}
+    place, last = found[-1]
+    assert last.velocity == pytest.approx([-5.0, 0.0, 0.0], abs=1.5)
+    none = SightTracks()
+    for number in range(40):
+        beams = witness.place_beams(scan(number, 4, None, wall(90.0)), HERE, np.zeros(3), number * SCAN_NS)
+        assert beams is not None
+        assert none.update(number * SCAN_NS, beams, wall(90.0), np.empty((0, 3)), 7.0) == []
+
+
+def test_a_pattern_that_repeats_counts_less_than_one_that_does_not() -> None:
+    rotating = MountedSensor("blue/b1", "vlp", 0, VLP_16, (0.0, 0.0, 0.2))
+    views = [Witness(Sight([sensor]), EMPTY)._views[0] for sensor in (FORWARD, rotating)]
+    assert [view.sensor.period_ns / view.apart_ns for view in views] == [1.0, pytest.approx(0.2)]
