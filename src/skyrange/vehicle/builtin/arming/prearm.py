@@ -99,6 +99,7 @@ _MAX_ALT_DISPARITY_M = 1.0  # PREARM_MAX_ALT_DISPARITY_CM
 _FIELD_MIN_MGAUSS, _FIELD_MAX_MGAUSS = 185, 875  # AP_ARMING_COMPASS_MAGFIELD_MIN, …_MAX
 _PRED_POS_ABS = int(dialect.EKF_PRED_POS_HORIZ_ABS)
 _PRED_POS_REL = int(dialect.EKF_PRED_POS_HORIZ_REL)
+_AVOIDS_PROXIMITY = 2  # AC_AVOID_USE_PROXIMITY_SENSOR
 _NEAREST_M = 0.6  # AP_Arming_Copter.cpp, proximity_checks
 _HORIZONTAL_TYPES = int(fence.FenceType.CIRCLE | fence.FenceType.POLYGON)
 
@@ -278,27 +279,32 @@ def _missing_item(fleet: Fleet, row: int, bits: int) -> str:
     return ""
 
 
-def _range_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
-    """`proximity_checks` and `rangefinder_checks`: sensors that send nothing, and obstacles within 60 cm."""
-    sensors = [fleet.range_sensors.get(row) for row in inputs.rows.tolist()]
-    if not any(sensors):
-        return []
-    finders = [None if one is None else one.rangefinder for one in sensors]
-    around = [None if one is None else one.proximity for one in sensors]
-    blind = np.array([one is not None and has_no_data(fleet, one.read_ns) for one in around], dtype=bool)
-    lost = np.array([one is not None and has_no_data(fleet, one.read_ns) for one in finders], dtype=bool)
-    near_m = np.array([np.inf if one is None else one.boundary.find_closest() for one in around])
-    uses = np.array([int(fleet.param(fleet.vehicles[row], "AVOID_ENABLE")) & 2 != 0 for row in inputs.rows.tolist()])
+def _rangefinder_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
+    lost = np.zeros(inputs.rows.size, dtype=bool)
+    for place, row in enumerate(inputs.rows.tolist()):
+        sensors = fleet.range_sensors.get(row)
+        if sensors is not None and sensors.rangefinder is not None:
+            lost[place] = has_no_data(fleet, sensors.rangefinder.read_ns)
+    return [(inputs.check_enabled(ArmingCheck.RANGEFINDER) & lost, "Rangefinder 1: No Data")]
+
+
+def _proximity_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
+    """`proximity_checks`: a sensor that sends nothing, and an obstacle within 60 cm."""
+    blind, near = np.zeros(inputs.rows.size, dtype=bool), np.zeros(inputs.rows.size, dtype=bool)
+    closest_m: dict[int, float] = {}
+    for place, row in enumerate(inputs.rows.tolist()):
+        sensors = fleet.range_sensors.get(row)
+        if sensors is None or sensors.proximity is None:
+            continue
+        blind[place] = has_no_data(fleet, sensors.proximity.read_ns)
+        closest_m[row] = sensors.proximity.boundary.find_closest()
+        avoids = int(fleet.param(fleet.vehicles[row], "AVOID_ENABLE")) & _AVOIDS_PROXIMITY
+        near[place] = bool(avoids) and closest_m[row] <= _NEAREST_M
 
     def describe(vehicle: Vehicle) -> str:
-        closest = near_m[inputs.rows.tolist().index(vehicle.row)]
-        return f"Proximity {closest:4.2f}m (want > {_NEAREST_M:.1f}m)"
+        return f"Proximity {closest_m[vehicle.row]:4.2f}m (want > {_NEAREST_M:.1f}m)"
 
-    return [
-        (inputs.check_enabled(ArmingCheck.RANGEFINDER) & lost, "Rangefinder 1: No Data"),
-        (blind, "PRX1: No Data"),
-        (inputs.check_enabled(ArmingCheck.PARAMETERS) & uses & (near_m <= _NEAREST_M), describe),
-    ]
+    return [(blind, "PRX1: No Data"), (inputs.check_enabled(ArmingCheck.PARAMETERS) & near, describe)]
 
 
 def _fence_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
@@ -318,7 +324,8 @@ CHECKS: Final[list[Callable[[Fleet, CheckInputs], Sequence[Failure]]]] = [
     _gps_checks,
     _battery_checks,
     _mission_checks,
-    _range_checks,
+    _rangefinder_checks,
+    _proximity_checks,
     _battery_failsafe_check,
     _fence_checks,
     _opendroneid_checks,
