@@ -1,4 +1,4 @@
-"""How far from a wall do both autopilots stop, under a velocity towards it in GUIDED? Each aircraft has its own lane."""
+"""How far from a wall do both autopilots stop, under a velocity towards it in GUIDED? Each aircraft flies alone."""
 
 from __future__ import annotations
 

@@ -39,9 +39,8 @@ def turn(roll: float, pitch: float, yaw: float) -> Floats:
     """(w, x, y, z) of a yaw from east, a pitch and a roll, by their half angles."""
     cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
     cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
-    return np.array([
-        cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
-    ])  # fmt: skip
+    w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
+    return np.array([w, x, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy])
 
 
 def matrix(quaternion: Floats) -> Floats:
