@@ -31,7 +31,8 @@ LANE_M = 150.0
 MARGIN_M = 3.0
 PUSH_S, UNTIL_S = 30.0, 60.0
 """From when to when velocities are sent: all hover by then, and the slowest has stopped for five seconds."""
-PERIOD_NS: Time = 200 * NS_PER_MS
+PERIOD_NS: Time = 100 * NS_PER_MS
+"""Less than the 200 ms after which ArduCopter forgets to which velocity it has limited the last one."""
 ORIGIN = {"lat": -35.363328, "lon": 149.1652241, "alt_msl_m": 10.0}
 
 
@@ -61,7 +62,7 @@ NEAREST_M = 1.0
 
 @dataclass
 class Push:
-    """A companion program that commands GUIDED once, then a velocity five times a second."""
+    """A companion program that commands GUIDED once, then a velocity ten times a second."""
 
     approach: Approach
     vehicle: str

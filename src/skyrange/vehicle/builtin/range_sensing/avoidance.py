@@ -11,11 +11,11 @@ ALT_HOLD and LOITER avoid.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from skyrange.core import elementary
 from skyrange.core.time import NEVER, NS_PER_MS, Time
-from skyrange.vehicle.builtin.control.gains import SLOW_LOOP_S
 from skyrange.vehicle.builtin.control.shaping import sqrt_controller, stopping_distance
 from skyrange.vehicle.builtin.fleet import Fleet, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import guided
@@ -31,11 +31,20 @@ from skyrange.vehicle.builtin.range_sensing.plane_vectors import (
 )
 from skyrange.vehicle.builtin.range_sensing.sensors import Proximity, measure_height
 
+LOOP_S: Final = 0.0025
+"""ArduCopter's loop. Each pass limits what the last one made of a command, so that a command changes the velocity by no
+more than AVOID_ACCEL_MAX times this, however long it takes until the next one."""
+_LOOPS: Final = 4
+"""Passes in the 10 ms after which guidance reads the velocity."""
 _PROXIMITY_BIT: Final = 2  # AC_AVOID_USE_PROXIMITY_SENSOR
 _MAX_ACCEL_MPS2: Final = 1.0  # AC_AVOID_ACCEL_CMSS_MAX
 _BACK_SHARE: Final = 0.4  # calc_backup_velocity_2D
 _TIMEOUT_NS: Final[Time] = 200 * NS_PER_MS  # AC_AVOID_ACCEL_TIMEOUT_MS
 _AHEAD_M: Final = 0.02  # adjust_velocity_proximity, stopping_point_plus_margin
+
+
+Vector3 = tuple[float, float, float]
+"""East, north, up."""
 
 
 class _Limits(NamedTuple):
@@ -47,7 +56,16 @@ class _Limits(NamedTuple):
 
     def max_speed(self, distance_m: float) -> float:
         """The speed from which it stops within a distance (`get_max_speed`)."""
-        return float(sqrt_controller(distance_m, self.gain, self.accel_mps2, SLOW_LOOP_S))
+        return float(sqrt_controller(distance_m, self.gain, self.accel_mps2, LOOP_S))
+
+
+class _Rules(NamedTuple):
+    """How a velocity is changed: AVOID_BEHAVE, AVOID_BACKUP_DZ, AVOID_BACKUP_SPD, AVOID_ACCEL_MAX."""
+
+    slides: bool
+    dead_zone_m: float
+    back_mps: float
+    accel_mps2: float
 
 
 def avoid_obstacles(fleet: Fleet) -> None:
@@ -66,28 +84,50 @@ def _avoid(fleet: Fleet, vehicle: Vehicle, proximity: Proximity) -> None:
         return
     if not int(fleet.param(vehicle, "AVOID_ENABLE")) & _PROXIMITY_BIT or _is_too_low(fleet, vehicle):
         return
-    target = fleet.flight["target_vel"][row]
-    commanded = fleet.timers[row, Timer.GUIDED_TIMEOUT] != NEVER
-    east, north, up = target.tolist() if commanded else (0.0, 0.0, 0.0)
-    yaw = float(fleet.estimate["yaw"][row])
-    cos, sin = elementary.cos(yaw), elementary.sin(yaw)
-    wanted = (east * cos + north * sin, east * sin - north * cos)  # ahead, right
     accel = min(float(fleet.flight["accel_xy"][row]), _MAX_ACCEL_MPS2)
     limits = _Limits(fleet.param(vehicle, "PSC_POSXY_P"), accel, fleet.param(vehicle, "AVOID_MARGIN"))
+    rules = _Rules(
+        fleet.param(vehicle, "AVOID_BEHAVE") == 0.0,
+        fleet.param(vehicle, "AVOID_BACKUP_DZ"),
+        fleet.param(vehicle, "AVOID_BACKUP_SPD"),
+        fleet.param(vehicle, "AVOID_ACCEL_MAX"),
+    )
     lines = proximity.boundary.list_lines()
-    slides = fleet.param(vehicle, "AVOID_BEHAVE") == 0.0
-    (ahead, right), climb = limit_velocity(limits, lines, wanted, up, slides=slides)
-    back = _find_back_velocity(limits, lines, fleet.param(vehicle, "AVOID_BACKUP_DZ"))
-    new = (ahead * cos + right * sin, ahead * sin - right * cos)
+    yaw = float(fleet.estimate["yaw"][row])
+    target = fleet.flight["target_vel"][row]
+    commanded = fleet.timers[row, Timer.GUIDED_TIMEOUT] != NEVER
+    velocity: Vector3 = tuple(target.tolist())
+    for _ in range(_LOOPS):
+        before = velocity if commanded else (0.0, 0.0, 0.0)
+        velocity = _adjust(proximity, fleet.now, before, lines, limits, rules, yaw)
+        if velocity == before:
+            break
+    target[:] = velocity
+
+
+def _adjust(  # noqa: PLR0917
+    proximity: Proximity,
+    now: Time,
+    original: Vector3,
+    lines: Sequence[tuple[Vector2, Vector2]],
+    limits: _Limits,
+    rules: _Rules,
+    yaw: float,
+) -> Vector3:
+    """One pass of `adjust_velocity`, for a velocity east, north and up."""
+    east, north, up = original
+    cos, sin = elementary.cos(yaw), elementary.sin(yaw)
+    wanted = (east * cos + north * sin, east * sin - north * cos)  # ahead, right
+    safe, climb = limit_velocity(limits, lines, wanted, up, slides=rules.slides)
+    back = _find_back_velocity(limits, lines, rules.dead_zone_m)
+    if safe == wanted and climb == up and back == (0.0, 0.0):
+        return original
+    level = (safe[0] * cos + safe[1] * sin, safe[0] * sin - safe[1] * cos)
     back = (back[0] * cos + back[1] * sin, back[0] * sin - back[1] * cos)
-    new = _back_away(new, back, fleet.param(vehicle, "AVOID_BACKUP_SPD"))
-    if (*new, climb) == (east, north, up) or ((ahead, right) == wanted and climb == up and back == (0.0, 0.0)):
-        if not commanded:
-            target[:] = 0.0
-        return
-    made = _limit_accel(proximity, fleet.now, (east, north, up), (*new, climb), fleet.param(vehicle, "AVOID_ACCEL_MAX"))
-    proximity.limited_ns = fleet.now
-    target[:] = made
+    modified = (*_back_away(level, back, rules.back_mps), climb)
+    modified = _limit_accel(proximity, now, original, modified, rules.accel_mps2)
+    proximity.limited_ns = now
+    return modified
 
 
 def _is_too_low(fleet: Fleet, vehicle: Vehicle) -> bool:
@@ -97,7 +137,7 @@ def _is_too_low(fleet: Fleet, vehicle: Vehicle) -> bool:
 
 
 def limit_velocity(
-    limits: _Limits, lines: list[tuple[Vector2, Vector2]], wanted: Vector2, up: float, *, slides: bool
+    limits: _Limits, lines: Sequence[tuple[Vector2, Vector2]], wanted: Vector2, up: float, *, slides: bool
 ) -> tuple[Vector2, float]:
     """The velocity, ahead and right, and the climb rate that keep the margin from lines of obstacles, in m/s.
 
@@ -139,7 +179,7 @@ def _limit_towards(limits: _Limits, velocity: Vector2, climb: float, towards: Ve
     return velocity if excess <= 0.0 else (velocity[0] - way[0] * excess, velocity[1] - way[1] * excess)
 
 
-def _find_back_velocity(limits: _Limits, lines: list[tuple[Vector2, Vector2]], dead_zone_m: float) -> Vector2:
+def _find_back_velocity(limits: _Limits, lines: Sequence[tuple[Vector2, Vector2]], dead_zone_m: float) -> Vector2:
     """The velocity away from what is within the margin: the largest parts of each quadrant, added."""
     largest: dict[tuple[bool, bool], Vector2] = {}
     for first, second in lines:
@@ -179,10 +219,10 @@ def _back_away(velocity: Vector2, back: Vector2, most: float) -> Vector2:
 def _limit_accel(
     proximity: Proximity,
     now: Time,
-    original: tuple[float, float, float],
-    modified: tuple[float, float, float],
+    original: Vector3,
+    modified: Vector3,
     most: float,
-) -> tuple[float, float, float]:
+) -> Vector3:
     """Change the velocity no faster than AVOID_ACCEL_MAX (`limit_accel`)."""
     if most == 0.0:
         return modified
@@ -191,8 +231,8 @@ def _limit_accel(
     before = proximity.limited_vel
     change = [new - old for new, old in zip(modified, before, strict=True)]
     size = math.sqrt(change[0] * change[0] + change[1] * change[1] + change[2] * change[2])
-    if size > most * SLOW_LOOP_S:
-        share = most * SLOW_LOOP_S / size
+    if size > most * LOOP_S:
+        share = most * LOOP_S / size
         modified = (before[0] + change[0] * share, before[1] + change[1] * share, before[2] + change[2] * share)
     proximity.limited_vel = modified
     return modified
