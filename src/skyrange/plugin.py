@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from skyrange.attack.bases.approval.links import OnApproval
     from skyrange.attack.bases.frame_acts import delay, drop, duplicate
     from skyrange.attack.bases.gnss.fixes import FalseFixes, Offset, OnFixes, OnReceivers, offset_fixes
+    from skyrange.attack.bases.light import AltersLight, LightsSensor
     from skyrange.attack.bases.links import LinkNames, LinkTap, OnLinks, OnPath, PathPlace, on_path_place
     from skyrange.attack.bases.mavlink.injection import Clear, Injection, InjectionOnLinks, Script, Step, Upload
     from skyrange.attack.bases.mavlink.injection import Item as MissionItem
@@ -119,6 +120,7 @@ if TYPE_CHECKING:
     from skyrange.contracts.params import Enu, Number, Params, Whole, items, refuse
     from skyrange.contracts.plugins.form import param, state
     from skyrange.contracts.plugins.registry import NoParams, Plugin, register
+    from skyrange.contracts.scan_light import ScanHook, ScanLight
     from skyrange.contracts.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict, Verdicts
     from skyrange.core.chance import Chance
     from skyrange.core.errors import ComponentError, DecodeError, InputError, Problem, Problems, SkyrangeError, nearest
@@ -194,6 +196,7 @@ __all__ = [
     "Alert",
     "AlteredTelemetry",
     "Alternative",
+    "AltersLight",
     "ApprovalContext",
     "ApprovalDecision",
     "ApprovalPlugin",
@@ -275,6 +278,7 @@ __all__ = [
     "Jamming",
     "Knowledge",
     "Label",
+    "LightsSensor",
     "LinkNames",
     "LinkSpec",
     "LinkTap",
@@ -345,6 +349,8 @@ __all__ = [
     "RequestOrder",
     "RequestQueue",
     "Route",
+    "ScanHook",
+    "ScanLight",
     "ScanSchedule",
     "ScanStep",
     "Schedule",
@@ -451,6 +457,7 @@ if not TYPE_CHECKING:
             "skyrange.attack.bases.approval.links": "OnApproval",
             "skyrange.attack.bases.frame_acts": "delay drop duplicate",
             "skyrange.attack.bases.gnss.fixes": "FalseFixes Offset OnFixes OnReceivers offset_fixes",
+            "skyrange.attack.bases.light": "AltersLight LightsSensor",
             "skyrange.attack.bases.links": "LinkNames LinkTap OnLinks OnPath PathPlace on_path_place",
             "skyrange.attack.bases.mavlink.injection": (
                 "Clear Injection InjectionOnLinks Script Step Upload Item=MissionItem"
@@ -501,6 +508,7 @@ if not TYPE_CHECKING:
             "skyrange.contracts.params": "Enu Number Params Whole items refuse",
             "skyrange.contracts.plugins.form": "param state",
             "skyrange.contracts.plugins.registry": "NoParams Plugin register",
+            "skyrange.contracts.scan_light": "ScanHook ScanLight",
             "skyrange.contracts.verdicts": "Delay Drop Inject Label Pass Replace Verdict Verdicts",
             "skyrange.core.chance": "Chance",
             "skyrange.core.errors": "ComponentError DecodeError InputError Problem Problems SkyrangeError nearest",

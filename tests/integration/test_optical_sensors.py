@@ -19,6 +19,8 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.kernel import Kernel
 from skyrange.optics.mounted_sensors import list_pulses
 from skyrange.record import RunRecord, load
+from skyrange.runtime.cores.division import Division
+from skyrange.runtime.cores.run import run_on_cores
 from skyrange.scenario.model.optics import MODELS
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.execution.flight import fly_runs
@@ -134,6 +136,21 @@ class SeenScans:
         if name.startswith("on_"):
             return lambda *_: None
         raise AttributeError(name)
+
+
+def test_several_cores_make_the_scans_of_one(run: RunRecord, tmp_path: Path) -> None:
+    """Two operators, whose aircraft see each other."""
+    red = '[[operators]]\nid = "red"\n[[operators.vehicles]]\nsensors = [{ model = "vlp-16" }]\nstart = [6, 0]'
+    apart = LOOKS.replace("[[operators.vehicles]]\nstart = [6, 0]", red)
+    scenario = Scenario.from_toml(apart, ("duration_s=5",))
+    alone = skyrange.run(scenario, tmp_path / "alone")
+    division = Division((("blue",), ("red",)))
+    shared = load(run_on_cores(scenario, division, 2, tmp_path / "shared"))
+    assert shared.manifest["digests"] == alone.manifest["digests"]
+    for link in ("scan:blue/b1", "scan:red/r1"):
+        of_both = [[scan.steps.tolist() for _, scan in scans_of(one, link)] for one in (shared, alone)]
+        assert of_both[0]
+        assert of_both[0] == of_both[1]
 
 
 def test_a_copy_of_a_run_goes_on_alike() -> None:

@@ -41,7 +41,7 @@ STATION_RESTART = FaultPlugin.find("station.restart")
 
 S, MS = NS_PER_S, NS_PER_MS
 NAMES = ("battery.fade", "gnss.multipath", "gnss.outage", "gust", "link.loss", "link.outage", "motor.loss",
-         "operator.error", "sensor.failure", "station.restart")  # fmt: skip
+         "lens.dirt", "operator.error", "sensor.failure", "station.restart", "weather.fog", "weather.rain")  # fmt: skip
 LINKS = ["gcs:blue/b1", "gcs:blue/b2", "gcs:blue/b3", "approval:blue"]
 
 

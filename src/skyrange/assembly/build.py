@@ -181,7 +181,8 @@ def build(
         else (None, [])
     )
     sensors = list_sensors(scenario)
-    scanner = build_scanner(scenario, city, park(made.aircraft, scenario, 0)[0], sensors) if whole else None
+    parked = park(made.aircraft, scenario, 0)[0]
+    scanner = build_scanner(scenario, city, parked, sensors, flown) if whole else None
     agents: list[Agent] = [a for service in approvals for a in service.agents] if APPROVAL in here else []
     over_sik = {link.name for link in over_air.sik}
     for operator in scenario.operators:
@@ -310,13 +311,15 @@ def list_acts(scenario: Scenario) -> Acts:
 
 def stay_elsewhere(plan: Act) -> Act:
     """An attack as a process has it in which only some of its taps are; another one notes when it begins and ends."""
-    return replace(plan, agents=(), sensor_hooks=(), body_hooks=(), noted=False)
+    return replace(plan, agents=(), sensor_hooks=(), body_hooks=(), scan_hooks=(), noted=False)
 
 
 def _elsewhere(plan: Act) -> Act:
     """An attack as a process has it without the world: taps alone, and of its trigger it is told (`Kernel.begin`)."""
     start = NEVER if plan.trigger is not None or plan.manual else plan.start_ns
-    return replace(plan, agents=(), sensor_hooks=(), body_hooks=(), trigger=None, manual=False, start_ns=start)
+    return replace(
+        plan, agents=(), sensor_hooks=(), body_hooks=(), scan_hooks=(), trigger=None, manual=False, start_ns=start
+    )
 
 
 def _replanning_of(rules: ReplanningRules | None) -> Replanning | None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Sequence
+import math
+import tomllib
+from collections.abc import Container, Iterator, Mapping, Sequence
 from typing import Final
 
 from skyrange.city.city import City
 from skyrange.core.chance import Chance
-from skyrange.core.errors import Problem
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import endpoint, vehicle_id
 from skyrange.optics.mounted_sensors import MountedSensor
 from skyrange.optics.ray_index import index_city
@@ -30,7 +32,8 @@ _CLEAR_M: Final = 0.05
 """How far outside the cylinder of the aircraft a sensor is by default."""
 _DOWN_DEG: Final = -45.0
 """A sensor that looks down more than this is in front of the aircraft by default, otherwise on top."""
-_BYTES_PER_RAY: Final = 2
+_BYTES_PER_RAY: Final = 4
+"""16 bits of the payload, and again of the table `scans`; all else of it is small once compressed."""
 _WORTH_SAYING: Final = 100e6
 """Bytes of scans in a run from which on it is said before."""
 
@@ -54,12 +57,33 @@ def group_sensors(scenario: Scenario) -> dict[str, list[MountedSensor]]:
 
 def mount_sensor(key: str, vehicle: Vehicle, sensor: OpticalSensor, number: int) -> MountedSensor:
     """A sensor of the aircraft `key`, the `number`-th that it has."""
+    return _mount(key, AIRFRAMES[vehicle.airframe], sensor, number)
+
+
+def read_sensors(scenario: bytes, airframes: Mapping[str, str], who: str) -> list[MountedSensor]:
+    """The sensors in the text of a scenario as a run's folder has it, without the rest of the scenario, which may need
+    plugins. `airframes` are the names of those of all aircraft, by id. Raises `InputError` in the name of `who`.
+    """
+    try:
+        operators = tomllib.loads(scenario.decode()).get("operators") or []
+        rows = [(vehicle_id(operator["id"], row["id"]), row) for operator in operators for row in operator["vehicles"]]
+        return [
+            _mount(key, AIRFRAMES[airframes[key]], OpticalSensor.model_validate(sensor), number)
+            for key, row in rows
+            for number, sensor in enumerate(row.get("sensors") or ())
+        ]
+    except (ValueError, TypeError, KeyError) as error:
+        expected = "the scenario of the run, as it was written"
+        raise InputError.one(who, "scenario.toml", str(error)[:80], expected) from error
+
+
+def _mount(key: str, airframe: Airframe, sensor: OpticalSensor, number: int) -> MountedSensor:
     return MountedSensor(
         key,
         sensor.id,
         number,
         sensor.make(),
-        sensor.place_m or _default_place(AIRFRAMES[vehicle.airframe], sensor),
+        sensor.place_m or _default_place(airframe, sensor),
         sensor.yaw_deg,
         sensor.pitch_deg,
         sensor.stabilised,
@@ -85,11 +109,16 @@ def build_range_reports(scenario: Scenario, here: Container[str]) -> RangeReport
 
 
 def build_scanner(
-    scenario: Scenario, city: City | None, parked: Sequence[Body], sensors: Sequence[MountedSensor]
+    scenario: Scenario,
+    city: City | None,
+    parked: Sequence[Body],
+    sensors: Sequence[MountedSensor],
+    flown: Container[str] | None = None,
 ) -> Scanner | None:
     """The agent that makes all scans; None without sensors.
 
-    `parked` are the bodies that no vehicle of the scenario has.
+    `parked` are the bodies that no vehicle of the scenario has. With `flown` it makes those of these vehicles only, but
+    as often as that of all.
     """
     if not sensors:
         return None
@@ -99,7 +128,9 @@ def build_scanner(
     shapes = {key: find_shape(AIRFRAMES[name], optics.shape) for key, name in airframes.items()}
     surfaces = make_surfaces(optics.ground, optics.walls, optics.aircraft)
     scene = Scene(index_city(city), surfaces, optics.weather)
-    return Scanner(sensors, shapes, scene, Chance(scenario.seed), recording=True)
+    own = [sensor for sensor in sensors if flown is None or sensor.vehicle in flown]
+    period_ns = math.gcd(*(sensor.period_ns for sensor in sensors))
+    return Scanner(own, shapes, scene, Chance(scenario.seed), period_ns, recording=True)
 
 
 def find_shape(airframe: Airframe, shape: str) -> Shape:
@@ -175,5 +206,5 @@ def describe_scans(scenario: Scenario, sensors: Sequence[MountedSensor]) -> list
 
 
 def scan_bytes_per_s(sensor: MountedSensor) -> float:
-    """Bytes of the scans of a sensor in a second."""
+    """Bytes of the scans of a sensor in a second, as recorded, before compression."""
     return _BYTES_PER_RAY * count_rays(sensor.model) * sensor.model.pattern.rate_hz

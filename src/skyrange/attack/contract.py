@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from skyrange.contracts.claims import ClaimedTrack
     from skyrange.contracts.components import Agent, BodyHook, SensorHook
     from skyrange.contracts.links import LinkSpec, Schedule, TapPlacement
+    from skyrange.contracts.scan_light import ScanHook
     from skyrange.core.chance import Chance
     from skyrange.core.geodesy import Origin
     from skyrange.optics.mounted_sensors import MountedSensor
@@ -212,6 +213,8 @@ class Attack:
     exclusive: Sequence[Exclusive] = ()
     """What it alters as the only one. Another attack that alters the same at the same time is an error before the run.
     """
+    scan_hooks: Sequence[ScanHook] = ()
+    """What it does to the light of LiDARs and depth cameras."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from skyrange.contracts.components import Agent, BodyHook, SensorHook, Tap, Trigger
 from skyrange.contracts.frames import Fate, Frame, Payloads
+from skyrange.contracts.scan_light import ScanHook
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_US, Time
 
 MIN_LATENCY_NS = NS_PER_US
@@ -290,6 +291,8 @@ class Act:
     role: Role = "attack"
     body_hooks: Sequence[BodyHook] = ()
     """What a fault does to bodies; an attack has none."""
+    scan_hooks: Sequence[ScanHook] = ()
+    """What it does to the light of LiDARs and depth cameras."""
     intrudes: bool = False
     """Whether what its sham sends is of somebody unauthorised: such acts are labelled as harmless intrusions."""
     manual: bool = False

@@ -64,15 +64,16 @@ class Label(NamedTuple):
     """One act of an attack or a fault, written by the kernel: who did what to which frame or sensor, and when.
 
     `frame` is the frame acted on or put on the link, `child` the one that a replacement put in its place. `until_ns` is
-    set for delays. For "sensor" and "body", `frame` is the act's own id, whose link is the sensor or the part of the
-    body: `gnss:blue/b1`, `motor:blue/b1`.
+    set for delays. For "sensor", "body" and "scan", `frame` is the act's own id, whose link is the sensor or the part
+    of the body: `gnss:blue/b1`, `motor:blue/b1`, `lidar:blue/b1`. There is one "scan" for each altered scan, at the
+    time at which the scan begins.
     """
 
     at_ns: Time
     attack: str
     """Id of the attack, or of the fault."""
     actor: str
-    action: str  # drop | delay | replace | inject | send | sensor | body
+    action: str  # drop | delay | replace | inject | send | sensor | body | scan
     frame: FrameId
     child: FrameId | None = None
     until_ns: Time | None = None

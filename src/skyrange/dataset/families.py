@@ -13,6 +13,8 @@ FAMILIES: Final[dict[str, tuple[str, ...]]] = {
     ),
     "gnss_denial": ("gnss.jam",),
     "inertial_sensor": ("sensor.accelerometer", "sensor.barometer", "sensor.bus", "sensor.compass", "sensor.gyro"),
+    "light_injection": ("depth.project", "lidar.relay"),
+    "light_denial": ("lidar.blind", "lidar.remove"),
     "command_injection": (
         "mavlink.command", "mavlink.guided", "mavlink.home", "mavlink.mode", "mavlink.rc_override",
         "signing.setup_key", "signing.stolen_key", "companion.takeover", "ground.insider",

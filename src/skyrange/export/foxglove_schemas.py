@@ -14,9 +14,12 @@ from skyrange.core.files import read_package_text
 
 Schema = dict[str, Any]
 
+CAMERA_CALIBRATION: Final = "foxglove.CameraCalibration"
 FRAME_TRANSFORMS: Final = "foxglove.FrameTransforms"
 LOCATION_FIX: Final = "foxglove.LocationFix"
 LOG: Final = "foxglove.Log"
+POINT_CLOUD: Final = "foxglove.PointCloud"
+RAW_IMAGE: Final = "foxglove.RawImage"
 SCENE_UPDATE: Final = "foxglove.SceneUpdate"
 ACT: Final = "skyrange.Act"
 CLAIM: Final = "skyrange.Claim"
@@ -51,6 +54,18 @@ def _schema_of(entry: Any, schemas: Mapping[str, Schema]) -> Schema:
 _READ: Final = _read_schemas()
 
 SCHEMAS: Final[dict[str, Schema]] = {
-    name: _READ[name] for name in (FRAME_TRANSFORMS, LOCATION_FIX, LOG, SCENE_UPDATE, ACT, CLAIM, RECEPTION)
+    name: _READ[name]
+    for name in (
+        CAMERA_CALIBRATION,
+        FRAME_TRANSFORMS,
+        LOCATION_FIX,
+        LOG,
+        POINT_CLOUD,
+        RAW_IMAGE,
+        SCENE_UPDATE,
+        ACT,
+        CLAIM,
+        RECEPTION,
+    )
 }
 """By the name of a message."""

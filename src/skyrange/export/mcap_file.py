@@ -20,6 +20,7 @@ from skyrange.export import Export, require_origin
 from skyrange.export.foxglove_messages import TOPICS, TimedMessage, building_messages, log_messages, pose_messages
 from skyrange.export.foxglove_schemas import SCHEMAS
 from skyrange.export.knowledge_messages import act_messages, belief_messages, claim_messages, reception_messages
+from skyrange.export.scan_messages import scan_messages
 from skyrange.figures.subject import fleet_colours
 from skyrange.metrics.time_series import start_utc_ns
 from skyrange.record.manifest import MANIFEST
@@ -36,8 +37,9 @@ _ATTACHED: Final = {MANIFEST: "application/json", "scenario.toml": "application/
 
 def write_mcap(record: RunRecord, path: Path | None = None) -> Export:
     """Write the poses of all aircraft, buildings and aircraft as a scene, events, decisions, labels and alerts as logs,
-    a position for each aircraft, where its autopilot believed and its ground station heard it to be, and the claims and
-    receptions of Remote ID and the acts of attacks and faults, to `path` (default: `run.mcap` in the run's folder).
+    a position for each aircraft, where its autopilot believed and its ground station heard it to be, the claims and
+    receptions of Remote ID, the acts of attacks and faults, and the scans of sensors, to `path` (default: `run.mcap` in
+    the run's folder).
 
     `items` and `by` of the result count messages, in all and by topic. The manifest and the scenario are attached.
     Raises `InputError` if the package mcap is not installed, if the run has no truth because of its level, and if its
@@ -79,6 +81,7 @@ def _messages(record: RunRecord, start_ns: int) -> Iterator[TimedMessage]:
         claim_messages(record, start_ns, colours),
         reception_messages(record, start_ns),
         act_messages(record, start_ns),
+        scan_messages(record, start_ns),
         *(log_messages(record, table, start_ns) for table in TOPICS),
     ]
     return heapq.merge(*streams, key=lambda message: message.time_ns)

@@ -147,6 +147,7 @@ class Kernel:
         """Agents that are shown the world, with the part of it that is their run's."""
         self._hooked = [run for run in self._runs if run.sensor_hooks.present]
         self._bodied = [run for run in self._runs if run.body_hooks.present]
+        self._lit = [run for run in self._runs if run.scan_hooks.present]
         self._next_change = min(run.next_change for run in self._runs)
         self._observer: BatchObserver | None = None
         self._shared_hooks: BatchSensorHooks | None = None
@@ -395,12 +396,15 @@ class Kernel:
             happened = self._advance_world(now, world)
         for number, note in happened:
             self._runs[number].observers.report_note(now, "world", note)
+        if now >= self._next_change:
+            self._update_attacks(now)
         for subscriber, part in self._subscribers:
             if now % subscriber.observe_period_ns == 0:
                 assert part is not None
                 subscriber.observe(now, part)
-        if now >= self._next_change:
-            self._update_attacks(now)
+        for run in self._lit:
+            for began, attack, hook, act in run.scan_hooks.take_acts():
+                run.observers.label_fault_act(began, attack, hook.name, "scan", act)
         if self._shared_hooks is not None:
             for place, acts in self._shared_hooks.apply(now, world):
                 _report_sensor_acts(now, self._hooked[place], acts)

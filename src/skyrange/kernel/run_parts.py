@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from skyrange.contracts.channel_plans import TunableChannel
 from skyrange.contracts.components import Agent, Observer, OriginatingRouter, SimulatorEngine
 from skyrange.contracts.links import Channel
+from skyrange.contracts.scan_light import ScanMaker
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import Port, originator_id, split_run
@@ -14,6 +15,7 @@ from skyrange.core.time import Time
 from skyrange.kernel.acts.act_states import ActState, ActStates
 from skyrange.kernel.acts.body_hooks import BodyHookInjector
 from skyrange.kernel.acts.manual_acts import ManualActs
+from skyrange.kernel.acts.scan_hooks import ScanHookInjector
 from skyrange.kernel.acts.sensor_hooks import SensorHookInjector
 from skyrange.kernel.directed_link import DirectedLink, Mailbox, TapSlot
 from skyrange.kernel.event_heap import Event
@@ -69,6 +71,10 @@ class RunParts:
         self.tunable = {name: channel for name, channel in variable if isinstance(channel, TunableChannel)}
         self.truth_subscribers = sorted(truth_subscriber.name for truth_subscriber in wiring.truth_subscribers)
         self.sensor_hooks = SensorHookInjector(self.attacks.each, wiring.world)
+        self.scan_hooks = ScanHookInjector(self.attacks.each, wiring.world)
+        for subscriber in wiring.truth_subscribers:
+            if isinstance(subscriber, ScanMaker):
+                subscriber.attach_light(self.scan_hooks)
         moved = [
             vehicle
             for mount in wiring.engines

@@ -20,16 +20,18 @@ from numpy.typing import NDArray
 from skyrange.codec.range_scans import RangeScan, pack_scan
 from skyrange.contracts.components import World
 from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.scan_light import SCANNER_KINDS, LightSource, ScanLight
 from skyrange.core import elementary, elementary_python
 from skyrange.core.arrays import Floats
 from skyrange.core.chance import Chance
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import Port, hash64, link_name
 from skyrange.core.time import NS_PER_S, Time
+from skyrange.optics.altered_light import alter_hits, alter_pixels, find_forged, shine
 from skyrange.optics.depth_images import make_depth_image
 from skyrange.optics.extinction import Weather
 from skyrange.optics.mounted_sensors import MountedSensor, list_pulses
-from skyrange.optics.ray_casting import AIRCRAFT, Rays, cast_rays
+from skyrange.optics.ray_casting import AIRCRAFT, NONE, Rays, cast_rays
 from skyrange.optics.ray_index import RayIndex
 from skyrange.optics.reflectivity import Surfaces
 from skyrange.optics.returns import Address, Returns, find_returns
@@ -67,18 +69,30 @@ class Scene(NamedTuple):
 
 
 class ScanTruth(NamedTuple):
-    """What is true of the pulses or pixels of one scan."""
+    """What is true of one scan and of its n pulses or pixels."""
 
     sent_ns: Time
+    start_ns: Time
     vehicle: str
     sensor: str
     scan: int
+    pose: SensorPose
+    """At the start; the attitude and the rates are those of the sensor's base."""
+    estimate: tuple[float, float, float, float]
+    """The attitude that is sent."""
+    resolution_m: float
+    steps: NDArray[np.uint16]
+    """(n,): as sent."""
     kind: NDArray[np.uint8]
     """(n,): as `ray_casting.Hits.kind`."""
     row: NDArray[np.int32]
-    """(n,): building, or aircraft in the order of `Scanner.vehicles`; -1 for others."""
+    """(n,): building, or aircraft in the order of `aircraft`; -1 for others."""
     is_false: NDArray[np.bool_]
     """(n,): whether the distance is noise."""
+    is_forged: NDArray[np.bool_]
+    """(n,): whether the distance is that of a false echo of an attack or a fault; what is met is then unknown."""
+    aircraft: tuple[str, ...]
+    """Those that the scan met, in the order of the world."""
 
 
 @dataclass(slots=True)
@@ -88,6 +102,7 @@ class _Waiting:
     due: Time
     place: int
     payload: bytes
+    truth: ScanTruth | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +110,8 @@ class _Fleet:
     """All present aircraft at the start of a scan."""
 
     targets: Targets
-    row_of: NDArray[np.int32]
-    """(targets,): row of each in the world."""
+    names: tuple[str, ...]
+    """(targets,): name of each."""
     target_of: NDArray[np.int32]
     """(aircraft,): its row in the targets; -1 for one that is not present."""
 
@@ -112,15 +127,19 @@ class Scanner:
         shapes: Mapping[str, Shape],
         scene: Scene,
         chance: Chance,
+        period_ns: Time,
         *,
         recording: bool = False,
     ) -> None:
-        """`shapes` are those of all aircraft of the world, by name. `recording` keeps the truth of scans."""
+        """`shapes` are those of all aircraft of the world, by name; scans begin at multiples of `period_ns`.
+
+        `recording` keeps the truth of scans.
+        """
         self.sensors = tuple(sensors)
         vehicles = list(dict.fromkeys(sensor.vehicle for sensor in sensors))
         self.ports: Sequence[Port] = [Port(ENDPOINT, link_name("scan", vehicle)) for vehicle in vehicles]
         self._places = [vehicles.index(sensor.vehicle) for sensor in sensors]
-        self.service_ns: Time = math.gcd(*(sensor.period_ns for sensor in sensors))
+        self.service_ns: Time = period_ns
         self.observe_period_ns: Time = self.service_ns
         self._shape_of = dict(shapes)
         self._scene = _Shared(scene)
@@ -132,6 +151,7 @@ class Scanner:
         self._shapes = np.empty((0, 3))
         self._recording = recording
         self._truths: list[ScanTruth] = []
+        self._light: LightSource | None = None
 
     # --- the contract --------------------------------------------------------------------------------
 
@@ -173,11 +193,17 @@ class Scanner:
         for waiting in self._waiting:
             if waiting.due <= now:
                 out.send(self.ports[waiting.place], waiting.payload)
+                if waiting.truth is not None:
+                    self._truths.append(waiting.truth)
         self._waiting = [waiting for waiting in self._waiting if waiting.due > now]
         return out
 
+    def attach_light(self, light: LightSource) -> None:
+        """See `contracts.scan_light.ScanMaker`."""
+        self._light = light
+
     def drain_truths(self) -> Sequence[ScanTruth]:
-        """The truth of the scans since the last call, if `recording`."""
+        """The truth of the scans that were sent since the last call, if `recording`."""
         truths, self._truths = self._truths, []
         return truths
 
@@ -199,7 +225,7 @@ class Scanner:
             height,
             during_s=duration_ns / NS_PER_S,
         )
-        return _Fleet(targets, rows.astype(np.int32), target_of)
+        return _Fleet(targets, tuple(world.vehicles[row] for row in rows.tolist()), target_of)
 
     def _scan(self, now: Time, number: int, pose: SensorPose, fleet: _Fleet) -> None:
         sensor, row = self.sensors[number], 0 if self._rows is None else self._rows[number]
@@ -208,35 +234,67 @@ class Scanner:
         firing = sensor.list_rays(scan)
         own = int(fleet.target_of[row])
         model = sensor.model
+        rays = make_pulse_rays(firing, pose, own=own)
+        light = self._alter_light(now, sensor, firing, pose, rays)
         if isinstance(model, LidarModel):
-            returns = self._find_returns(model, firing, pose, own, fleet.targets, address)
+            returns = self._find_returns(model, firing, pose, rays, fleet.targets, address, light=light)
             steps, kind, met, is_false = returns.steps, returns.kind, returns.row, returns.is_false
         else:
-            steps, kind, met = self._find_depths(model, firing, pose, own, fleet.targets, address)
+            steps, kind, met = self._find_depths(model, rays, fleet.targets, address, light)
             is_false = np.zeros(len(steps), dtype=np.bool_)
         estimate = _multiply(self._errors[number], pose.attitude)
         said = RangeScan(sensor.kind, sensor.number, scan, model.resolution_m, now, estimate, steps)
         due = now + max(sensor.duration_ns, self.service_ns)
-        self._waiting.append(_Waiting(due, self._places[number], pack_scan(said)))
+        truth = None
         if self._recording:
             is_aircraft = kind == AIRCRAFT
+            seen, place = np.unique(met[is_aircraft], return_inverse=True)
             met = met.copy()
-            met[is_aircraft] = fleet.row_of[met[is_aircraft]]
-            self._truths.append(ScanTruth(due, sensor.vehicle, sensor.id, scan, kind, met, is_false))
+            met[is_aircraft] = place
+            names = tuple(fleet.names[target] for target in seen.tolist())
+            is_forged = np.zeros(len(steps), np.bool_) if light is None else find_forged(steps, light) & ~is_false
+            kind, met = np.where(is_forged, np.uint8(NONE), kind), np.where(is_forged, np.int32(-1), met)
+            truth = ScanTruth(
+                due, now, sensor.vehicle, sensor.id, scan, pose, estimate, model.resolution_m, steps, kind, met,
+                is_false, is_forged, names,
+            )  # fmt: skip
+        self._waiting.append(_Waiting(due, self._places[number], pack_scan(said), truth))
+
+    def _alter_light(
+        self, now: Time, sensor: MountedSensor, firing: Firing, pose: SensorPose, rays: Rays
+    ) -> ScanLight | None:
+        """The light of a scan as attacks and faults have altered it; None where none ever does."""
+        hooks, kind = self._light, SCANNER_KINDS[sensor.kind]
+        if hooks is None or not hooks.has_hooks(sensor.vehicle, kind):
+            return None
+        light = shine(self._scene.value.city, sensor, firing, pose, rays)
+        hooks.alter(now, light)
+        return light
 
     def _find_returns(
-        self, model: LidarModel, firing: Firing, pose: SensorPose, own: int, targets: Targets, address: Address
+        self,
+        model: LidarModel,
+        firing: Firing,
+        pose: SensorPose,
+        rays: Rays,
+        targets: Targets,
+        address: Address,
+        *,
+        light: ScanLight | None,
     ) -> Returns:
         index, surfaces, weather = self._scene.value
-        rays = make_pulse_rays(firing, pose, own=own)
+        own = int(rays.own[0])
         near = _pass_aircraft(rays, targets, own, model)
-        returns = find_returns(
-            model, firing, cast_rays(index, rays, model.reach_m, targets), surfaces, weather, address
-        )
+        met = cast_rays(index, rays, model.reach_m, targets)
+        if light is not None:
+            met = alter_hits(met, light, np.arange(len(near)), model, surfaces, weather)
+        returns = find_returns(model, firing, met, surfaces, weather, address)
         if near.any():
             some = choose_rays(firing, near)
             beam = sample_footprint(model, SAMPLES, SAMPLES)
             hits = cast_rays(index, make_pulse_rays(some, pose, beam, own), model.reach_m, targets)
+            if light is not None:
+                hits = alter_hits(hits, light, np.flatnonzero(near), model, surfaces, weather)
             sampled = find_returns(model, some, hits, surfaces, weather, address)
             returns.steps[near], returns.signal[near] = sampled.steps, sampled.signal
             returns.kind[near], returns.row[near] = sampled.kind, sampled.row
@@ -244,11 +302,12 @@ class Scanner:
         return returns
 
     def _find_depths(
-        self, model: DepthCameraModel, firing: Firing, pose: SensorPose, own: int, targets: Targets, address: Address
+        self, model: DepthCameraModel, rays: Rays, targets: Targets, address: Address, light: ScanLight | None
     ) -> tuple[NDArray[np.uint16], NDArray[np.uint8], NDArray[np.int32]]:
-        rays = make_pulse_rays(firing, pose, own=own)
         # a pixel at the edge of the image is farther away than its depth along the axis
         hits = cast_rays(self._scene.value.city, rays, 2.0 * model.reach_m, targets)
+        if light is not None:
+            hits = alter_pixels(hits, light)
         image = make_depth_image(model, list_pulses(model.pattern, 0), hits, address)
         return image.steps.reshape(-1), image.kind.reshape(-1), image.row.reshape(-1)
 

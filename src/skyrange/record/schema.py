@@ -30,7 +30,15 @@ NAME = pa.string()
 TEXT = pa.large_string()
 """Placeholder type that distinguishes free text from names; `arrow_schema` makes both plain strings."""
 
-_TYPES = {"name": NAME, "text": TEXT, "texts": pa.list_(pa.string())}
+_TYPES = {
+    "name": NAME,
+    "text": TEXT,
+    "texts": pa.list_(pa.string()),
+    "uint8s": pa.list_(pa.uint8()),
+    "uint16s": pa.list_(pa.uint16()),
+    "int32s": pa.list_(pa.int32()),
+    "bools": pa.list_(pa.bool_()),
+}
 """Types of columns by the names that files of columns have for them; other types have Arrow's names."""
 
 
@@ -76,6 +84,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
     "sensors": _sensors("as sensed, before attacks, faults and defences"),
     "received_sensors": _sensors("as received by the autopilot, after attacks, faults and defences"),
     "receptions": _COLUMNS["receptions"],
+    "scans": _COLUMNS["scans"],
     "frames": _COLUMNS["frames"],
     "payloads": _COLUMNS["payloads"],
     "decisions": _COLUMNS["notes"],
@@ -90,10 +99,11 @@ TABLES: dict[str, tuple[Column, ...]] = {
 TELEMETRY = _COLUMNS["telemetry"]
 """The columns with which the telemetry of every MAVLink message begins, a table for each; its fields follow."""
 
-OPTIONAL = frozenset({"alerts", "observations", "features", "received_sensors"})
+OPTIONAL = frozenset({"alerts", "observations", "features", "received_sensors", "scans"})
 """Tables that only some runs have: `alerts`, only runs with detectors; `observations`, only runs in which a radio
 decoded something; `features`, only runs at level `study`; `received_sensors`, only runs in which an autopilot received
-other readings than its sensors gave. In other runs all but `features` are read as empty."""
+other readings than its sensors gave; `scans`, only runs in which a LiDAR or a depth camera made one. In other
+runs all but `features` are read as empty."""
 
 DERIVED = frozenset({"observations", "features"})
 """Tables that follow from frames and receptions: computed from these where they are recorded, as telemetry is, or else

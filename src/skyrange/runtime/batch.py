@@ -73,6 +73,7 @@ class RunBatch:
                 recorder = _open_record(flight, run, rows)
                 recorder.attach_files(run.files)
                 recorder.record_receptions(run.oracle)
+                recorder.record_scans(run.scanner)
                 kernel.set_observers([recorder], number)
                 recorders.append(recorder)
             rows.runs = [recorder.join_batch(rows) for recorder in recorders]

@@ -16,6 +16,7 @@ from skyrange.assembly.build import NOTHING_MORE, Additions, BuiltScenario, buil
 from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
 from skyrange.core.time import NS_PER_S, Time, from_seconds, to_seconds
 from skyrange.kernel import Kernel
+from skyrange.optics.scanner import Scanner
 from skyrange.radio.oracle import Oracle
 from skyrange.record import Recorder
 from skyrange.record.write.rows.frame_encoder import FrameEncoder
@@ -89,6 +90,7 @@ class Run:
             recorder = open_record(built, out)
             recorder.attach_files(built.files)
         recorder.record_receptions(built.oracle)
+        recorder.record_scans(built.scanner)
         kernel.set_observers([recorder, *additions.observers])
         return cls(kernel, recorder, built, time.perf_counter() - began)
 
@@ -137,6 +139,8 @@ class Run:
         kernel = self.kernel.fork([recorder])
         twin = Run(kernel, recorder, self.built, self._setup_s)
         recorder.record_receptions(twin._oracle())
+        if built_scanner := self.built.scanner:
+            recorder.record_scans(cast("Scanner", kernel.truth_subscriber(built_scanner.name)))
         twin._wall_s = self._wall_s
         return twin
 

@@ -26,7 +26,8 @@ MAX_AIRCRAFT: Final = 4
 """Departed aircraft whose paths are followed: those that departed first."""
 _LAYER_OF_LINK: Final = {"rid_up": "radio", "rid_down": "radio", "oracle": "radio", "approval": "approval"}
 _ACTS: Final = {"send": "sends on", "inject": "injects on", "drop": "drops on", "delay": "delays on",
-                "replace": "alters on", "sensor": "alters", "body": "acts on"}  # fmt: skip
+                "replace": "alters on", "sensor": "alters", "body": "acts on",
+                "scan": "alters"}  # fmt: skip
 Row = Mapping[str, Any]
 
 
@@ -143,7 +144,8 @@ def _begin(
             step = Step(to_seconds(note.time_ns), layer, root["attack"], f"stage {note.data.get('stage')}")
             before = path.add(step, before)
     role = str(root["link"]).partition(":")[0]
-    action = f"{_ACTS.get(root['kind'], root['kind'])} {role if root['kind'] in ('sensor', 'body') else root['link']}"
+    what = role if root["kind"] in ("sensor", "body", "scan") else root["link"]
+    action = f"{_ACTS.get(root['kind'], root['kind'])} {what}"
     return path.add(Step(to_seconds(root["at_ns"]), layer, root["attack"], action), before)
 
 

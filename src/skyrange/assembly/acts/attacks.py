@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from functools import partial
 from typing import Any
 
-from skyrange.assembly.acts.conflicts import Acting, find_exclusions, find_unread, window_of
+from skyrange.assembly.acts.conflicts import Acting, find_exclusions, find_sensorless, find_unread, window_of
 from skyrange.assembly.acts.honest_arm import HonestAircraft, aircraft_of, carried, find_claim_problems, is_honest
 from skyrange.assembly.control_links import describe_to_attackers
 from skyrange.assembly.optics import group_sensors
@@ -115,6 +115,7 @@ def make_attacks(scenario: Scenario, context: AttackContext, own_sensors: Sequen
             expected = f"0 without a trigger or a start by hand: {attack.kind} alters what is loaded at the start"
             made.problems.append(Problem(f"{where}.start_s", value, expected))
         made.problems += find_unread(made_attack.sensor_hooks, own_sensors, f"{where}.params.vehicles")
+        made.problems += find_sensorless(made_attack.scan_hooks, scenario, f"{where}.params")
         names = [*context.links, *(spec.name for spec in made_attack.links)]
         for tap in made_attack.taps:
             if not any(fnmatchcase(name, tap.match) for name in names):
@@ -169,6 +170,7 @@ def _plan(attack: ActTable, made: Attack, schedule: Schedule, anchor: Place) -> 
         agents=made.agents,
         sensor_hooks=made.sensor_hooks,
         body_hooks=made.body_hooks,
+        scan_hooks=made.scan_hooks,
         trigger=trigger,
         one_process=made.one_process,
         lasts_ns=NEVER if attack.for_s is None else from_seconds(attack.for_s),
@@ -182,6 +184,7 @@ def _row(attack: ActTable, made: Attack) -> dict[str, Any]:
     touches = [tap.match for tap in made.taps] + [spec.name for spec in made.links]
     touches += ["medium"] if made.radios else []
     touches += [f"sensors of {vehicle}" for fault in made.sensor_hooks for vehicle in fault.vehicles]
+    touches += [f"scans of {vehicle}" for hook in made.scan_hooks for vehicle in hook.vehicles]
     touches += [f"body of {vehicle}" for fault in made.body_hooks for vehicle in fault.vehicles]
     return {
         **attack.model_dump(exclude_none=True, mode="json"),

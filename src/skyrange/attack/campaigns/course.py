@@ -18,6 +18,7 @@ from skyrange.contracts.components import Agent, SensorAct, SensorHook, Sensors,
 from skyrange.contracts.frames import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.scan_light import ScanHook, ScanLight, ScannerKind
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import ComponentError, nearest
 from skyrange.core.ids import Port
@@ -192,3 +193,24 @@ class GatedHook:
         copies = Sensors(*(np.array(getattr(sensors, sensor_field.name)) for sensor_field in fields(Sensors)))
         self.inner.on_sensors(now, copies)
         return []
+
+
+@dataclass(slots=True)
+class GatedScanHook:
+    """A scan hook that alters light while its act acts."""
+
+    inner: ScanHook
+    act: str
+    course: Course
+    name: str = field(init=False)
+    vehicles: Sequence[str] = field(init=False)
+    kinds: Sequence[ScannerKind] = field(init=False)
+    sensor: str | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.name, self.vehicles = self.inner.name, self.inner.vehicles
+        self.kinds, self.sensor = self.inner.kinds, self.inner.sensor
+
+    def on_scan(self, now: Time, light: ScanLight) -> bool:
+        """Alter the light, or not."""
+        return self.course.acts_now(self.act) and self.inner.on_scan(now, light)

@@ -10,7 +10,7 @@ from typing import Final
 from pydantic import ValidationError
 
 from skyrange.attack.campaigns.adversary import Adversary, Observation
-from skyrange.attack.campaigns.course import Course, GatedAgent, GatedHook, GatedTapMaker
+from skyrange.attack.campaigns.course import Course, GatedAgent, GatedHook, GatedScanHook, GatedTapMaker
 from skyrange.attack.campaigns.params import CampaignAct, CampaignKind
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, ThreatModel
 from skyrange.attack.exclusive import common
@@ -123,6 +123,7 @@ def make_parts(
             ),
         ],
         sensor_hooks=[GatedHook(fault, name, course) for name, act in made.items() for fault in act.sensor_hooks],
+        scan_hooks=[GatedScanHook(hook, name, course) for name, act in made.items() for hook in act.scan_hooks],
         links=[*links, *(link for act in made.values() for link in act.links)],
         radios=[*radios, *(radio for act in made.values() for radio in act.radios)],
         threat=ThreatModel(**kind.threat.model_dump()) if kind.threat.stated else None,

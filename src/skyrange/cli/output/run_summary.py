@@ -16,8 +16,8 @@ MAX_AIRCRAFT = 60
 SHOWN_SHARE = 0.01
 """What takes less of the disk is not named."""
 _LEFT_OUT = {
-    "study": "frames, receptions and telemetry; the table features counts frames",
-    "summary": "truth, sensors, frames, receptions, telemetry, labels and observations",
+    "study": "frames, receptions, scans and telemetry; the table features counts frames",
+    "summary": "truth, sensors, frames, receptions, scans, telemetry, labels and observations",
 }
 """By level of the record."""
 MAX_FILES = 8

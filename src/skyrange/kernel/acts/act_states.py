@@ -12,6 +12,7 @@ from skyrange.contracts.alerts import Scalar
 from skyrange.contracts.components import BodyHook, SensorHook, Trigger, World
 from skyrange.contracts.links import Act
 from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.scan_light import ScanHook
 from skyrange.core.errors import ComponentError, InputError, Problem, attribute_error, nearest
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, NS_PER_MS, Time, to_seconds
@@ -217,7 +218,7 @@ class ActCounter:
         self._sort = sort
         self._counts: dict[tuple[str, str], int] = {}
 
-    def number(self, fault: SensorHook | BodyHook, vehicle: str, part: str) -> FrameId:
+    def number(self, fault: SensorHook | BodyHook | ScanHook, vehicle: str, part: str) -> FrameId:
         """The id of the next act of `fault` on a part of a vehicle. Raises `ComponentError` for another's vehicle."""
         if vehicle not in fault.vehicles:
             raise ComponentError(f"{self._sort} {fault.name}", f"reports an act on {vehicle}, which is not its own")
@@ -227,7 +228,9 @@ class ActCounter:
         return FrameId(link, "fwd", fault.name, serial)
 
 
-def check_faults(sort: str, owned: Sequence[tuple[ActState, SensorHook | BodyHook]], vehicles: Sequence[str]) -> None:
+def check_faults(
+    sort: str, owned: Sequence[tuple[ActState, SensorHook | BodyHook | ScanHook]], vehicles: Sequence[str]
+) -> None:
     """Raise `InputError` for a name used twice, a vehicle named twice, or one that is not in `vehicles`."""
     problems = []
     seen: set[str] = set()

@@ -43,6 +43,8 @@ FOLDERS: Final = (
     "approval",
     "control_link",
     "campaign",
+    "lidar",
+    "depth",
 )
 """The groups of kinds that are compared."""
 NOT_CARRIED: Final[Mapping[str, str]] = {

@@ -215,7 +215,9 @@ class Tables:
         who, where = str(self.folder), self._name(path)
         with self._name_damaged_file(path), pq.ParquetFile(path, read_dictionary=list(names)) as file:
             check_columns(file.schema_arrow, schema, who, where)
-            for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=schema.names):
+            groups = (file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups))
+            rows = max(min(BATCH_ROWS, max(groups, default=0)), 1)  # groups of large rows are short
+            for batch in file.iter_batches(batch_size=rows, columns=schema.names):
                 batch.validate(full=True)
                 check_values(batch, schema, who, where)
                 yield batch

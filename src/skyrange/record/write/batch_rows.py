@@ -26,10 +26,12 @@ from skyrange.record.write.rows.ticks import (
     sensor_values,
     truth_words,
 )
-from skyrange.record.write.waiting_rows import WaitingRows
+from skyrange.record.write.waiting_rows import WaitingRows, count_payload_bytes
 
 _FRAMES: Final = 1 << 19
 """Frames of blocks that wait at most: about 100 MB of columns while they are written."""
+_FRAME_BYTES: Final = 256 << 20
+"""Bytes of their payloads that wait at most: more than so many frames of MAVLink have."""
 _TICK_BYTES: Final = 32 << 20
 """Bytes of truth and sensors that wait at most; their words for the digest take as much again."""
 
@@ -68,7 +70,7 @@ class BatchRows:
         self._run_of_link = run_of_link
         self._rates = rates
         self._blocks: list[FrameBlock] = []
-        self._rows = 0
+        self._rows = self._frame_bytes = 0
         self._truth: list[tuple[TruthTick, Mask | None]] = []
         self._sensors: list[_SensorTick] = []
         self._tick_bytes = 0
@@ -87,7 +89,8 @@ class BatchRows:
         """Blocks that have met their fate; rows of them may be of any run."""
         self._blocks += blocks
         self._rows += sum(map(len, blocks))
-        if self._rows >= _FRAMES:
+        self._frame_bytes += sum(map(count_payload_bytes, blocks))
+        if self._rows >= _FRAMES or self._frame_bytes >= _FRAME_BYTES:
             self.write_frames()
 
     def on_truth(self, now: Time, world: World, received: Sensors | None) -> None:
@@ -116,7 +119,8 @@ class BatchRows:
         encoder = self.encoder
         if encoder is None:
             return
-        blocks, self._blocks, self._rows = self._blocks, [], 0
+        blocks, self._blocks = self._blocks, []
+        self._rows = self._frame_bytes = 0
         singles = [(run, frames) for run in self.runs if (frames := run.take_frames())]
         parts: list[tuple[WaitingRows, GatheredFrames, Words]] = []
         if blocks:

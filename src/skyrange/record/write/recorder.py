@@ -35,6 +35,7 @@ from skyrange.record.write.files.finalisation import Shard, finalise, finish_sha
 from skyrange.record.write.files.part_writer import PART_ROWS, PartWriter, ignore_unfinished
 from skyrange.record.write.recording_state import RecordingState, check_rates, common_period_ns
 from skyrange.record.write.rows.frame_encoder import FrameEncoder
+from skyrange.record.write.rows.scans import ScanSource
 from skyrange.record.write.waiting_rows import ForeignSource, ReceptionSource, WaitingRows
 
 WINDOW_BYTES = 4 << 20
@@ -42,6 +43,7 @@ WINDOW_BYTES = 4 << 20
 _READING_PAUSE = 5.0
 """Between two writes for a reader passes so much of the time that the first took."""
 _BATCH_ROWS = 4_096  # frames encoded together: enough to vectorise, few enough to keep the garbage collector idle
+_BATCH_BYTES = 16 << 20  # of payloads: fewer frames are encoded together if they are large, as scans are
 _BLOCK_ROWS = 16_384  # the same for blocks, which are few objects: two or three megabytes
 
 
@@ -98,6 +100,7 @@ class Recorder:
         self.block_rows = _BLOCK_ROWS
         """So many frames of blocks are written as soon as they are there, without `flush`."""
         self._reception_source: ReceptionSource | None = None
+        self._scan_source: ScanSource | None = None
         self._batch: BatchRows | None = None
         """The rows of all runs of the batch that this is a run of."""
         self._shard = shard
@@ -222,6 +225,10 @@ class Recorder:
         """Record the receptions of `source`, fetched at each flush from now on."""
         self._reception_source = source
 
+    def record_scans(self, source: ScanSource | None) -> None:
+        """Record the scans of `source`, fetched at each flush from now on."""
+        self._scan_source = source
+
     def hand_rows_to(self, reader: RowReader, every_s: float) -> None:
         """Hand all rows that are recorded from now on to `reader`, which is told every `every_s` of wall time that it
         has all; less often if writing and reading them would take more than a sixth of the time.
@@ -282,7 +289,7 @@ class Recorder:
         self._rows.add_frame(frame)
         if monotonic() >= self._due_s:
             self.flush()
-        elif self._rows.single_frames >= _BATCH_ROWS:
+        elif self._rows.single_frames >= _BATCH_ROWS or self._rows.frame_bytes >= _BATCH_BYTES:
             self.write_frames()
 
     def on_block(self, block: FrameBlock) -> None:
@@ -290,7 +297,7 @@ class Recorder:
         self._rows.add_block(block)
         if monotonic() >= self._due_s:
             self.flush()
-        elif self._rows.block_frames >= self.block_rows:
+        elif self._rows.block_frames >= self.block_rows or self._rows.frame_bytes >= _BATCH_BYTES:
             self.write_frames()
 
     def on_note(self, now: Time, source: str, note: Note) -> None:
@@ -345,6 +352,7 @@ class Recorder:
             else:
                 self._batch.write_ticks()
             self._write_receptions()
+            self._write_scans()
             self._rows.write_notes()
             self._rows.write_study_rows(last=last)
         self._rows.clear()
@@ -354,12 +362,13 @@ class Recorder:
             self._due_s = now + max(self._flush_s, (now - began) * _READING_PAUSE)
 
     def write_frames(self) -> None:
-        """Write the frames that wait, and the receptions of frames; `ComponentError` if writing fails."""
+        """Write the frames that wait, the receptions of frames, and scans; `ComponentError` if writing fails."""
         if self._write_failed:
             self._rows.clear()
             return
         self._write_frames()
         self._write_receptions()
+        self._write_scans()
 
     def _write_frames(self) -> None:
         if self._batch is None or self._batch.encoder is None:
@@ -379,6 +388,10 @@ class Recorder:
         receptions = source.drain_receptions()
         if receptions is not None:
             self._rows.write_receptions(receptions)
+
+    def _write_scans(self) -> None:
+        if self._scan_source is not None:
+            self._rows.write_scans(self._scan_source.drain_truths())
 
     def _append(self, table: str, batch: pa.RecordBatch) -> None:
         try:

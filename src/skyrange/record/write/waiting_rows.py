@@ -5,7 +5,7 @@ The level of the record decides which of them are kept. All of them count for th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
@@ -21,6 +21,7 @@ from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.medium import ReceptionOutcome, Receptions
 from skyrange.contracts.verdicts import Label
 from skyrange.core.time import Time
+from skyrange.optics.scanner import ScanTruth
 from skyrange.record.digests import Words
 from skyrange.record.notes import (
     CRASH,
@@ -37,6 +38,7 @@ from skyrange.record.notes import (
 )
 from skyrange.record.write.recording_state import RecordingState
 from skyrange.record.write.rows.frame_encoder import GatheredFrames
+from skyrange.record.write.rows.scans import scan_batch
 from skyrange.record.write.rows.ticks import (
     SensorTick,
     TruthTick,
@@ -103,6 +105,12 @@ def _dictionary_array(numbers: NDArray[np.int64], names: pa.Array) -> pa.Diction
     return pa.DictionaryArray.from_arrays(pa.array(codes), pa.array(unique.tolist(), pa.string()))
 
 
+def count_payload_bytes(block: FrameBlock) -> int:
+    """Bytes of the payloads of all frames of a block."""
+    sizes = block.payloads.sizes
+    return int(sizes.sum() if block.rows is None else sizes[block.rows].sum())
+
+
 class WaitingRows:
     """Observations since the last write. Methods `add_…` take them; methods `write_…` hand their rows to `append`.
 
@@ -117,6 +125,8 @@ class WaitingRows:
         self.single_frames = 0
         self.block_frames = 0
         """Frames of blocks."""
+        self.frame_bytes = 0
+        """Payloads of frames, single or of blocks."""
         self._notes: dict[str, list[NoteRow]] = {"decisions": [], "events": []}
         self._labels: list[Label] = []
         self._alerts: list[AlertRow] = []
@@ -131,11 +141,13 @@ class WaitingRows:
         """Take a frame."""
         self._frames.append(frame)
         self.single_frames += 1
+        self.frame_bytes += len(frame.payload)
 
     def add_block(self, block: FrameBlock) -> None:
         """Take a block of frames."""
         self._frames.append(block)
         self.block_frames += len(block)
+        self.frame_bytes += count_payload_bytes(block)
 
     def add_note(self, now: Time, source: str, note: Note) -> None:
         """Take a decision or an event."""
@@ -185,7 +197,7 @@ class WaitingRows:
     def clear(self) -> None:
         """Drop what waits."""
         self._frames.clear()
-        self.single_frames = self.block_frames = 0
+        self.single_frames = self.block_frames = self.frame_bytes = 0
         for rows in self._notes.values():
             rows.clear()
         self._labels.clear()
@@ -221,7 +233,7 @@ class WaitingRows:
         """The frames that wait, for `count_frames`: they wait no longer."""
         frames = self._frames
         self._frames = []
-        self.single_frames = self.block_frames = 0
+        self.single_frames = self.block_frames = self.frame_bytes = 0
         return frames
 
     def keep_frames(self, gathered: GatheredFrames, words: Words, payloads: pa.RecordBatch) -> None:
@@ -286,6 +298,15 @@ class WaitingRows:
         state.leave_out("receptions", len(receptions.rows.time_ns))
         if state.study_rows is not None:
             state.study_rows.add_receptions(reception_batch(receptions))
+
+    def write_scans(self, scans: Sequence[ScanTruth]) -> None:
+        """Write the truth of scans."""
+        if not scans:
+            return
+        if self._state.keeps("scans"):
+            self._append("scans", scan_batch(scans))
+        else:
+            self._state.leave_out("scans", len(scans))
 
     def write_notes(self) -> None:
         """Write decisions, events, labels and alerts."""

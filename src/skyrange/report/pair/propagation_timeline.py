@@ -74,7 +74,7 @@ def render_steps(subject: Subject, propagation: Sequence[Row]) -> Markup:
 def _step(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
     at_s = row["at_ns"] / NS_PER_S
     what = str(row["kind"]).removeprefix("decision.").removeprefix("event.").replace("_", " ")
-    if row["kind"] == "sensor" and row["link"]:
+    if row["kind"] in ("sensor", "scan") and row["link"]:
         what = f"alters {row['link'].partition(':')[0]}"
     if row["kind"] == "body" and row["link"]:
         what = f"acts on {row['link'].partition(':')[0]}"

@@ -35,6 +35,7 @@ from skyrange.runtime.cores.division import (
 from skyrange.runtime.cores.exchange import CoreFailedError, Member, Topic
 from skyrange.runtime.cores.frame_messages import pack_transits, unpack_transits
 from skyrange.runtime.cores.oracle_replica import OracleReplica, arrive_ahead
+from skyrange.runtime.cores.scanner_replica import ScannerReplica
 from skyrange.runtime.cores.separation import Approach, FleetMotion, Separation
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.scenario.model.scenario import Scenario
@@ -139,10 +140,11 @@ class Core:
         wiring = self.built.wiring
         if self.member.number:
             wiring = keep_own_acts(wiring, self._division.binding.divisible)
+        scanner = self._share_scanner()
         wiring = replace(
             wiring,
             preroll_ns=max(part["preroll_ns"] for part in parts),
-            truth_subscribers=[] if replica is None else [replica],
+            truth_subscribers=[*([] if replica is None else [replica]), *([] if scanner is None else [scanner])],
         )
         self.kernel = Kernel(wiring)
         record = self.built.scenario.record
@@ -163,6 +165,7 @@ class Core:
             )
         self._attach_files(self.built.files)
         self.recorder.record_receptions(replica)
+        self.recorder.record_scans(scanner)
         self._full_rows = self.recorder.block_rows
         self.recorder.block_rows *= 4  # it is told to write before
         self.kernel.set_observers([self.recorder])
@@ -294,6 +297,11 @@ class Core:
         ]
         table = _number_links(self.built.wiring.links, {port: place for place, port in enumerate(oracle.ports)})
         return OracleReplica(oracle, self.member, FleetMotion(self._fleet), table, radios, ahead=ahead)
+
+    def _share_scanner(self) -> ScannerReplica | None:
+        """The scanner of the sensors on this core. Every core takes part, if any has sensors."""
+        scanner = self.built.scanner
+        return None if scanner is None else ScannerReplica(scanner, self.member, FleetMotion(self._fleet))
 
     def _is_own(self, end: str) -> bool:
         """Whether an endpoint is on this core and on no other."""

@@ -71,7 +71,8 @@ def keep_own_acts(wiring: Wiring, divisible: Container[str]) -> Wiring:
 
 def _is_divisible(plan: Act, taps: Sequence[TapPlacement]) -> bool:
     alone = plan.trigger is None and not plan.manual and not plan.one_process and not plan.is_defence
-    return alone and not plan.sensor_hooks and not plan.body_hooks and all(tap.side != ORACLE for tap in taps)
+    hooked = plan.sensor_hooks or plan.body_hooks or plan.scan_hooks
+    return alone and not hooked and all(tap.side != ORACLE for tap in taps)
 
 
 def _list_vehicles(plan: Act) -> Iterator[str]:
@@ -80,6 +81,8 @@ def _list_vehicles(plan: Act) -> Iterator[str]:
         yield from fault.vehicles
     for body_fault in plan.body_hooks:
         yield from body_fault.vehicles
+    for scan_hook in plan.scan_hooks:
+        yield from scan_hook.vehicles
     if plan.trigger is not None:
         yield from plan.trigger.vehicles
 
@@ -227,8 +230,6 @@ def _find_obstacles(scenario: Scenario) -> Iterator[str]:
         yield "real aircraft fly on the tracks that an attack claims"
     if scenario.radio is not None and scenario.radio.plugin is not BUILTIN:
         yield f"the radio engine {scenario.radio.engine} is one program"
-    if any(vehicle.sensors for _, vehicle in scenario.fleet):
-        yield "LiDARs and depth cameras see the aircraft of all cores"
     if any(scenario.over_air(f"gcs:{vehicle_id(operator.id, v.id)}") is not None for operator, v in scenario.fleet):
         yield "control links over the air share one spectrum"
     for kind in sorted({vehicle.autopilot for _, vehicle in scenario.fleet}):

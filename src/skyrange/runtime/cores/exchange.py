@@ -42,6 +42,7 @@ class Topic(IntEnum):
     END = 3
     PIECES = 4
     """The rest of parts that are longer than an area; used by the exchange itself."""
+    SCANS = 5
 
 
 class CoreFailedError(ComponentError):

@@ -28,7 +28,7 @@ ID = "checked"
 TURN_NS = NS_PER_S // 2
 """How long a run and its fork fly by turns."""
 Row = tuple[Any, ...]
-ACTIONS = frozenset({"drop", "delay", "replace", "inject", "send", "sensor", "body"})
+ACTIONS = frozenset({"drop", "delay", "replace", "inject", "send", "sensor", "body", "scan"})
 """Kinds of acts, as in the table `labels`."""
 
 ATTACK: RuleBook[AttackCase] = RuleBook("attack")
@@ -128,6 +128,7 @@ class AttackCase:
         plan = Act(
             ID, self.start_ns, self.stop_ns, muted, sham, attack.agents, attack.sensor_hooks, schedule=schedule,
             role="fault" if isinstance(self.kind, FaultPlugin) else "attack", body_hooks=attack.body_hooks,
+            scan_hooks=attack.scan_hooks,
         )  # fmt: skip
         taps = [replace(tap, attack=ID) for tap in attack.taps]
         wiring = build(self.scenario, Additions(taps, [plan])).wiring
@@ -232,7 +233,7 @@ def check_attack(
     `scenario(duration_s)`, a scenario without attacks; by default two aircraft, `blue/b1` and `green/g1`, which arm
     about 3 s after the start and then fly squares. `duration_s` is by default 2 s longer than `stop_s`. `acts` says
     what the attack is expected to do in that time: something (True), perhaps nothing (False), or acts of exactly these
-    kinds, of drop, delay, replace, inject, send, sensor and body.
+    kinds, of drop, delay, replace, inject, send, sensor, body and scan.
 
     Raises `NonConformance` at the first broken rule, and `ValueError` for times that are not in order and for an
     unknown kind of act.
@@ -318,7 +319,7 @@ def _makes(case: AttackCase) -> None:
 def _named(case: AttackCase) -> None:
     attack, _ = case.made()
     names = [agent.name for agent in attack.agents]
-    names += [fault.name for faults in (attack.sensor_hooks, attack.body_hooks) for fault in faults]
+    names += [fault.name for faults in (attack.sensor_hooks, attack.body_hooks, attack.scan_hooks) for fault in faults]
     names += [spec.name.partition(":")[2] for spec in attack.links]
     for name in names:
         need(name == ID or name.startswith(f"{ID}."), f"is called {name!r}", f"{ID!r} or {ID + '.'!r} and more")
@@ -393,7 +394,8 @@ def _sham(case: AttackCase) -> None:
 def _silent(case: AttackCase) -> None:
     assert isinstance(case.kind, AttackPlugin)
     attack, _ = case.made()
-    if case.kind.counterfactual != "mute" or not attack.sensor_hooks or attack.taps or attack.agents or attack.radios:
+    silent = (attack.sensor_hooks or attack.scan_hooks) and not (attack.taps or attack.agents or attack.radios)
+    if case.kind.counterfactual != "mute" or not silent:
         return
     nominal, sham = case.nominal, case.fly(sham=True)
     expected = "a run that is the same to the byte"

@@ -53,7 +53,7 @@ class AircraftSight:
         self._seen = SightTracks()
         self._bad = 0
 
-    def receive(
+    def receive(  # noqa: PLR0917
         self, now: Time, row: int, payload: bytes, motion: tuple[Floats, Floats], tracks: TrackTable, out: Outbox,
         cause: FrameId,
     ) -> None:  # fmt: skip

@@ -29,11 +29,12 @@ def _decode(metadata: dict[bytes, bytes] | None) -> dict[str, str]:
 
 
 def _encodings(schema: pa.Schema) -> dict[str, object]:
-    """Parquet options for a table: names dictionary-encoded, integers delta-encoded, floats split by byte position.
+    """Parquet options for a table: names dictionary-encoded, integers delta-encoded, floats split by byte position, as
+    are distances of scans, whose low bits are noise: in lists of 16 bits this takes 2/3 of the bytes of any other.
 
     Numbers have statistics, by which readers skip groups of rows; those of names would take longer than the names.
     """
-    names = names_of(schema)
+    named = names_of(schema)
     layout: dict[str, str] = {}
     for field in schema:
         if pa.types.is_integer(field.type):
@@ -42,10 +43,18 @@ def _encodings(schema: pa.Schema) -> dict[str, object]:
             layout[field.name] = "BYTE_STREAM_SPLIT"
         elif pa.types.is_binary(field.type):
             layout[field.name] = "DELTA_LENGTH_BYTE_ARRAY"
+        elif pa.types.is_list(field.type) and field.type.value_type == pa.uint16():
+            layout[f"{field.name}.list.element"] = "BYTE_STREAM_SPLIT"
+        elif pa.types.is_list(field.type) and pa.types.is_integer(field.type.value_type):
+            named.append(f"{field.name}.list.element")
     return {
         "compression": "zstd",
         "compression_level": 3,
-        "use_dictionary": names or False,
+        "use_dictionary": named or False,
         "column_encoding": layout or None,
-        "write_statistics": [name for name, kind in layout.items() if kind != "DELTA_LENGTH_BYTE_ARRAY"] or False,
+        "write_statistics": [field.name for field in schema if _is_number(field.type)] or False,
     }
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind))

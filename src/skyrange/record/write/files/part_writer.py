@@ -20,10 +20,11 @@ from typing import Any, Final
 import pyarrow as pa
 
 from skyrange.record.manifest import origin_of, start_unix_ns_of
-from skyrange.record.read.tables import Tables, combine_batches
+from skyrange.record.read.tables import Tables
 from skyrange.record.schema import FULL, OPTIONAL, RECORDED, TABLES, level_of
 from skyrange.record.spool import OPEN, Spool, read_stream, spool_files, write_error
 from skyrange.record.write.files.derivation import Derivation
+from skyrange.record.write.files.row_groups import GROUP_BYTES, PART_BYTES, count_bytes, cut_groups, split_batch
 from skyrange.record.write.files.table_files import GROUP_ROWS, WIDE_GROUP_ROWS, TableFiles, write_features
 
 PENDING: Final = 2
@@ -114,8 +115,10 @@ class PartWriter:
         """Derived tables; the thread uses it, except for its flags."""
         self._background = Background()
         self._rows: dict[str, int] = {}  # of the open part
+        self._part_bytes: dict[str, int] = {}  # of the open part, of tables with large rows
         self._held: dict[str, list[pa.RecordBatch]] = {}  # less than a group
         self._held_rows: dict[str, int] = {}
+        self._held_bytes: dict[str, int] = {}
         self._new_payloads: list[pa.RecordBatch] = []  # since the last group of frames
         self._new_receptions: list[pa.RecordBatch] = []
         self._foreign: list[pa.Table] = []
@@ -123,36 +126,39 @@ class PartWriter:
     def append(self, table: str, batch: pa.RecordBatch) -> None:
         """Append rows of a table."""
         while batch.num_rows:
-            room = self._part_rows - self._rows.get(table, 0)
-            piece, batch = batch.slice(0, room), batch.slice(room)
+            room, room_bytes = self._part_rows - self._rows.get(table, 0), PART_BYTES - self._part_bytes.get(table, 0)
+            piece, used, is_full = split_batch(table, batch, room, room_bytes)
+            batch = batch.slice(piece.num_rows)
             self._spool.append(table, piece)
-            self._hold(table, piece)
-            if self._rows[table] == self._part_rows:
+            self._hold(table, piece, used)
+            if is_full:
                 self._end_part(table)
 
     def _group_rows(self, table: str) -> int:
         return min(WIDE_GROUP_ROWS if table == "observations" else GROUP_ROWS, self._part_rows)
 
-    def _hold(self, table: str, batch: pa.RecordBatch) -> None:
+    def _hold(self, table: str, batch: pa.RecordBatch, used: int) -> None:
         self._rows[table] = self._rows.get(table, 0) + batch.num_rows
+        self._part_bytes[table] = self._part_bytes.get(table, 0) + used
         if table == "payloads":
             self._new_payloads.append(batch)
         elif table == "receptions":
             self._new_receptions.append(batch)
         self._held.setdefault(table, []).append(batch)
         self._held_rows[table] = self._held_rows.get(table, 0) + batch.num_rows
-        if self._held_rows[table] >= self._group_rows(table):
+        self._held_bytes[table] = self._held_bytes.get(table, 0) + used
+        if self._held_rows[table] >= self._group_rows(table) or self._held_bytes[table] >= GROUP_BYTES:
             self._write_groups(table, last=False)
 
     def _write_groups(self, table: str, *, last: bool) -> None:
-        rows = self._group_rows(table)
-        groups = list(combine_batches(self._held.pop(table, []), rows))
-        self._held_rows[table] = 0
-        for group in groups:
-            if group.num_rows < rows and not last:
-                self._held[table], self._held_rows[table] = group.to_batches(), group.num_rows
-            else:
+        groups = list(cut_groups(table, self._held.pop(table, []), self._group_rows(table)))
+        self._held_rows[table] = self._held_bytes[table] = 0
+        for group, used, is_whole in groups:
+            if is_whole or last:
                 self._write_group(table, group)
+            else:
+                self._held[table], self._held_rows[table] = group.to_batches(), group.num_rows
+                self._held_bytes[table] = used
 
     def _write_group(self, table: str, group: pa.Table) -> None:
         self._submit(partial(self._files.write, table, group))
@@ -172,7 +178,7 @@ class PartWriter:
     def _end_part(self, table: str) -> None:
         self._write_groups(table, last=True)
         self._submit(partial(self._files.close_part, table, self._spool.end_stream(table)))
-        self._rows[table] = 0
+        self._rows[table] = self._part_bytes[table] = 0
 
     def _submit(self, call: Callable[[], None]) -> None:
         try:
@@ -235,9 +241,9 @@ class PartWriter:
         """A writer that continues in a copy of the folder, made while the thread was idle."""
         twin = PartWriter(folder, manifest, spool, self._part_rows)
         if not self._background.is_used:
-            twin._rows = dict(self._rows)
+            twin._rows, twin._part_bytes = dict(self._rows), dict(self._part_bytes)
             twin._held = {table: list(batches) for table, batches in self._held.items()}
-            twin._held_rows = dict(self._held_rows)
+            twin._held_rows, twin._held_bytes = dict(self._held_rows), dict(self._held_bytes)
             twin._new_payloads, twin._new_receptions = list(self._new_payloads), list(self._new_receptions)
         else:
             twin.read_spool()
@@ -252,7 +258,8 @@ class PartWriter:
         self._derivation.is_whole = False
         for table in TABLES:
             for batch in _open_rows(self._folder, table):
-                self._hold(table, batch)
+                sizes = count_bytes(table, batch)
+                self._hold(table, batch, 0 if sizes is None else int(sizes.sum()))
         self._new_payloads, self._new_receptions = [], []
 
 

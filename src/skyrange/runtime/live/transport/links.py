@@ -16,12 +16,14 @@ from skyrange.io.zeromq.transport import Counts as ZmqCounts
 from skyrange.io.zeromq.transport import ZmqTransport
 from skyrange.runtime.live.transport.addresses import Credentials, Crossing
 
-MAX_BYTES: Final = {"oracle": 1 << 20}
-"""Longest message over ZeroMQ by kind of link: what ground receivers received in a step, as JSON, is the longest."""
+MAX_BYTES: Final = {"oracle": 1 << 20, "scan": 1 << 21}
+"""Longest message over ZeroMQ by kind of link: receptions of ground receivers as JSON; a scan of a million pulses."""
 USUAL_MAX_BYTES: Final = 1 << 12
 """Of every other kind: a Remote ID message pack with its header has 300, a MAVLink frame 280."""
-QUEUE: Final = 256
-"""Messages that may wait for a ZeroMQ peer."""
+QUEUES: Final = {"scan": 16}
+"""Messages that may wait for a ZeroMQ peer by kind of link: nobody needs the scans of a second ago."""
+USUAL_QUEUE: Final = 256
+"""Of every other kind."""
 RECONNECT_S: Final = 0.2
 """Between two attempts to reach a TCP peer."""
 
@@ -52,7 +54,7 @@ async def listen(crossing: Crossing, on_piece: OnPiece, host: str, credentials: 
     if crossing.transport == "zmq":
         keys = None if is_loopback(crossing.address[0]) else credentials.links
         end = await ZmqTransport.bind(
-            on_piece, crossing.address, keys=keys, max_bytes=_max_bytes(crossing), queue=QUEUE
+            on_piece, crossing.address, keys=keys, max_bytes=_max_bytes(crossing), queue=_queue(crossing)
         )
         return _Counted(end)
     token = None if is_loopback(crossing.address[0]) else credentials.token
@@ -69,7 +71,7 @@ async def connect(crossing: Crossing, on_piece: OnPiece, host: str, credentials:
     if crossing.transport == "zmq":
         keys = None if is_loopback(crossing.address[0]) else credentials.links
         end = await ZmqTransport.connect(
-            on_piece, crossing.address, keys=keys, max_bytes=_max_bytes(crossing), queue=QUEUE
+            on_piece, crossing.address, keys=keys, max_bytes=_max_bytes(crossing), queue=_queue(crossing)
         )
         return _Counted(end)
     token = None if is_loopback(crossing.address[0]) else credentials.token
@@ -78,6 +80,10 @@ async def connect(crossing: Crossing, on_piece: OnPiece, host: str, credentials:
 
 def _max_bytes(crossing: Crossing) -> int:
     return MAX_BYTES.get(crossing.link.name.partition(":")[0], USUAL_MAX_BYTES)
+
+
+def _queue(crossing: Crossing) -> int:
+    return QUEUES.get(crossing.link.name.partition(":")[0], USUAL_QUEUE)
 
 
 class _Udp:

@@ -1,0 +1,1 @@
+"""Kinds of faults that are weather on the way of light."""
