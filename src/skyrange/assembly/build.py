@@ -23,7 +23,7 @@ from skyrange.assembly.control_links import (
 )
 from skyrange.assembly.detectors import build_detectors, describe_monitor
 from skyrange.assembly.network import build_network, list_processing_limits
-from skyrange.assembly.optics import build_scanner, check_sensors, describe_scans, list_sensors
+from skyrange.assembly.optics import build_range_reports, build_scanner, check_sensors, describe_scans, list_sensors
 from skyrange.assembly.placement.clear_placing import apply_placing
 from skyrange.assembly.placement.flight_plans import make_flight_plans, plan_routes
 from skyrange.assembly.placement.moved_places import describe_moves
@@ -171,6 +171,7 @@ def build(
         here=here,
         live=live,
         spectrum=over_air.spectrum if over_air else None,
+        reports=build_range_reports(scenario, here),
     )
     epoch, chance = scenario.epoch, Chance(scenario.seed)
     plans = {vehicle: plan for vehicle, plan in made_plans.items() if isinstance(plan, FlightPlan)}

@@ -10,7 +10,7 @@ from typing import Final
 from skyrange.city.city import City
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem
-from skyrange.core.ids import vehicle_id
+from skyrange.core.ids import endpoint, vehicle_id
 from skyrange.optics.mounted_sensors import MountedSensor
 from skyrange.optics.ray_index import index_city
 from skyrange.optics.reflectivity import make_surfaces
@@ -19,6 +19,7 @@ from skyrange.scenario.model.fleet import Vehicle
 from skyrange.scenario.model.optics import OpticalSensor, Optics, count_rays
 from skyrange.scenario.model.radio import SightRules
 from skyrange.scenario.model.scenario import Scenario
+from skyrange.vehicle.companion.range_reports import RangeReports, ReportedSensor, can_report
 from skyrange.vehicle.sight.evidence import Rates
 from skyrange.vehicle.sight.fusion import Fusion
 from skyrange.vehicle.sight.witness import Sight
@@ -95,6 +96,18 @@ def _default_place(airframe: Airframe, sensor: OpticalSensor) -> tuple[float, fl
     return (0.0, 0.0, airframe.height_m + _CLEAR_M)
 
 
+def build_range_reports(scenario: Scenario, here: Container[str]) -> RangeReports | None:
+    """What the companions that live at the endpoints `here` report to their autopilots; None if nothing."""
+    reported = [
+        ReportedSensor(mount_sensor(key, vehicle, sensor, number), sensor.to_autopilot, vehicle.system_id)
+        for operator, vehicle in scenario.fleet
+        if endpoint(key := vehicle_id(operator.id, vehicle.id), "companion") in here
+        for number, sensor in enumerate(vehicle.sensors)
+        if sensor.to_autopilot is not None
+    ]
+    return RangeReports(reported) if reported else None
+
+
 def build_scanner(
     scenario: Scenario,
     city: City | None,
@@ -141,8 +154,9 @@ def make_sight(key: str, vehicle: Vehicle) -> tuple[Sight | None, Fusion]:
 
 
 def check_sensors(scenario: Scenario) -> Iterator[Problem]:
-    """Sensors inside the cylinder that encloses their aircraft."""
+    """Sensors inside the cylinder that encloses their aircraft, and those that cannot be reported as declared."""
     for operator, vehicle in scenario.fleet:
+        yield from _check_reports(vehicle_id(operator.id, vehicle.id), vehicle)
         airframe = AIRFRAMES[vehicle.airframe]
         fusion = None if vehicle.avoidance is None else vehicle.avoidance.fusion
         if fusion not in (None, "radio") and not vehicle.sensors:
@@ -161,6 +175,25 @@ def check_sensors(scenario: Scenario) -> Iterator[Problem]:
                     f"from its axis, or not between 0 and {airframe.height_m:.3g} m up"
                 )
                 yield Problem(where, f"[{forward:g}, {left:g}, {up:g}] m", expected, "Omit place_m for a usual place.")
+
+
+def _check_reports(key: str, vehicle: Vehicle) -> Iterator[Problem]:
+    reported = [(n, sensor) for n, sensor in enumerate(vehicle.sensors) if sensor.to_autopilot is not None]
+    for number, sensor in reported:
+        kind = sensor.to_autopilot
+        where = f"{key}.sensors.{sensor.id}.to_autopilot"
+        if kind is None or can_report(mount_sensor(key, vehicle, sensor, number), kind):
+            continue
+        if kind == "obstacles":
+            hint = 'A single beam is reported as "distance".'
+            yield Problem(where, kind, f"a sensor with more than one beam; {sensor.model} has one", hint)
+        else:
+            expected = "a single beam with pitch_deg -90, 90, or 0 and a yaw_deg that is a multiple of 45"
+            yield Problem(where, kind, expected, 'Other sensors are reported as "obstacles".')
+    around = [sensor.id for _, sensor in reported if sensor.to_autopilot == "obstacles"]
+    if len(around) > 1:
+        expected = "one sensor of an aircraft: each OBSTACLE_DISTANCE replaces the last one's obstacles"
+        yield Problem(f"{key}.sensors.{around[1]}.to_autopilot", "obstacles", expected)
 
 
 def describe_scans(scenario: Scenario, sensors: Sequence[MountedSensor]) -> list[str]:

@@ -39,6 +39,7 @@ from skyrange.scenario.model.scenario import OnDeath, Scenario
 from skyrange.scenario.validation.error_messages import spell_path
 from skyrange.vehicle.avoidance.contract import Avoidance, AvoidanceContext
 from skyrange.vehicle.companion.companion import Companion, CompanionSpec
+from skyrange.vehicle.companion.range_reports import RangeReports, SensorCompanion
 
 COMPANIONS = "companions"
 """The agent that stands for all of them."""
@@ -128,15 +129,17 @@ def build_radio(
     here: Container[str],
     live: LiveMedium | None = None,
     spectrum: Spectrum | None = None,
+    reports: RangeReports | None = None,
 ) -> BuiltRadio:
     """Medium, oracle and companions, of those that live at the endpoints `here`; `spectrum` is for the oracle to fill.
+    `reports` of sensors are the companions' part; without a radio medium they have no other.
 
     Raises `InputError` with everything that is wrong with the radios.
     """
     if scenario.radio is None:
-        return BuiltRadio()
+        return BuiltRadio([] if reports is None else [_make_sensor_companion(scenario, reports)])
     oracle = _oracle(scenario, city, chance, attackers, live or LiveMedium(), spectrum) if ENDPOINT in here else None
-    companions = _companions(scenario, city, chance, here)
+    companions = _companions(scenario, city, chance, here, reports)
     return BuiltRadio([companions] if companions is not None else [], [oracle] if oracle is not None else [], oracle)
 
 
@@ -175,7 +178,14 @@ def _oracle(
     )
 
 
-def _companions(scenario: Scenario, city: City | None, chance: Chance, here: Container[str]) -> Companion | None:
+def _make_sensor_companion(scenario: Scenario, reports: RangeReports) -> SensorCompanion:
+    keys = {vehicle_id(o.id, v.id): derive_keys(scenario, o).aircraft for o, v in scenario.fleet}
+    return SensorCompanion(COMPANIONS, reports, [keys[vehicle] for vehicle in reports.vehicles])
+
+
+def _companions(
+    scenario: Scenario, city: City | None, chance: Chance, here: Container[str], reports: RangeReports | None
+) -> Companion | None:
     made: dict[str, Avoidance] = {}
     aboard = []
     for operator, vehicle in scenario.fleet:
@@ -201,7 +211,8 @@ def _companions(scenario: Scenario, city: City | None, chance: Chance, here: Con
     if not aboard:
         return None
     sees = any(spec.sight is not None for spec in aboard)
-    return Companion(COMPANIONS, aboard, scenario.origin.datum, chance, index_city(city) if sees else None)
+    surfaces = index_city(city) if sees else None
+    return Companion(COMPANIONS, aboard, scenario.origin.datum, chance, surfaces, reports)
 
 
 def _avoidance(table: AvoidanceTable, city: City | None) -> Avoidance:

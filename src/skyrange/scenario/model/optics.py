@@ -86,6 +86,12 @@ class OpticalSensor(Model):
     stabilised: Annotated[bool, Strict()] = Field(
         default=False, description="Whether a gimbal keeps it level. It then follows the heading of the aircraft alone."
     )
+    to_autopilot: Literal["distance", "obstacles"] | None = Field(
+        default=None,
+        description="What the companion sends the autopilot of its scans, ten times a second at most. distance: "
+        "DISTANCE_SENSOR, of a single beam that looks down, up or level; obstacles: OBSTACLE_DISTANCE, the nearest "
+        "returns around, of another sensor; default: nothing.",
+    )
     rate_hz: Number | None = Field(
         default=None,
         gt=0,

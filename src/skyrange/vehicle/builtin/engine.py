@@ -49,6 +49,8 @@ from skyrange.vehicle.builtin.mission.items import decode_item
 from skyrange.vehicle.builtin.mission_protocol import server as mission_protocol
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters.table import PARAMETERS, SETTINGS, fill_settings
+from skyrange.vehicle.builtin.range_sensing import sensors as range_sensors
+from skyrange.vehicle.builtin.range_sensing.avoidance import avoid_obstacles
 from skyrange.vehicle.builtin.telemetry import radio_status, schedule
 from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS, Schedule
 from skyrange.vehicle.builtin.tick_batch import FleetTickBatch
@@ -88,6 +90,8 @@ _HANDLERS: dict[int, Handler] = {
     _ID.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: parameter_protocol.on_request_list,
     _ID.MAVLINK_MSG_ID_PARAM_REQUEST_READ: parameter_protocol.on_request_read,
     _ID.MAVLINK_MSG_ID_PARAM_SET: parameter_protocol.on_set,
+    _ID.MAVLINK_MSG_ID_DISTANCE_SENSOR: range_sensors.on_distance_sensor,
+    _ID.MAVLINK_MSG_ID_OBSTACLE_DISTANCE: range_sensors.on_obstacle_distance,
     _ID.MAVLINK_MSG_ID_TIMESYNC: messages.on_timesync,
     _ID.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: file_server.on_file_transfer,
     _ID.MAVLINK_MSG_ID_LOG_REQUEST_LIST: messages.on_log_request_list,
@@ -164,6 +168,7 @@ class BuiltinFleet(EngineBase):
         for vehicle in vehicles:
             schedule.start_boot_streams(self._schedule, self._fleet, vehicle)
             checks.reset_state(self._fleet, vehicle)
+            range_sensors.start_sensors(self._fleet, vehicle)
         self._actuators = np.zeros((count, MOTORS))
         self._fleet.actuators = self._actuators
         self._last_tick: Time | None = None
@@ -198,6 +203,8 @@ class BuiltinFleet(EngineBase):
                 mail = self._signed.verify_inbox(tick, inbox, mail, fleet.outbox)
             for arrival in inbox.arrivals(mail.order[consume_heartbeats(fleet, mail)]):
                 self._receive(arrival)
+        if fleet.range_sensors and tick % SERVICE_NS == 0:
+            avoid_obstacles(fleet)
         if loop.run_loop(*self._loop_arguments(dt_s)):
             self._handle_events()
         if tick % SERVICE_NS == 0:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,9 @@ from skyrange.vehicle.builtin.memory_card import FileStore
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters.table import INDEX, MAX_VALUES, MIN_VALUES, PARAMETERS
 from skyrange.vehicle.builtin.utc_clocks import UtcClocks
+
+if TYPE_CHECKING:
+    from skyrange.vehicle.builtin.range_sensing.sensors import RangeSensors
 
 Causes = tuple[FrameId, ...]
 COMPONENT_ID = 1
@@ -353,6 +356,8 @@ class Fleet:
         """Rows whose streams change their pace, and how many times as long their intervals are."""
         self.stream_delays_ns: dict[int, Time] = {}
         """Rows whose streams change their pace, and what is added to each interval before that."""
+        self.range_sensors: dict[int, RangeSensors] = {}
+        """The range sensors of the rows that have any."""
         self.aux_pending = False
         """Whether any aircraft has `aux_functions` to run."""
         self.rebooted: list[str] = []

@@ -17,7 +17,14 @@ from skyrange.core.time import NEVER, NS_PER_MS
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Slowdown, Timer, Vehicle
 from skyrange.vehicle.builtin.log_events import BANNER
 from skyrange.vehicle.builtin.parameters.renames import canonical_name, from_canonical, to_canonical
-from skyrange.vehicle.builtin.parameters.table import INDEX, PARAMETERS, SETTINGS_NAMES, stored_value, value_in_range
+from skyrange.vehicle.builtin.parameters.table import (
+    INDEX,
+    PARAMETERS,
+    SETTINGS_NAMES,
+    count_listed,
+    stored_value,
+    value_in_range,
+)
 
 _PERIOD_NS: Final = 100 * NS_PER_MS
 """Values of a list are sent every 100 ms while SR0_PARAMS is 0, its default (`set_ap_message_interval`)."""
@@ -58,12 +65,13 @@ def on_timer(fleet: Fleet, vehicle: Vehicle) -> None:
     """
     since_ms = (fleet.now - vehicle.params_sent_ns) // NS_PER_MS
     allowed = min(max(_PORT_BYTES_PER_S * since_ms // 3333, _VALUE_BYTES), _PORT_BUFFER_BYTES)
-    last = min(vehicle.next_param + allowed // _VALUE_BYTES, len(PARAMETERS))
+    total = count_listed(fleet.stored_params[vehicle.row])
+    last = min(vehicle.next_param + allowed // _VALUE_BYTES, total)
     for index in range(vehicle.next_param, last):
         _send_value(fleet, vehicle, index, index, PARAMETERS[index].name)
     vehicle.next_param = last
     vehicle.params_sent_ns = fleet.now
-    if last < len(PARAMETERS):
+    if last < total:
         fleet.set_timer(vehicle, Timer.PARAM_LIST, fleet.now + _PERIOD_NS)
     else:
         fleet.slow_streams(vehicle, Slowdown.PARAM_LIST, on=False)
@@ -73,7 +81,7 @@ def on_request_read(fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[in
     """PARAM_REQUEST_READ: send one parameter by index, or by name where the index is -1."""
     index = message.param_index
     if index != -1:
-        if 0 <= index < len(PARAMETERS):
+        if 0 <= index < count_listed(fleet.stored_params[vehicle.row]):
             _send_value(fleet, vehicle, index, index, PARAMETERS[index].name)
         return
     name = clean_name(message.param_id)
@@ -123,5 +131,6 @@ def _send_value(fleet: Fleet, vehicle: Vehicle, index: int, told_index: int, nam
     if name.upper() != parameter.name:
         value = from_canonical(name, value)
         kind = dialect.MAV_PARAM_TYPE_REAL32
-    message = dialect.MAVLink_param_value_message(name.encode(), value, kind, len(PARAMETERS), told_index)
+    total = count_listed(fleet.stored_params[vehicle.row])
+    message = dialect.MAVLink_param_value_message(name.encode(), value, kind, total, told_index)
     fleet.send(vehicle, message, causes)

@@ -48,6 +48,7 @@ from skyrange.vehicle.avoidance.none import NoAvoidance
 from skyrange.vehicle.companion import autopilot_commands
 from skyrange.vehicle.companion.autopilot_commands import MessageRequests
 from skyrange.vehicle.companion.control_handover import CompanionCommand, ControlHandover, ControlState
+from skyrange.vehicle.companion.range_reports import RangeReports
 from skyrange.vehicle.sight.fusion import AircraftSight, Fusion
 from skyrange.vehicle.sight.witness import Sight
 
@@ -105,10 +106,12 @@ class Companion:
         origin: Origin,
         chance: Chance,
         city: RayIndex | None = None,
+        range_reports: RangeReports | None = None,
     ) -> None:
         """`chance` spreads the broadcasts of different aircraft within the second, and is used for nothing else.
 
-        `city` is the map by which sensors are told what is a building; it is needed with sensors.
+        `city` is the map by which sensors are told what is a building; it is needed with sensors. `range_reports`
+        are what it tells the autopilots of them.
         """
         self.name = name
         self.specs = tuple(specs)
@@ -118,6 +121,7 @@ class Companion:
             for spec in self.specs
             for kind in ("rid_data", "rid_up", "rid_down")
         ]
+        self._range_reports = range_reports
         self._scan_rows = [row for row, spec in enumerate(self.specs) if spec.sight is not None]
         scanned = [self.specs[row].vehicle for row in self._scan_rows]
         self.ports: Sequence[Port] = [
@@ -229,8 +233,11 @@ class Companion:
         placed = is_fresh(self._beliefs.table["position_ns"], now, POSITION_TIMEOUT_NS)
         for number in scans.tolist():
             row = self._scan_rows[mail.places.item(number) - first]
+            cause = inbox.arrival(mail.order.item(number)).ref
+            if self._range_reports is not None:
+                payload = bytes(mail.payloads[number])
+                self._range_reports.receive(now, self.specs[row].vehicle, payload, cause, out)
             if placed[row]:
-                cause = inbox.arrival(mail.order.item(number)).ref
                 motion = (places[row], velocities[row])
                 self._sight[row].receive(now, row, bytes(mail.payloads[number]), motion, self.tracks, out, cause)
         return mail.take(np.flatnonzero(mail.places < first))

@@ -27,6 +27,7 @@ from skyrange.vehicle.builtin import battery_monitor, fence, locations
 from skyrange.vehicle.builtin.estimation import validity
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Vehicle
 from skyrange.vehicle.builtin.modes import MANUAL_THROTTLE, REQUIRES_POSITION, Mode
+from skyrange.vehicle.builtin.range_sensing.sensors import has_no_data
 
 _ENFORCE: Final = 1  # DID_OPTIONS bit 0: EnforceArming
 _MAX_AGE_NS: Final[Time] = 3 * NS_PER_S  # max_age_ms
@@ -98,6 +99,8 @@ _MAX_ALT_DISPARITY_M = 1.0  # PREARM_MAX_ALT_DISPARITY_CM
 _FIELD_MIN_MGAUSS, _FIELD_MAX_MGAUSS = 185, 875  # AP_ARMING_COMPASS_MAGFIELD_MIN, …_MAX
 _PRED_POS_ABS = int(dialect.EKF_PRED_POS_HORIZ_ABS)
 _PRED_POS_REL = int(dialect.EKF_PRED_POS_HORIZ_REL)
+_AVOIDS_PROXIMITY = 2  # AC_AVOID_USE_PROXIMITY_SENSOR
+_NEAREST_M = 0.6  # AP_Arming_Copter.cpp, proximity_checks
 _HORIZONTAL_TYPES = int(fence.FenceType.CIRCLE | fence.FenceType.POLYGON)
 
 
@@ -112,7 +115,9 @@ class ArmingCheck(IntFlag):
     RC = 1 << 6
     VOLTAGE = 1 << 7
     BATTERY = 1 << 8
+    PARAMETERS = 1 << 5
     MISSION = 1 << 14
+    RANGEFINDER = 1 << 15
 
 
 class CheckInputs(NamedTuple):
@@ -274,6 +279,34 @@ def _missing_item(fleet: Fleet, row: int, bits: int) -> str:
     return ""
 
 
+def _rangefinder_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
+    lost = np.zeros(inputs.rows.size, dtype=bool)
+    for place, row in enumerate(inputs.rows.tolist()):
+        sensors = fleet.range_sensors.get(row)
+        if sensors is not None and sensors.rangefinder is not None:
+            lost[place] = has_no_data(fleet, sensors.rangefinder.read_ns)
+    return [(inputs.check_enabled(ArmingCheck.RANGEFINDER) & lost, "Rangefinder 1: No Data")]
+
+
+def _proximity_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
+    """`proximity_checks`: a sensor that sends nothing, and an obstacle within 60 cm."""
+    blind, near = np.zeros(inputs.rows.size, dtype=bool), np.zeros(inputs.rows.size, dtype=bool)
+    closest_m: dict[int, float] = {}
+    for place, row in enumerate(inputs.rows.tolist()):
+        sensors = fleet.range_sensors.get(row)
+        if sensors is None or sensors.proximity is None:
+            continue
+        blind[place] = has_no_data(fleet, sensors.proximity.read_ns)
+        closest_m[row] = sensors.proximity.boundary.find_closest()
+        avoids = int(fleet.param(fleet.vehicles[row], "AVOID_ENABLE")) & _AVOIDS_PROXIMITY
+        near[place] = bool(avoids) and closest_m[row] <= _NEAREST_M
+
+    def describe(vehicle: Vehicle) -> str:
+        return f"Proximity {closest_m[vehicle.row]:4.2f}m (want > {_NEAREST_M:.1f}m)"
+
+    return [(blind, "PRX1: No Data"), (inputs.check_enabled(ArmingCheck.PARAMETERS) & near, describe)]
+
+
 def _fence_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
     return list(fence.prearm_failures(fleet, inputs.rows, inputs.has_position))
 
@@ -291,6 +324,8 @@ CHECKS: Final[list[Callable[[Fleet, CheckInputs], Sequence[Failure]]]] = [
     _gps_checks,
     _battery_checks,
     _mission_checks,
+    _rangefinder_checks,
+    _proximity_checks,
     _battery_failsafe_check,
     _fence_checks,
     _opendroneid_checks,

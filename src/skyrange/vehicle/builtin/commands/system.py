@@ -41,6 +41,7 @@ from skyrange.vehicle.builtin.log_events import end_log
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameter_protocol import send_banner
 from skyrange.vehicle.builtin.parameters.table import PARAMETERS, apply_stored, stored_value
+from skyrange.vehicle.builtin.range_sensing.sensors import start_sensors
 from skyrange.vehicle.builtin.telemetry.schedule import (
     COLUMN,
     MIN_INTERVAL_MS,
@@ -89,6 +90,7 @@ def reboot(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, causes: Causes) -
     for timer in Timer:
         fleet.set_timer(vehicle, timer)
     checks.reset_state(fleet, vehicle)
+    start_sensors(fleet, vehicle)
     start_boot_streams(schedule, fleet, vehicle)
     fleet.note("event.reboot", vehicle, {"system_id": vehicle.system_id}, causes)
 

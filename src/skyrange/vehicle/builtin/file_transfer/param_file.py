@@ -15,7 +15,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Vehicle
 from skyrange.vehicle.builtin.memory_card import fail
 from skyrange.vehicle.builtin.parameter_protocol import set_parameter
-from skyrange.vehicle.builtin.parameters.table import PARAMETERS
+from skyrange.vehicle.builtin.parameters.table import PARAMETERS, count_listed
 
 NAME = packed.PATH.rpartition("/")[2]
 _STATED_BYTES: Final = 12
@@ -44,14 +44,14 @@ def parse_query(name: str) -> ParamQuery:
     return query
 
 
-def stated_size() -> int:
+def stated_size(fleet: Fleet, vehicle: Vehicle) -> int:
     """The size that is told before the file is packed."""
-    return len(PARAMETERS) * _STATED_BYTES
+    return count_listed(fleet.stored_params[vehicle.row]) * _STATED_BYTES
 
 
 def pack(fleet: Fleet, vehicle: Vehicle, query: ParamQuery, read_bytes: int) -> bytes:
     """The file as it is read in pieces of `read_bytes`. Raises `OSError` if it began behind the last parameter."""
-    total = len(PARAMETERS)
+    total = count_listed(fleet.stored_params[vehicle.row])
     if query.start >= total:
         raise fail(errno.EINVAL)
     last = min(query.start + (query.most or total), total)

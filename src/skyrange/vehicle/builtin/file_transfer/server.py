@@ -218,7 +218,7 @@ def _open_to_read(fleet: Fleet, vehicle: Vehicle, server: FileServer, request: T
     virtual, content = _virtual(path), None
     if virtual == _PARAM:
         param_file.parse_query(path.removeprefix(_PARAM))
-        size = param_file.stated_size()
+        size = param_file.stated_size(fleet, vehicle)
     elif virtual == _MISSION:
         kind = mission_file.mission_type(path.removeprefix(_MISSION))
         content, size = mission_file.pack(fleet, vehicle, kind), mission_file.STATED_SIZE

@@ -49,8 +49,8 @@ class Parameter(NamedTuple):
     reboot: bool = False
 
 
-def _read_parameters() -> Iterator[Parameter]:
-    for row in read_package_table(__file__, "parameters.csv"):
+def _read_parameters(table: str) -> Iterator[Parameter]:
+    for row in read_package_table(__file__, table):
         default, low, high = (_number(row[name]) for name in ("default", "low", "high"))
         yield Parameter(row["name"], default, low, high, row["meaning"], _KINDS[row["type"]], row["reboot"] == "yes")
 
@@ -60,8 +60,10 @@ def _number(text: str) -> float:
     return int(text) if text.lstrip("-").isdigit() else float(text)
 
 
-PARAMETERS: Final = tuple(sorted(_read_parameters()))
-"""Every parameter, by name. The position in this table is the index of the protocol."""
+_ALWAYS_LISTED: Final = tuple(sorted(_read_parameters("parameters.csv")))
+PARAMETERS: Final = (*_ALWAYS_LISTED, *sorted(_read_parameters("sensor_parameters.csv")))
+"""Every parameter, by name, those of rangefinder, proximity sensor and avoidance last. The position in this table is
+the index of the protocol."""
 
 INDEX: Final = {parameter.name: index for index, parameter in enumerate(PARAMETERS)}
 MIN_VALUES: Final = np.array([parameter.low for parameter in PARAMETERS], dtype=np.float64)
@@ -69,8 +71,8 @@ MAX_VALUES: Final = np.array([parameter.high for parameter in PARAMETERS], dtype
 
 _LOOP_PREFIXES = ("ANGLE_MAX", "ATC_", "LAND_", "LOIT_", "MOT_", "PILOT_", "PSC_", "TKOFF_", "WP")
 """Parameters read in every step come first in the record and side by side, so that the rest costs no cache lines."""
-_MESSAGE_PREFIXES = ("SR0_", "SYSID_")
-"""Parameters that only messages read are not in the record."""
+_MESSAGE_PREFIXES = ("SR0_", "SYSID_", "AVOID_", "PRX", "RNGFND")
+"""Parameters that compiled functions do not read are not in the record."""
 
 
 def _settings_names() -> tuple[str, ...]:
@@ -91,6 +93,18 @@ AIRFRAME_TUNING: Final[Mapping[str, Mapping[str, float]]] = {
     "x500": {"ATC_RAT_YAW_P": 0.9, "ATC_RAT_YAW_I": 0.09, "ATC_RAT_YAW_FLTE": 20, "ATC_ACCEL_Y_MAX": 10000},
 }
 """Values that differ from the defaults, by airframe."""
+
+
+_SHOWS_SENSORS: Final = tuple(INDEX[name] for name in ("PRX1_TYPE", "RNGFND1_TYPE"))
+
+
+def count_listed(stored: NDArray[np.float64]) -> int:
+    """How many of `PARAMETERS` an aircraft with these values lists and reads by index.
+
+    Those of sensors and avoidance are last, and listed where a sensor is set. ArduPilot hides most of them until then
+    too (AP_PARAM_FLAG_ENABLE), but not the two types and AVOID_ENABLE, which are read and set by name here.
+    """
+    return len(PARAMETERS) if any(stored[index] for index in _SHOWS_SENSORS) else len(_ALWAYS_LISTED)
 
 
 _LIMITS: Final = {_INT8: (-128.0, 127.0), _INT16: (-32768.0, 32767.0), _INT32: (-2147483648.0, 2147483647.0)}

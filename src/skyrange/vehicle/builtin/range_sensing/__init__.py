@@ -1,0 +1,1 @@
+"""Range sensing: rangefinder, proximity sensor, and the avoidance of what it sees."""
