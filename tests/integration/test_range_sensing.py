@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -64,7 +65,7 @@ def _lift(params: tuple[tuple[str, float], ...]) -> Range:
     return r
 
 
-def lifted(boot: dict[str, float] = BOOT, **params: float) -> Range:
+def lifted(boot: Mapping[str, float] = BOOT, /, **params: float) -> Range:
     """In GUIDED, 10 m up: a copy of one flight for all, with parameters that need no boot set in the air."""
     r = _lift(tuple(boot.items())).copy()
     for name, value in params.items():
