@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -123,7 +124,7 @@ def test_orientations_of_beams() -> None:
     assert not can_report(MountedSensor("v", "m", 0, MID_360, TOP), "distance")
 
 
-def beam(steps: int, **changes: object) -> RangeScan:
+def beam(steps: int, **changes: Any) -> RangeScan:
     scan = RangeScan(LIDAR, 0, 0, 0.01, 5 * NS_PER_MS, (1.0, 0.0, 0.0, 0.0), np.array([steps], dtype=np.uint16))
     return scan._replace(**changes)
 
