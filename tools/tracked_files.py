@@ -27,6 +27,7 @@ EXPLAINED = {
     "pictures of pages": ("docs/images/*.png", "docs/images/*.svg", "docs/reference/*.svg"),
     "the documentation site": tuple(f"tools/docs/site/*.{end}" for end in ("css", "html", "js", "svg")),
     "measured results in pages": ("docs/data/*.json", "docs/data/*.tar.xz"),
+    "matrices of pages": ("docs/data/*.toml",),
     "scenarios, studies and schemas": ("src/skyrange/*.toml", "docs/reference/*.toml"),
     "rows of pages": ("tools/docs/*.toml",),
     "tables that are data": tuple(

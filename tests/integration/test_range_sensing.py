@@ -23,7 +23,7 @@ FILTER: dict[str, float] = {"PRX_FILT": 0}
 """Distances as they come, for numbers that do not depend on the filter."""
 
 
-def made(params: Mapping[str, float]) -> Range:
+def made(**params: float) -> Range:
     return Range([VehicleSpec(V, 7, params=params, heading_deg=90.0)])
 
 
@@ -55,7 +55,7 @@ def push(r: Range, east: float, north: float = 0.0) -> None:
 
 @cache
 def _lift(params: tuple[tuple[str, float], ...]) -> Range:
-    r = made(dict(params))
+    r = made(**dict(params))
     r.run(15.0, lambda r: see_all(r) if r.now % 100_000_000 == 0 else None)
     assert r.mode(V, Mode.GUIDED) == mav.MAV_RESULT_ACCEPTED
     assert r.arm(V) == mav.MAV_RESULT_ACCEPTED
@@ -65,7 +65,7 @@ def _lift(params: tuple[tuple[str, float], ...]) -> Range:
     return r
 
 
-def lifted(params: Mapping[str, float], boot: Mapping[str, float] = BOOT) -> Range:
+def lifted(boot: Mapping[str, float] = BOOT, /, **params: float) -> Range:
     """In GUIDED, 10 m up: a copy of one flight for all, with parameters that need no boot set in the air."""
     r = _lift(tuple(boot.items())).copy()
     for name, value in params.items():
@@ -87,38 +87,38 @@ def driven(r: Range, seconds: float, east: float, north: float = 0.0, look: Any 
 @pytest.mark.parametrize("behave", [0, 1])
 def test_a_velocity_towards_a_wall_ends_at_the_margin(behave: int) -> None:
     """The lines between sectors are nearer than the wall by cos 22.5°, so it stops at the margin divided by that."""
-    r = driven(lifted({**SENSORS, **FILTER, "AVOID_BEHAVE": behave}), 12.0, 4.0)
+    r = driven(lifted(**SENSORS, **FILTER, AVOID_BEHAVE=behave), 12.0, 4.0)
     nearest_m = WALL_M - max(position[0, 0] for _, position in r.track)
     assert nearest_m == pytest.approx(3.0 / math.cos(math.radians(22.5)), abs=0.35)
     assert 3.0 < WALL_M - r.positions()[0, 0] < 4.5
 
 
 def test_the_default_filter_makes_it_stop_late_and_back_away() -> None:
-    r = driven(lifted(SENSORS), 12.0, 4.0)
+    r = driven(lifted(**SENSORS), 12.0, 4.0)
     assert 0.0 < WALL_M - max(position[0, 0] for _, position in r.track) < 3.0
 
 
 @pytest.mark.parametrize("boot", [BOOT, {}])
 def test_without_the_sensor_or_its_bit_it_flies_on(boot: dict[str, float]) -> None:
     enabled = 3.0 if not boot else 1.0
-    assert driven(lifted({"AVOID_ENABLE": enabled}, boot), 9.0, 4.0).positions()[0, 0] > WALL_M
+    assert driven(lifted(boot, AVOID_ENABLE=enabled), 9.0, 4.0).positions()[0, 0] > WALL_M
 
 
 def test_positions_are_flown_as_they_are() -> None:
     """ArduCopter avoids in GUIDED only what is commanded as a velocity."""
-    r = lifted({**SENSORS, **FILTER})
+    r = lifted(**SENSORS, **FILTER)
     r.send(V, mav.MAVLink_set_position_target_local_ned_message(0, 7, 1, 1, 0b110111111000, 0, 30, -10, *[0] * 8))
     r.run(15.0, lambda r: see_wall(r) if r.now % 100_000_000 == 0 else None)
     assert r.positions()[0, 0] > WALL_M
 
 
 def test_obstacles_are_forgotten_a_second_after_the_last_message() -> None:
-    r = driven(lifted({**SENSORS, **FILTER}), 15.0, 4.0)
+    r = driven(lifted(**SENSORS, **FILTER), 15.0, 4.0)
     assert driven(r, 8.0, 4.0, look=lambda _: None).positions()[0, 0] > WALL_M
 
 
 def test_a_hover_within_the_margin_backs_away() -> None:
-    r = lifted({**SENSORS, **FILTER})
+    r = lifted(**SENSORS, **FILTER)
     driven(r, 5.0, 0.0, look=lambda r: None)
     start = float(r.positions()[0, 0])
 
@@ -135,13 +135,13 @@ def test_a_level_distance_sensor_is_an_obstacle_too() -> None:
         away = round(100.0 * (WALL_M - float(r.positions()[0, 0])))
         r.send(V, mav.MAVLink_distance_sensor_message(r.now // 1_000_000, 5, 4000, max(away, 5), 0, 0, 0, 255))
 
-    assert driven(lifted({**SENSORS, **FILTER}), 15.0, 4.0, look=look).positions()[0, 0] < WALL_M - 2.5
+    assert driven(lifted(**SENSORS, **FILTER), 15.0, 4.0, look=look).positions()[0, 0] < WALL_M - 2.5
 
 
 def test_below_the_minimum_height_of_a_rangefinder_obstacles_are_ignored() -> None:
     heights = {"AVOID_ALT_MIN": 6.0, **SENSORS, **FILTER}
-    assert driven(lifted(heights), 9.0, 4.0, look=see_all).positions()[0, 0] < WALL_M
-    low = lifted(heights)
+    assert driven(lifted(**heights), 9.0, 4.0, look=see_all).positions()[0, 0] < WALL_M
+    low = lifted(**heights)
     mask = 0b110111000111
     for _ in range(2):
         down = mav.MAVLink_set_position_target_local_ned_message(0, 7, 1, 1, mask, 0, 0, 0, 0, 0, 1.5, *[0] * 5)
@@ -152,7 +152,7 @@ def test_below_the_minimum_height_of_a_rangefinder_obstacles_are_ignored() -> No
 
 
 def test_silent_sensors_and_near_obstacles_prevent_arming() -> None:
-    r = made({**SENSORS, "PRX1_TYPE": 2, "RNGFND1_TYPE": 10})
+    r = made(**SENSORS, PRX1_TYPE=2, RNGFND1_TYPE=10)
     r.run(15.0)
     assert r.mode(V, Mode.GUIDED) == mav.MAV_RESULT_ACCEPTED
     assert r.arm(V) == mav.MAV_RESULT_FAILED
@@ -169,7 +169,7 @@ def test_silent_sensors_and_near_obstacles_prevent_arming() -> None:
 
 def test_parameters_of_sensors_are_listed_where_one_is_set() -> None:
     for params, more in (({}, 0), ({"PRX1_TYPE": 2}, 15), ({"RNGFND1_TYPE": 10}, 15)):
-        r = made(params)
+        r = made(**params)
         r.send(V, mav.MAVLink_param_request_list_message(7, 1))
         r.run(0.5)
         assert len(r.heard("PARAM_VALUE")) == len(PARAMETERS) - 15 + more
@@ -177,7 +177,7 @@ def test_parameters_of_sensors_are_listed_where_one_is_set() -> None:
 
 
 def test_senseless_fields_change_nothing() -> None:
-    r = made({**SENSORS, "PRX1_TYPE": 2})
+    r = made(**SENSORS, PRX1_TYPE=2)
     for fields in (
         {"increment_f": math.nan},
         {"increment_f": math.inf},

@@ -8,6 +8,7 @@ from typing import Final
 
 from skyrange.assembly.aircraft import describe_engines, list_aircraft, make_aircraft
 from skyrange.assembly.build import NOTHING_MORE, Additions, BuiltScenario, build
+from skyrange.assembly.optics import list_sensors, scan_bytes_per_s
 from skyrange.kernel import EngineMount
 from skyrange.radio.contract import BUILTIN
 from skyrange.scenario.model.scenario import Scenario
@@ -20,6 +21,8 @@ MOST_RUNS: Final = 256
 MOST_AIRCRAFT: Final = 512
 MOST_AIRCRAFT_S: Final = 60_000.0
 """Simulated seconds of all aircraft of a batch: what they record is in memory."""
+MOST_SCAN_BYTES: Final = 200e6
+"""Bytes of all scans of a batch, for the same reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +64,9 @@ def count_together(scenario: Scenario) -> int:
         return 1
     aircraft = sum(1 for _ in scenario.fleet)
     seconds = aircraft * float(scenario.duration_s)
-    return int(max(min(MOST_RUNS, MOST_AIRCRAFT // aircraft, MOST_AIRCRAFT_S // seconds), 1))
+    most = min(MOST_RUNS, MOST_AIRCRAFT // aircraft, MOST_AIRCRAFT_S // seconds)
+    scans = sum(map(scan_bytes_per_s, list_sensors(scenario))) * float(scenario.duration_s)
+    return int(max(min(most, MOST_SCAN_BYTES // scans if scans else most), 1))
 
 
 def batch_key(scenario: Scenario) -> Hashable:

@@ -130,7 +130,7 @@ def build_scanner(
     scene = Scene(index_city(city), surfaces, optics.weather)
     own = [sensor for sensor in sensors if flown is None or sensor.vehicle in flown]
     period_ns = math.gcd(*(sensor.period_ns for sensor in sensors))
-    return Scanner(own, shapes, scene, Chance(scenario.seed), period_ns, recording=True)
+    return Scanner(own, shapes, scene, Chance(scenario.seed), period_ns)
 
 
 def find_shape(airframe: Airframe, shape: str) -> Shape:

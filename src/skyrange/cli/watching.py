@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from skyrange.view.control import RunControl
     from skyrange.view.control_server import Controllable
     from skyrange.view.flying import FlightView
+    from skyrange.view.scan_queries import FlyingScans
     from skyrange.view.server import LiveStream
     from skyrange.view.stream.recorded import RecordedArms
 
@@ -183,7 +184,7 @@ def show_flight(
 
     stream = LiveStream()
     view = FlightView(scenario, stream)
-    with _serving(stream, at, control):
+    with _serving(stream, at, control, view.scans):
         yield view
         if view.fault is not None:
             print_notice(f"the viewer does not show the run to its end: {view.fault!r}; its record is whole")
@@ -209,14 +210,16 @@ def show_range(flown: LiveRange, at: ViewAddress, *, wanted: bool, control: bool
 
 
 @contextmanager
-def _serving(stream: LiveStream, at: ViewAddress, control: Controllable | None) -> Iterator[None]:
+def _serving(
+    stream: LiveStream, at: ViewAddress, control: Controllable | None, scans: FlyingScans | None = None
+) -> Iterator[None]:
     """Serve a stream, and `control` of what it shows, while the context lasts, and then until Ctrl-C."""
     from skyrange.view.control_server import ControlServer
     from skyrange.view.server import make_application, serve_beside
 
     controlled = None if control is None else ControlServer(control)
     host, access = at.open_access()
-    with serve_beside(make_application(stream, controlled, access=access), host, at.port) as url:
+    with serve_beside(make_application(stream, controlled, access=access, scans=scans), host, at.port) as url:
         if controlled is None:
             print_notice(f"watch the run at {url}")
         else:

@@ -128,13 +128,8 @@ class Scanner:
         scene: Scene,
         chance: Chance,
         period_ns: Time,
-        *,
-        recording: bool = False,
     ) -> None:
-        """`shapes` are those of all aircraft of the world, by name; scans begin at multiples of `period_ns`.
-
-        `recording` keeps the truth of scans.
-        """
+        """`shapes` are those of all aircraft of the world, by name; scans begin at multiples of `period_ns`."""
         self.sensors = tuple(sensors)
         vehicles = list(dict.fromkeys(sensor.vehicle for sensor in sensors))
         self.ports: Sequence[Port] = [Port(ENDPOINT, link_name("scan", vehicle)) for vehicle in vehicles]
@@ -149,7 +144,7 @@ class Scanner:
         self._stepped: Time = 0
         self._rows: list[int] | None = None
         self._shapes = np.empty((0, 3))
-        self._recording = recording
+        self._recording = False
         self._truths: list[ScanTruth] = []
         self._light: LightSource | None = None
 
@@ -202,8 +197,12 @@ class Scanner:
         """See `contracts.scan_light.ScanMaker`."""
         self._light = light
 
+    def start_recording(self) -> None:
+        """Keep the truth of scans from now on, until it is drained."""
+        self._recording = True
+
     def drain_truths(self) -> Sequence[ScanTruth]:
-        """The truth of the scans that were sent since the last call, if `recording`."""
+        """The truth of the scans that were sent since the last call, once it records."""
         truths, self._truths = self._truths, []
         return truths
 

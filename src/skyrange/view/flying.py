@@ -8,12 +8,14 @@ from typing import Final, Protocol
 import pyarrow as pa
 
 from skyrange.core.errors import InputError
+from skyrange.metrics.scans import NewestScans
 from skyrange.record import Recorder, RunRecord, load
 from skyrange.record.read.growth import GrowingRun
 from skyrange.record.schema import RECORDED
 from skyrange.runtime.run import Run
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.view.folders import encode_folder
+from skyrange.view.scan_queries import FlyingScans
 from skyrange.view.stream.growing import GrowingStream
 from skyrange.view.stream.messages import Message
 
@@ -70,6 +72,7 @@ class FlightView:
         self._recorder: Recorder | None = None
         self._stream: GrowingStream | None = None
         """None before the run, and while nobody watches."""
+        self.scans = FlyingScans()
         self.fault: Exception | None = None
         """What ended the view before the run."""
 
@@ -77,11 +80,16 @@ class FlightView:
         """Show a run that begins."""
         self._recorder = run.recorder
         self._stream = GrowingStream(load(run.recorder.path), self._host.publish)
+        if run.built.scanner is not None:
+            self.scans.known = NewestScans(load(run.recorder.path))
         run.recorder.hand_rows_to(self, self._every_s)
 
     def add(self, table: str, batch: pa.RecordBatch) -> None:
         """Take rows."""
-        if (stream := self._stream) is not None:
+        if table == "scans":
+            if (known := self.scans.known) is not None:
+                self._guard(lambda: known.add(batch))
+        elif (stream := self._stream) is not None:
             self._guard(lambda: stream.add(table, batch))
 
     def complete(self) -> None:

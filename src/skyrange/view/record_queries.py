@@ -20,6 +20,7 @@ from skyrange.record import RunRecord
 from skyrange.record.read.telemetry import FOLDER, message_schema
 from skyrange.record.schema import arrow_schema
 from skyrange.view.frame_texts import describe_payload
+from skyrange.view.scan_queries import ScanQueries
 
 POINTS: Final = 600
 """Points of a plot at most, twice over: the least and the largest value of each stretch of time."""
@@ -61,6 +62,7 @@ class RecordQueries:
         self._records = records
         self._frames = lru_cache(maxsize=4)(self._index_frames)
         self._series = lru_cache(maxsize=64)(self._read_series)
+        self.scans = ScanQueries(records)
         self._acts = lru_cache(maxsize=2)(self._read_acts)
 
     def list_fields(self, arm: int) -> dict[str, list[list[str]]]:

@@ -12,18 +12,18 @@ from aiohttp import web
 
 from skyrange.core.errors import InputError
 from skyrange.view.record_queries import RecordQueries
+from skyrange.view.scan_queries import FlyingScans, ScanQueries
 
 PATH: Final = "/record"
 Answer = Callable[[Mapping[str, str]], Any]
 
 
 def add_record_routes(application: web.Application, queries: RecordQueries) -> None:
-    """Answer `fields`, `series`, `frames` and `causes` below `PATH`, one question at a time.
+    """Answer `fields`, `series`, `frames`, `causes` and `scans` below `PATH`, one question at a time.
 
     A question that is wrong is answered with status 400 and the `problem`, in JSON.
     """
-    one_at_a_time = asyncio.Lock()
-    answers: Mapping[str, Answer] = {
+    answers: dict[str, Answer] = {
         "fields": lambda asked: queries.list_fields(_number(asked, "arm")),
         "series": lambda asked: queries.read_series(
             _number(asked, "arm"), asked.get("vehicle", ""), asked.get("source", ""), asked.get("field", "")
@@ -34,7 +34,22 @@ def add_record_routes(application: web.Application, queries: RecordQueries) -> N
         "frames": lambda asked: queries.read_frames(
             _number(asked, "arm"), asked.get("vehicle", ""), _seconds(asked, "until")
         ),
+        "scans": partial(_read_scans, queries.scans),
     }
+    _add_routes(application, answers)
+
+
+def add_scan_route(application: web.Application, scans: FlyingScans) -> None:
+    """Answer `scans` alone, while a run flies."""
+    _add_routes(application, {"scans": partial(_read_scans, scans)})
+
+
+def _read_scans(scans: ScanQueries | FlyingScans, asked: Mapping[str, str]) -> Any:
+    return scans.read_scans(_number(asked, "arm"), asked.get("vehicle", ""), _seconds(asked, "until"))
+
+
+def _add_routes(application: web.Application, answers: Mapping[str, Answer]) -> None:
+    one_at_a_time = asyncio.Lock()
 
     async def answer(request: web.Request, of: Answer) -> web.Response:
         async with one_at_a_time:

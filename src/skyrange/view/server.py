@@ -26,7 +26,8 @@ from skyrange.io.limited_listener import listen
 from skyrange.view.access import REFUSAL, Access
 from skyrange.view.control_server import ControlServer
 from skyrange.view.record_queries import RecordQueries
-from skyrange.view.record_routes import add_record_routes
+from skyrange.view.record_routes import add_record_routes, add_scan_route
+from skyrange.view.scan_queries import FlyingScans
 from skyrange.view.stream.messages import MEDIA_TYPE, POSITIONS, SCENE, Message, split_file
 
 POLICY: Final = (
@@ -65,6 +66,8 @@ ACCESS: Final = web.AppKey[Access | None]("access")
 """What requests of other machines need; None where there are none."""
 CONTROLLED = web.AppKey("controlled", bool)
 """Whether the page offers control of the run."""
+SCANNING = web.AppKey("scanning", bool)
+"""Whether the page may ask about scans while a run flies."""
 RECORDED = web.AppKey("recorded", bool)
 """Whether the page may ask about the records."""
 
@@ -213,9 +216,10 @@ def make_application(
     *,
     access: Access | None = None,
     queries: RecordQueries | None = None,
+    scans: FlyingScans | None = None,
 ) -> web.Application:
     """The page, its modules and the stream, by path; what controls the run, and what answers about the records of the
-    arms, if that is wanted. With `access`, for other machines too.
+    arms, or about the scans of a run that flies, if that is wanted. With `access`, for other machines too.
     """
     application = web.Application(middlewares=[_guard])
     application[HOST] = stream.host
@@ -226,6 +230,9 @@ def make_application(
     application[RECORDED] = queries is not None
     if queries is not None:
         add_record_routes(application, queries)
+    application[SCANNING] = scans is not None
+    if scans is not None:
+        add_scan_route(application, scans)
     application.router.add_get("/", _answer_page)
     application.router.add_get("/assets/{name}", _answer_asset)
     application.router.add_get("/stream", stream.answer)
@@ -309,6 +316,7 @@ def _is_address(host: str) -> bool:
 
 async def _answer_page(request: web.Request) -> web.Response:
     more = (" data-control" if request.app[CONTROLLED] else "") + (" data-record" if request.app[RECORDED] else "")
+    more += " data-scans" if request.app[SCANNING] else ""
     return _respond(_PAGE, {'data-source="file"': f'data-source="{request.app[HOST]}"{more}'})
 
 

@@ -228,6 +228,8 @@ class Recorder:
     def record_scans(self, source: ScanSource | None) -> None:
         """Record the scans of `source`, fetched at each flush from now on."""
         self._scan_source = source
+        if source is not None:
+            source.start_recording()
 
     def hand_rows_to(self, reader: RowReader, every_s: float) -> None:
         """Hand all rows that are recorded from now on to `reader`, which is told every `every_s` of wall time that it

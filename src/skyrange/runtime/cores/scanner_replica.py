@@ -64,6 +64,10 @@ class ScannerReplica:
         """As of `Scanner`."""
         self._scanner.attach_light(light)
 
+    def start_recording(self) -> None:
+        """As of `Scanner`."""
+        self._scanner.start_recording()
+
     def drain_truths(self) -> Sequence[ScanTruth]:
         """As of `Scanner`."""
         return self._scanner.drain_truths()

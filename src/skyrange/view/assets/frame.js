@@ -2,6 +2,7 @@
 import { LineBatch, SYMBOL, SymbolBatch } from "./batches.js";
 import { findFlashes, findHeard, findLies } from "./claims.js";
 import { findReceiverTracks } from "./receiver-tracks.js";
+import { addScans } from "./scan-points.js";
 import { inkOn, rgb } from "./theme.js";
 /** @import { Lie } from "./claims.js" */
 /** @import { Scene } from "./scene.js" */
@@ -50,6 +51,7 @@ export class Frame {
     this.spots.length = this.lies.length = this.ghosts = 0;
     const first = view.arms.indexOf(true);
     this.addGround(store, scene, theme);
+    if (store.scans.length) addScans(this, store, theme);
     view.arms.forEach((shown, arm) => {
       if (!shown) return;
       const alpha = arm === first ? 1 : 0.42;

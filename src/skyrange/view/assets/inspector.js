@@ -3,6 +3,7 @@ import { findHeard } from "./claims.js";
 import { FieldPlots } from "./field-plots.js";
 import { frameRow, LinkFrames } from "./link-frames.js";
 import { clockText, element, kindText, replaceChildren, rounded, setText, shortened } from "./page-parts.js";
+import { ScanPoints } from "./scan-points.js";
 import { inkOn } from "./theme.js";
 /** @import { EventTable } from "./events.js" */
 /** @import { RecordClient } from "./record-client.js" */
@@ -24,8 +25,8 @@ const newestOf = (table, vehicle, time) => {
 
 /** The panel beside the stage. */
 export class Inspector {
-  /** @param {Store} store @param {Theme} theme @param {(node: number) => void} choose @param {RecordClient | null} record */
-  constructor(store, theme, choose, record) {
+  /** @param {Store} store @param {Theme} theme @param {(node: number) => void} choose @param {RecordClient | null} record @param {RecordClient | null} scans */
+  constructor(store, theme, choose, record, scans) {
     this.store = store;
     this.theme = theme;
     this.choose = choose;
@@ -42,7 +43,8 @@ export class Inspector {
     this.close = element("button", { type: "button", className: "sky-close", "aria-label": "Let go of it (escape)", title: "Let go of it (escape)", textContent: "×", onclick: () => choose(-1) });
     this.record = record;
     this.recorded = record ? [new LinkFrames(store, record), new FieldPlots(store, theme, record)] : [];
-    this.chosen = element("div", {}, element("div", { className: "sky-panel-head" }, this.swatch, this.title, this.close), this.kind, this.facts, this.heardTitle, this.heard, this.notesTitle, this.notes, ...this.recorded.map(({ root }) => root));
+    this.sees = scans ? new ScanPoints(store, scans) : null;
+    this.chosen = element("div", {}, element("div", { className: "sky-panel-head" }, this.swatch, this.title, this.close), this.kind, this.facts, this.sees?.root ?? "", this.heardTitle, this.heard, this.notesTitle, this.notes, ...this.recorded.map(({ root }) => root));
     this.nobody = element("div", {}, element("h2", { className: "sky-name", textContent: "Aircraft" }), this.search, this.found);
     this.root = element("aside", { className: "sky-panel", "aria-label": "What is selected" }, this.nobody, this.chosen);
     this.keys = { heard: "", notes: "", facts: "", list: "" };
@@ -55,6 +57,7 @@ export class Inspector {
     this.nobody.hidden = view.selected >= 0;
     this.chosen.hidden = view.selected < 0;
     if (focused && other) (view.selected < 0 ? this.search : this.close).focus({ preventScroll: true });
+    this.sees?.update();
     if (view.selected < 0) return this.list();
     const vehicle = scene.vehicles[view.selected], radio = scene.radios[view.selected - scene.vehicles.length];
     setText(this.title, store.nodeName(view.selected));

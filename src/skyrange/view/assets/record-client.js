@@ -1,6 +1,7 @@
 // Client of the server's answers about recorded runs.
 /** @typedef {{t: number, src: string, dst: string, sender: string, fate: string, name: string, text: string, author: string, act: string}} FrameRow */
 /** @typedef {{link: string, direction: string, frames: FrameRow[]}} LinkRows */
+/** @typedef {{sensor: string, t: number, of: number, points: number[], met: number[], field: number[][]}} ScanRow points and lines of the field in cm */
 /** @typedef {{t: number[], v: (number | null)[], unit: string}} Series */
 
 /** Asks the server; each answer is remembered while it is among the newest. */
@@ -44,6 +45,11 @@ export class RecordClient {
   /** The frames that caused something. @param {number} arm @param {number} at @param {string} kind @param {string} about @returns {Promise<{frames: (FrameRow & {link: string})[]}>} */
   causes(arm, at, kind, about) {
     return this.ask("causes", { arm, at, kind, about });
+  }
+
+  /** @param {number} arm @param {string} vehicle @param {number} until @returns {Promise<{scans: ScanRow[]}>} */
+  scans(arm, vehicle, until) {
+    return this.ask("scans", { arm, vehicle, until });
   }
 
   /** @param {number} arm @param {string} vehicle @param {number} until @returns {Promise<{links: LinkRows[]}>} */

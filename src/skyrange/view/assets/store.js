@@ -2,6 +2,7 @@
 import { addEvents, emptyTables, TextList } from "./events.js";
 import { readPositionsHead, readScene } from "./scene.js";
 import { sumTurns, Track, unbendPlaces } from "./tracks.js";
+/** @import { ScanRow } from "./record-client.js" */
 /** @import { EventTables } from "./events.js" */
 /** @import { Scene } from "./scene.js" */
 /** @import { Message } from "./stream.js" */
@@ -37,6 +38,8 @@ export class Store {
     this.frame = 0;
     this.texts = new TextList();
     this.bounds = { low: [Infinity, Infinity, 0], high: [-Infinity, -Infinity, 1] };
+    /** Newest scans of the selected aircraft. @type {ScanRow[]} */
+    this.scans = [];
     /** The newest time that was told. */
     this.newest = -Infinity;
     /** What the connection says, an empty string where all is well. */

@@ -77,10 +77,10 @@ const makePicture = (stage, store, theme, trails) => {
 
 /**
  * Show flights in an element.
- * @param {HTMLElement} host @param {Source} source @param {{whole?: boolean, record?: string}} [options] whole: the page is the viewer's alone; record: where the server answers about the record
+ * @param {HTMLElement} host @param {Source} source @param {{whole?: boolean, record?: string, scans?: string}} [options] whole: the page is the viewer's alone; record: where the server answers about the record; scans: and about scans
  * @returns {Viewer}
  */
-export const mount = (host, source, { whole = false, record = "" } = {}) => {
+export const mount = (host, source, { whole = false, record = "", scans = "" } = {}) => {
   host.classList.add("sky-viewer");
   host.classList.toggle("sky-whole", whole);
   const store = new Store(), camera = new Camera(), frame = new Frame(), theme = watchTheme(host, () => store.changed("data"));
@@ -105,7 +105,7 @@ export const mount = (host, source, { whole = false, record = "" } = {}) => {
     store.show({ selected: node });
     store.changed("data");
   };
-  const timeline = new Timeline(store, theme, showTip), player = new Player(store, (by) => timeline.stepAll(by)), inspector = new Inspector(store, theme, choose, record ? new RecordClient(record) : null), twins = new TwinChart(store, theme);
+  const timeline = new Timeline(store, theme, showTip), player = new Player(store, (by) => timeline.stepAll(by)), inspector = new Inspector(store, theme, choose, record ? new RecordClient(record) : null, scans ? new RecordClient(scans) : null), twins = new TwinChart(store, theme);
   const arms = armBar(store), tools = toolBar(store, camera);
   const waiting = element("p", { className: "sky-waiting", role: "status", textContent: source.kind === "socket" ? "Connecting …" : "Loading …" });
   const hint = element("p", { className: "sky-hint", textContent: window.matchMedia("(pointer: coarse)").matches ? "one finger turns · two move and zoom" : `drag turns · shift-drag moves · ${whole ? "" : "click, then "}wheel zooms${whole ? "" : " (or ctrl)"}` });

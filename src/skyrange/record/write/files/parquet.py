@@ -30,7 +30,8 @@ def _decode(metadata: dict[bytes, bytes] | None) -> dict[str, str]:
 
 def _encodings(schema: pa.Schema) -> dict[str, object]:
     """Parquet options for a table: names dictionary-encoded, integers delta-encoded, floats split by byte position, as
-    are distances of scans, whose low bits are noise: in lists of 16 bits this takes 2/3 of the bytes of any other.
+    are distances of scans, whose low bits are noise: in lists of 16 bits this takes 2/3 of the bytes of any other
+    with a VLP-16, and a tenth more than differences with a depth camera.
 
     Numbers have statistics, by which readers skip groups of rows; those of names would take longer than the names.
     """

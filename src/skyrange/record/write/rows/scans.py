@@ -21,6 +21,10 @@ _ESTIMATE: Final = ("estimated_qw", "estimated_qx", "estimated_qy", "estimated_q
 class ScanSource(Protocol):
     """Source of scans: the agent that makes them."""
 
+    def start_recording(self) -> None:
+        """Keep the truth of scans from now on."""
+        ...
+
     def drain_truths(self) -> Sequence[ScanTruth]:
         """The truth of the scans that were sent since the last call."""
         ...
