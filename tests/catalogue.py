@@ -79,7 +79,7 @@ def draw(cases: Iterable[T], count: int = 1) -> list[T]:
 
 
 IN_TURN: Mapping[str, tuple[int, tuple[str, ...]]] = {
-    "parity": (2, ("attacks", "gnss", "hover", "cheaper rates", "no wind", "engine", "paths of rid-city")),
+    "parity": (2, ("attacks", "gnss", "hover", "walls", "cheaper rates", "no wind", "engine", "paths of rid-city")),
     "live ranges": (2, ("our station", "mavproxy", "as in virtual time")),
     "far ranges": (1, ("machines", "networks")),
     "live faults": (2, ("station anew", "cut link", "full disk", "idle connections")),

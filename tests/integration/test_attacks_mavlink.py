@@ -13,7 +13,7 @@ from skyrange.codec.mavlink import decode, message_name
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.testing.checks.attacks import AttackCase, Flight, two_squares
-from skyrange.vehicle.builtin.parameters.table import PARAMETERS
+from skyrange.vehicle.builtin.parameters.table import ALWAYS_LISTED
 
 pytestmark = pytest.mark.rotating
 
@@ -148,7 +148,7 @@ def test_files_are_stolen_in_flight_and_altered_without_a_word_to_the_operator()
     assert [name for name in ("param.pck", "mission.dat", "00000001.BIN", "LASTLOG.TXT") if name in str(files)] == [
         "param.pck", "mission.dat", "00000001.BIN", "LASTLOG.TXT"
     ]  # fmt: skip
-    assert sum("'what': 'parameters'" in text for text in learnt) == len(PARAMETERS)
+    assert sum("'what': 'parameters'" in text for text in learnt) == len(ALWAYS_LISTED)
     assert not [row for row in muted.notes() if row[2] == "event.learned"]
     altered = flown(FILE_WRITE, {"values": {"RTL_ALT": 9000}}, 14.0, START_S)
     assert noted(altered, "event.parameter", "RTL_ALT", "9000", since_s=START_S)
@@ -165,7 +165,7 @@ def test_the_aircraft_answers_whoever_requests() -> None:
             message_name(f.payload) for f in flight.seen.frames if f.link == "gcs:blue/b1" and f.direction == "rev"
         ]
         counts.append((names.count("PARAM_VALUE"), names.count("MISSION_ITEM_INT")))
-    assert counts[0][0] == len(PARAMETERS)
+    assert counts[0][0] == len(ALWAYS_LISTED)
     assert counts[1][0] == 0
     items = counts[0][1] - counts[1][1]
     assert items >= 7, "all of the mission, beside the operator's own read-back"

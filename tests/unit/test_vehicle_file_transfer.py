@@ -18,7 +18,7 @@ from skyrange.codec.mavlink import file_transfer as ftp
 from skyrange.codec.mavlink.file_transfer import Error, Opcode, Transfer
 from skyrange.vehicle.builtin.file_transfer import server
 from skyrange.vehicle.builtin.memory_card import CAPACITY_BYTES
-from skyrange.vehicle.builtin.parameters.table import PARAMETERS
+from skyrange.vehicle.builtin.parameters.table import ALWAYS_LISTED
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import GCS, Range, square
 
@@ -140,13 +140,13 @@ def test_pymavlink_decodes_the_parameters_and_their_defaults(booted: Range) -> N
     decoded = mavftp.MAVFTP.ftp_param_decode(read_whole(r, "@PARAM/param.pck?withdefaults=1"))
     fleet = r.engines[0]._fleet
     assert {name.decode(): pytest.approx(value) for name, value, _ in decoded.params} == {
-        parameter.name: fleet.stored_params[0, index] for index, parameter in enumerate(PARAMETERS)
+        parameter.name: fleet.stored_params[0, index] for index, parameter in enumerate(ALWAYS_LISTED)
     }
     defaults = {name.decode(): value for name, value, _ in decoded.defaults}
     assert defaults["RTL_ALT"] == 1500.0
     assert "ArduCopter V4.6.0-dev (skyrange)" in r.words()  # the banner
     part = parameters.read_download(read_whole(r, "@PARAM/param.pck?start=2&count=3"))
-    assert [name for name, _ in part] == [parameter.name for parameter in PARAMETERS[2:5]]
+    assert [name for name, _ in part] == [parameter.name for parameter in ALWAYS_LISTED[2:5]]
 
 
 def test_pymavlink_sets_parameters_that_nobody_is_told_of(booted: Range, tmp_path: Path) -> None:
@@ -219,9 +219,9 @@ def test_the_log_of_a_flight_is_read_while_it_flies(flown: Range, tmp_path: Path
     found: dict[str, list[dict[str, Any]]] = {}
     while (message := log.recv_msg()) is not None:
         found.setdefault(message.get_type(), []).append(message.to_dict())
-    assert found["PARM"][0]["Name"] == PARAMETERS[0].name
+    assert found["PARM"][0]["Name"] == ALWAYS_LISTED[0].name
     assert (len(found["PARM"]), found["PARM"][-1]["Name"], found["PARM"][-1]["Value"]) == (
-        len(PARAMETERS) + 1, "RTL_ALT", 2222.0,
+        len(ALWAYS_LISTED) + 1, "RTL_ALT", 2222.0,
     )  # fmt: skip
     assert [(item["CId"], item["CTot"]) for item in found["CMD"]][1:] == [(item[1], 7) for item in MISSION]
     assert found["ORGN"][1]["Lat"] == pytest.approx(-35.363328, abs=1e-6)

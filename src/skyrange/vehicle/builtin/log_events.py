@@ -12,6 +12,7 @@ import numpy as np
 
 from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
 from skyrange.vehicle.builtin.memory_card import EV_ARMED, EV_DISARMED, REASONS, FlightLog
+from skyrange.vehicle.builtin.parameters.table import count_listed
 
 BANNER: Final = ("ArduCopter V4.6.0-dev (skyrange)", "Frame: QUAD/X")
 """The texts that precede a list of parameters and begin a log, as in ArduCopter (`send_banner`)."""
@@ -57,8 +58,10 @@ def _start(fleet: Fleet, vehicle: Vehicle) -> None:
         (item.command, item.param1, item.param2, item.param3, item.param4, item.x, item.y, item.z, item.frame)
         for item in vehicle.mission
     )
+    values = fleet.stored_params[row]
+    listed = values[: count_listed(values)].copy()
     log = FlightLog(
-        int(fleet.boot_ns[row]), fleet.now, utc_us // _US_PER_S, BANNER, fleet.stored_params[row].copy(), mission,
+        int(fleet.boot_ns[row]), fleet.now, utc_us // _US_PER_S, BANNER, listed, mission,
         ((*vehicle.origin_e7, origin.alt_msl_m), home),
     )  # fmt: skip
     vehicle.card.start_log(log)

@@ -60,8 +60,9 @@ def _number(text: str) -> float:
     return int(text) if text.lstrip("-").isdigit() else float(text)
 
 
-_ALWAYS_LISTED: Final = tuple(sorted(_read_parameters("parameters.csv")))
-PARAMETERS: Final = (*_ALWAYS_LISTED, *sorted(_read_parameters("sensor_parameters.csv")))
+ALWAYS_LISTED: Final = tuple(sorted(_read_parameters("parameters.csv")))
+"""Those of every aircraft, by name."""
+PARAMETERS: Final = (*ALWAYS_LISTED, *sorted(_read_parameters("sensor_parameters.csv")))
 """Every parameter, by name, those of rangefinder, proximity sensor and avoidance last. The position in this table is
 the index of the protocol."""
 
@@ -104,7 +105,7 @@ def count_listed(stored: NDArray[np.float64]) -> int:
     Those of sensors and avoidance are last, and listed where a sensor is set. ArduPilot hides most of them until then
     too (AP_PARAM_FLAG_ENABLE), but not the two types and AVOID_ENABLE, which are read and set by name here.
     """
-    return len(PARAMETERS) if any(stored[index] for index in _SHOWS_SENSORS) else len(_ALWAYS_LISTED)
+    return len(PARAMETERS) if any(stored[index] for index in _SHOWS_SENSORS) else len(ALWAYS_LISTED)
 
 
 _LIMITS: Final = {_INT8: (-128.0, 127.0), _INT16: (-32768.0, 32767.0), _INT32: (-2147483648.0, 2147483647.0)}
