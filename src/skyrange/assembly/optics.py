@@ -132,7 +132,8 @@ def make_landing(key: str, vehicle: Vehicle) -> LandingRules | None:
         if sensor.pitch_deg <= _DOWN_DEG
     )
     slope = elementary_python.tan(math.radians(rules.slope_deg))
-    return LandingRules(sensors, FlatRules(rules.clear_m, rules.rough_m, slope), rules.look_m, rules.moves)
+    flat = FlatRules(rules.clear_m, rules.rough_m, slope)
+    return LandingRules(sensors, flat, rules.look_m, rules.moves, looks_twice=rules.second_look)
 
 
 def check_sensors(scenario: Scenario) -> Iterator[Problem]:

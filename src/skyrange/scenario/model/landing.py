@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, Strict
 
 from skyrange.scenario.model.base import Model, Number, Whole
 
@@ -32,6 +32,10 @@ class Landing(Model):
         le=100,
         description="Height in metres above the highest surface below, from which it looks first; the second look is "
         "from three quarters of it.",
+    )
+    second_look: Annotated[bool, Strict()] = Field(
+        default=True,
+        description="Whether it looks again from nearer, above the place, and lands only if both looks agree.",
     )
     moves: Whole = Field(
         default=8, ge=0, le=100, description="How often it moves on, before it lands where it is."

@@ -56,6 +56,8 @@ SEEN: Final = 0.05
 """Share of the beams of a scan that have to return: fewer are noise (assumed)."""
 ARRIVED_M: Final = 0.4
 STILL_MPS: Final = 0.3
+SHIFT_M: Final = 0.5
+"""By how much both looks may differ in the height of the place: errors of the own height in between (assumed)."""
 OVER_M: Final = 0.3
 """How far from the middle of the disc it may be when it lands (assumed)."""
 LOOKS: Final = 3
@@ -73,6 +75,7 @@ class LandingRules:
     """Height above the highest surface below, from which it looks first."""
     moves: int
     """How often it moves on."""
+    looks_twice: bool = True
 
 
 class Phase(StrEnum):
@@ -255,6 +258,8 @@ class EmergencyLanding:
     def _go(self, now: Time, own: OwnState) -> Order | None:
         assert self._target is not None
         if _is_at(own, self._target, up_m=ARRIVED_M) or now - self._since_ns > LEG_NS:
+            if not self._rules.looks_twice and self._place is not None:
+                return self._land(now, own, "decision.landing", self._describe(own, self._place))
             self._enter(now, Phase.CHECKING)
             self._grid = GroundGrid(own.place)
         return self._steer(now)
@@ -268,7 +273,7 @@ class EmergencyLanding:
         rules = self._rules.flat
         found = self._grid.find_place(own.place[:2], rules, within_m=0.5 * rules.clear_m, refused=self._refused)
         reason = "not flat from near"
-        if found is not None and abs(found.centre[2] - self._place.centre[2]) > rules.rough_m:
+        if found is not None and abs(found.centre[2] - self._place.centre[2]) > SHIFT_M:
             reason, found = "another height from near", None
         self._looks += 1
         if found is not None:
