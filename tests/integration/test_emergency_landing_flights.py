@@ -33,7 +33,7 @@ def test_it_lands_between_the_cars(tmp_path: Path) -> None:
     scenario = load("emergency-landing", (*QUICK, "attacks=[]"))
     run = skyrange.run(scenario, tmp_path / "run")
     made = decisions(run)
-    assert list(made)[0] == "decision.landing_search"
+    assert next(iter(made)) == "decision.landing_search"
     assert "decision.landing" in made
     events = [row["kind"] for row in run.table("events").to_pylist()]
     assert "event.landed" in events

@@ -1,8 +1,9 @@
-"""Does the search find flat discs, and none with a box in it; does the landing act, yield and give up as its page says?"""
+"""Does the search find flat discs without boxes; does the landing act, yield and give up as its page says?"""
 
 from __future__ import annotations
 
 from copy import deepcopy
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,9 @@ def surface(points: Any, boxes: list[Box], slope: float = 0.0) -> Any:
     return up
 
 
-def grid_of(boxes: list[Box], slope: float = 0.0, noise_m: float = 0.0, half_m: float = 6.0, seed: int = 0) -> GroundGrid:
+def grid_of(
+    boxes: list[Box], slope: float = 0.0, noise_m: float = 0.0, half_m: float = 6.0, seed: int = 0
+) -> GroundGrid:
     """A grid that saw a square around (0, 0) in several scans."""
     draw = np.random.default_rng(seed)
     grid = GroundGrid(np.zeros(2))
@@ -69,7 +72,8 @@ def test_no_place_has_a_box_in_it(seed: int) -> None:
     draw = np.random.default_rng(seed)
     corners = draw.uniform(-6.0, 5.0, (int(draw.integers(1, 14)), 2))
     boxes: list[Box] = [
-        (x, y, x + draw.uniform(0.5, 3.0), y + draw.uniform(0.5, 3.0), draw.uniform(1.0, 2.5)) for x, y in corners.tolist()
+        (x, y, x + draw.uniform(0.5, 3.0), y + draw.uniform(0.5, 3.0), draw.uniform(1.0, 2.5))
+        for x, y in corners.tolist()
     ]
     place = grid_of(boxes, noise_m=0.2, seed=seed).find_place(np.zeros(2), RULES)
     steps = np.arange(-4.0, 4.01, 0.25)
@@ -112,7 +116,7 @@ def test_refused_places_are_left_out() -> None:
 def test_the_spiral_passes_each_place_once() -> None:
     places = [find_spiral(k) for k in range(25)]
     assert sorted(places) == [(x, y) for x in range(-2, 3) for y in range(-2, 3)]
-    assert all(abs(a - c) + abs(b - d) == 1 for (a, b), (c, d) in zip(places, places[1:], strict=False))
+    assert all(abs(a - c) + abs(b - d) == 1 for (a, b), (c, d) in pairwise(places))
 
 
 # --- the whole landing, over a plane with boxes -----------------------------------------------------

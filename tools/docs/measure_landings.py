@@ -8,7 +8,6 @@ aircraft stands in the end, and what it has hit.
 from __future__ import annotations
 
 import re
-import sys
 import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -154,4 +153,4 @@ def judge(record: RunRecord, city: Any, at_s: float) -> Landing:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -233,7 +233,12 @@ def check_radios(scenario: Scenario, radios: Sequence[Transmitter], city: City |
             if vehicle.avoidance is not None:
                 yield Problem(f"{where}.avoidance", vehicle.avoidance.kind, "a radio medium to hear others over", hint)
             if vehicle.landing is not None:
-                yield Problem(f"{where}.landing", vehicle.landing.kind, "a radio medium, without which aircraft have no companion", hint)
+                yield Problem(
+                    f"{where}.landing",
+                    vehicle.landing.kind,
+                    "a radio medium, without which aircraft have no companion",
+                    hint,
+                )
         for radio in radios:
             yield Problem(f"attacks.{owner_of(radio.endpoint)}", "a transmitter", "a radio medium to send over", hint)
         return

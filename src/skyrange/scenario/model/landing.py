@@ -37,9 +37,7 @@ class Landing(Model):
         default=True,
         description="Whether it looks again from nearer, above the place, and lands only if both looks agree.",
     )
-    moves: Whole = Field(
-        default=8, ge=0, le=100, description="How often it moves on, before it lands where it is."
-    )
+    moves: Whole = Field(default=8, ge=0, le=100, description="How often it moves on, before it lands where it is.")
 
 
 AnyLanding = Annotated[
