@@ -17,6 +17,7 @@ EVENTS = {
     "city-fleet": "8445bb9deaec5b9568cc62e80b5370e3",
     "corridor-rush": "76c042c270d1da220309b01f82453038",
     "crossing": "2145c6e2ace0e2a696e7242279bfc21c",
+    "emergency-landing": "13df949627d10a01707d25499210d869",
     "falsified-log": "709805673ba7cfd87307d589f73ccc7b",
     "gcs-flood": "ae53ccfa45d80dc0d72c6d8ef497c7d0",
     "gnss-drift": "ba5dd4ec3e7d9d9822a4ed97f89450ae",
@@ -35,6 +36,7 @@ EVENTS = {
     "wind": "2898e76c3ee8c572c45ebb10544036ce",
 }
 ENDS = {name: {"complete"} for name in EVENTS} | {
+    "emergency-landing": {"failed"},
     "gcs-flood": {"complete", "failed"},
     "gnss-drift": {"failed"},
     "head-on": {"failed", "unfinished"},

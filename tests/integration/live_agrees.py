@@ -69,6 +69,8 @@ FLIGHTS: Final[Mapping[str, Flight]] = {
     "unsigned-ghost": Flight(200.0, only_outcomes=True),
     "wind": Flight(160.0),
     "mitm-mission": Flight(130.0),
+    # which scans make a look is chance of microseconds, and so is where it lands
+    "emergency-landing": Flight(85.0, only_outcomes=True),
     "falsified-log": Flight(145.0, off_m=4.0),
     # which heartbeats a full queue loses is chance of microseconds, and so is when the failsafe acts
     "gcs-flood": Flight(150.0, only_outcomes=True),

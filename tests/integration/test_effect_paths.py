@@ -10,6 +10,7 @@ from tests.flights import shared_pair
 
 NO_PATH: dict[str, set[str]] = {
     "chain": set(),
+    "emergency-landing": set(),
     "falsified-log": set(),
     "gcs-flood": set(),
     "gnss-drift": set(),

@@ -177,6 +177,7 @@ _SECTIONS = (
     ("Verify", "`verify` of `remote_id` and of `[[radio.receivers]]`"),
     ("Avoidance", "`avoidance`"),
     ("SightRules", "`avoidance.sight`"),
+    ("Landing", "`landing`"),
     ("Plan", "`plan`"),
     ("Square", "`plan.square`"),
     ("Path", "`plan.path`"),

@@ -43,8 +43,8 @@ FIGURES: Final[dict[str, Callable[[RunRecord], figures.Figure]]] = {
 """The figure that shows each."""
 
 PAIRS: Final = (
-    "chain", "falsified-log", "gcs-flood", "gnss-drift", "gnss-pull-off", "hijack", "insider", "jam-then-spoof",
-    "jammed-corridor", "mitm-mission", "rid-city", "rid-spoofing", "unsigned-ghost",
+    "chain", "emergency-landing", "falsified-log", "gcs-flood", "gnss-drift", "gnss-pull-off", "hijack", "insider",
+    "jam-then-spoof", "jammed-corridor", "mitm-mission", "rid-city", "rid-spoofing", "unsigned-ghost",
 )  # fmt: skip
 """Of these both flights are drawn."""
 

@@ -157,6 +157,12 @@ MEASURED: Final = (
         time="five minutes",
     ),
     Result(
+        "landings",
+        "explanation/emergency-landing.md",
+        ("python -m tools.docs.measure_landings",),
+        time="half an hour",
+    ),
+    Result(
         "parity-results",
         "reference/parity-results.md",
         ("python -m tests.parity runs/parity", "python -m tools.docs.generate"),

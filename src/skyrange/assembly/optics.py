@@ -8,6 +8,7 @@ from collections.abc import Container, Iterator, Mapping, Sequence
 from typing import Final
 
 from skyrange.city.city import City
+from skyrange.core import elementary_python
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import endpoint, vehicle_id
@@ -20,6 +21,8 @@ from skyrange.scenario.model.optics import OpticalSensor, Optics, count_rays
 from skyrange.scenario.model.radio import SightRules
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.vehicle.companion.range_reports import RangeReports, ReportedSensor, can_report
+from skyrange.vehicle.landing.emergency import LandingRules
+from skyrange.vehicle.landing.ground_grid import FlatRules
 from skyrange.vehicle.sight.evidence import Rates
 from skyrange.vehicle.sight.fusion import Fusion
 from skyrange.vehicle.sight.witness import Sight
@@ -31,7 +34,8 @@ _CUBE: Final = 1.05
 _CLEAR_M: Final = 0.05
 """How far outside the cylinder of the aircraft a sensor is by default."""
 _DOWN_DEG: Final = -45.0
-"""A sensor that looks down more than this is in front of the aircraft by default, otherwise on top."""
+"""A sensor that looks down more than this is in front of the aircraft by default, otherwise on top. It is one for
+emergency landings."""
 _BYTES_PER_RAY: Final = 4
 """16 bits of the payload, and again of the table `scans`; all else of it is small once compressed."""
 _WORTH_SAYING: Final = 100e6
@@ -153,10 +157,29 @@ def make_sight(key: str, vehicle: Vehicle) -> tuple[Sight | None, Fusion]:
     return Sight(sensors, Rates(rules.missed, rules.false), rules.sigma_m), fusion
 
 
+def make_landing(key: str, vehicle: Vehicle) -> LandingRules | None:
+    """How the companion of the aircraft `key` lands in an emergency."""
+    rules = vehicle.landing
+    if rules is None:
+        return None
+    sensors = tuple(
+        mount_sensor(key, vehicle, sensor, number)
+        for number, sensor in enumerate(vehicle.sensors)
+        if sensor.pitch_deg <= _DOWN_DEG
+    )
+    slope = elementary_python.tan(math.radians(rules.slope_deg))
+    flat = FlatRules(rules.clear_m, rules.rough_m, slope)
+    return LandingRules(sensors, flat, rules.look_m, rules.moves, looks_twice=rules.second_look)
+
+
 def check_sensors(scenario: Scenario) -> Iterator[Problem]:
-    """Sensors inside the cylinder that encloses their aircraft, and those that cannot be reported as declared."""
+    """Sensors inside the cylinder that encloses their aircraft, sensors that are missing, and reports that cannot be."""
     for operator, vehicle in scenario.fleet:
         yield from _check_reports(vehicle_id(operator.id, vehicle.id), vehicle)
+        if vehicle.landing is not None and all(sensor.pitch_deg > _DOWN_DEG for sensor in vehicle.sensors):
+            where = f"{vehicle_id(operator.id, vehicle.id)}.landing"
+            hint = 'Add sensors = [{ model = "d435", pitch_deg = -90, stabilised = true }] to the aircraft.'
+            yield Problem(where, vehicle.landing.kind, "a LiDAR or a depth camera that looks down", hint)
         airframe = AIRFRAMES[vehicle.airframe]
         fusion = None if vehicle.avoidance is None else vehicle.avoidance.fusion
         if fusion not in (None, "radio") and not vehicle.sensors:

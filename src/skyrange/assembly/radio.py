@@ -9,7 +9,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from skyrange.assembly.optics import make_sight
+from skyrange.assembly.optics import make_landing, make_sight
 from skyrange.assembly.remote_id_keys import aircraft_credentials, aircraft_session_id, make_verification
 from skyrange.assembly.signing import derive_keys
 from skyrange.attack.contract import Transmitter
@@ -206,6 +206,7 @@ def _companions(
                 derive_keys(scenario, operator).aircraft,
                 make_verification((vehicle.remote_id or RemoteId()).verify, scenario),
                 *make_sight(key, vehicle),
+                make_landing(key, vehicle),
             )
         )
     if not aboard:
@@ -242,6 +243,13 @@ def check_radios(scenario: Scenario, radios: Sequence[Transmitter], city: City |
                 yield Problem(f"{where}.remote_id", "set", "a radio medium to broadcast over", hint)
             if vehicle.avoidance is not None:
                 yield Problem(f"{where}.avoidance", vehicle.avoidance.kind, "a radio medium to hear others over", hint)
+            if vehicle.landing is not None:
+                yield Problem(
+                    f"{where}.landing",
+                    vehicle.landing.kind,
+                    "a radio medium, without which aircraft have no companion",
+                    hint,
+                )
         for radio in radios:
             yield Problem(f"attacks.{owner_of(radio.endpoint)}", "a transmitter", "a radio medium to send over", hint)
         return

@@ -13,6 +13,7 @@ from skyrange.contracts.plugins.registry import AUTOPILOTS, kinds
 from skyrange.core import elementary_python
 from skyrange.core.errors import Problem, nearest
 from skyrange.scenario.model.base import Id, Model, Number, Whole, items, refuse, wrong
+from skyrange.scenario.model.landing import AnyLanding
 from skyrange.scenario.model.optics import MAX_SENSORS, OpticalSensor
 from skyrange.scenario.model.plan import Plan
 from skyrange.scenario.model.radio import AnyAvoidance, RemoteId
@@ -155,6 +156,7 @@ class Vehicle(Model):
     remote_id: Broadcasts = None
     avoidance: Avoids = None
     sensors: OpticalSensors = ()
+    landing: AnyLanding = None
     network: Whole = Field(
         default=-1,
         ge=0,
@@ -201,6 +203,7 @@ class Fleet(Model):
     remote_id: Broadcasts = None
     avoidance: Avoids = None
     sensors: OpticalSensors = ()
+    landing: AnyLanding = None
     every_s: Number = Field(
         default=0.0,
         ge=0,
@@ -258,7 +261,7 @@ class Fleet(Model):
 
     def vehicles(self) -> list[Vehicle]:
         """Its aircraft as vehicles, without ids."""
-        keys = ("autopilot", "airframe", "placing", "plan", "charge", "remote_id", "avoidance", "sensors")
+        keys = ("autopilot", "airframe", "placing", "plan", "charge", "remote_id", "avoidance", "sensors", "landing")
         shared = {key: getattr(self, key) for key in keys}
         return [
             Vehicle.model_construct(

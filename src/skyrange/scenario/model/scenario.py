@@ -34,6 +34,7 @@ from skyrange.scenario.model.base import FileName, Model, Number, Whole, items, 
 from skyrange.scenario.model.constraints import ConstraintTable
 from skyrange.scenario.model.defences import DefenceCost, DefenceTable, DetectorTable
 from skyrange.scenario.model.fleet import Autopilots, Fleet, Start, Vehicle
+from skyrange.scenario.model.landing import Landing
 from skyrange.scenario.model.links import AirParams, Hosts, Link, Processing, resolve_channel, resolve_over_air
 from skyrange.scenario.model.manual_acts import ManualActTable
 from skyrange.scenario.model.operators import Operator, ReplanningRules, SigningTimeRules, VolumeMargins, name_operators
@@ -72,6 +73,7 @@ __all__ = [
     "FencePolygon",
     "Fleet",
     "Grid",
+    "Landing",
     "Link",
     "ManualActTable",
     "Operator",

@@ -32,6 +32,7 @@ SHIPPED: dict[str, str] = {
     "city-fleet": "48 aircraft of four operators make deliveries over a dense downtown; 500 with --set.",
     "corridor-rush": "60 aircraft of six operators want two corridors at once, and an authority keeps them apart.",
     "crossing": "Eight aircraft of four operators cross at a street corner, separated by height and by time.",
+    "emergency-landing": "An aircraft lands on a flat place that its depth camera shows; an attacker shows it another.",
     "head-on": "Two aircraft of two operators fly towards each other on the same line and collide.",
     "gnss-drift": "A spoofer makes the GNSS fixes of an aircraft drift, and the aircraft leaves its street.",
     "rid-city": "40 aircraft of four operators avoid each other over a downtown, and avoid a forged swarm.",

@@ -49,6 +49,8 @@ from skyrange.vehicle.companion import autopilot_commands
 from skyrange.vehicle.companion.autopilot_commands import MessageRequests
 from skyrange.vehicle.companion.control_handover import CompanionCommand, ControlHandover, ControlState
 from skyrange.vehicle.companion.range_reports import RangeReports
+from skyrange.vehicle.landing.emergency import LandingRules
+from skyrange.vehicle.landing.landings import EmergencyLandings
 from skyrange.vehicle.sight.fusion import AircraftSight, Fusion
 from skyrange.vehicle.sight.witness import Sight
 
@@ -77,6 +79,8 @@ class CompanionSpec:
     """Its sensors, whose scans it receives; None without any."""
     fusion: Fusion = Fusion.RADIO
     """What it avoids."""
+    landing: LandingRules | None = None
+    """How it lands in an emergency; None: as its autopilot does."""
 
 
 SERVICE_NS: Final[Time] = LEAD_NS
@@ -168,6 +172,7 @@ class Companion:
             for row, spec in enumerate(self.specs)
             if spec.sight is not None and city is not None
         }
+        self._landings = EmergencyLandings({k: s.landing for k, s in enumerate(self.specs) if s.landing is not None})
         self._requests = MessageRequests(self._avoids)
         self._handovers: dict[int, ControlHandover] = {}
         self._counts = np.zeros((count, len(_COUNTS)), dtype=np.int64)
@@ -179,7 +184,7 @@ class Companion:
     def next_wakeup(self) -> Time | None:
         """The next broadcast, search for conflicts or full second."""
         times = [self._second_ns]
-        if self._avoids.any():
+        if self._avoids.any() or self._landings:
             times.append(self._check_ns)
         due = self._broadcaster.next_due()
         return min(times) if due is None else min(*times, due)
@@ -193,6 +198,8 @@ class Companion:
             self._check_ns = now - now % CHECK_NS + CHECK_NS
             if self._avoids.any():
                 self._check_conflicts(now, out)
+            if self._landings:
+                self._check_landings(now, out)
         if now >= self._second_ns:
             self._second_ns = now - now % NS_PER_S + NS_PER_S
             self._each_second(now, out)
@@ -234,12 +241,13 @@ class Companion:
         for number in scans.tolist():
             row = self._scan_rows[mail.places.item(number) - first]
             cause = inbox.arrival(mail.order.item(number)).ref
+            payload = bytes(mail.payloads[number])
             if self._range_reports is not None:
-                payload = bytes(mail.payloads[number])
                 self._range_reports.receive(now, self.specs[row].vehicle, payload, cause, out)
             if placed[row]:
                 motion = (places[row], velocities[row])
-                self._sight[row].receive(now, row, bytes(mail.payloads[number]), motion, self.tracks, out, cause)
+                self._sight[row].receive(now, row, payload, motion, self.tracks, out, cause)
+                self._landings.see(now, row, payload, motion, cause)
         return mail.take(np.flatnonzero(mail.places < first))
 
     def _receive_broadcasts(self, inbox: Inbox, mail: Columns, vehicle: Ints, heard: Ints) -> None:
@@ -431,6 +439,17 @@ class Companion:
             )
         elif command.stop:
             self._send_command(row, autopilot_commands.hold(spec.system_id, boot_ms), causes, out)
+
+    # --- emergency landings ----------------------------------------------------------------------
+
+    def _check_landings(self, now: Time, out: Outbox) -> None:
+        """Carry out what emergency landings order."""
+        places, velocities = self._own_motion(now)
+        for row, order, causes in self._landings.check(now, self._beliefs.table, places, velocities):
+            command = CompanionCommand(order.mode, order.place)
+            if order.note:
+                out.note(order.note, self.specs[row].vehicle, order.data, causes)
+            self._carry_out(now, row, command, None, causes, out)
 
     # --- once a second ---------------------------------------------------------------------------
 
