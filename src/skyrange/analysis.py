@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from skyrange.metrics.exact_difference import Difference
     from skyrange.metrics.exact_difference import diff as compare_runs
     from skyrange.metrics.links import ReceptionSummary, reception_summaries, summarise_receptions
-    from skyrange.metrics.scans import Scan, list_mounted_sensors, read_received_scans, read_scans
+    from skyrange.metrics.scans import Scan, read_received_scans, read_scans
     from skyrange.metrics.summary import summary
     from skyrange.parity.flights import Parity, compare_rates
     from skyrange.parity.flights import compare as compare_autopilots
@@ -108,7 +108,6 @@ __all__ = [
     "export_tables",
     "find_remote_id_deviations",
     "list_dataset_members",
-    "list_mounted_sensors",
     "load",
     "load_pair",
     "name_mavlink",
@@ -167,7 +166,7 @@ if not TYPE_CHECKING:
             "skyrange.metrics.defences": "TrustPair TrustSummary remote_id_trust",
             "skyrange.metrics.exact_difference": "Difference diff=compare_runs",
             "skyrange.metrics.links": "ReceptionSummary reception_summaries summarise_receptions",
-            "skyrange.metrics.scans": "Scan list_mounted_sensors read_received_scans read_scans",
+            "skyrange.metrics.scans": "Scan read_received_scans read_scans",
             "skyrange.metrics.summary": "summary",
             "skyrange.parity.flights": "Parity compare_rates compare=compare_autopilots",
             "skyrange.record": "RaisedAlert RecordedFrame RunRecord load replay_monitor",

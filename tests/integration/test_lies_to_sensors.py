@@ -285,6 +285,7 @@ def test_weather_comes_and_goes(kind: str, true: Scans, tmp_path: Path) -> None:
 def test_the_truth_of_a_scan_tells_its_forged_returns(true: Scans) -> None:
     built = build(Scenario.from_toml(PARKED + act("lidar.relay", f"{at(LASER)}, {OBJECT}, reach_deg = 30")))
     assert built.scanner is not None
+    built.scanner.start_recording()
     kernel = Kernel(built.wiring)
     kernel.advance(3 * NS_PER_S)
     truths = [one for one in built.scanner.drain_truths() if one.sensor == "ring"]

@@ -15,8 +15,8 @@ ROOT = Path(skyrange.__file__).parent
 SIMULATED = (
     "assembly", "attack", "codec/f3411", "codec/f3548", "codec/mavlink", "core", "defence", "detect", "fault", "gcs",
     "kernel", "optics", "radio", "remoteid", "runtime/cores", "scenario", "utm", "vehicle/avoidance", "vehicle/builtin",
-    "vehicle/claimed_tracks.py", "vehicle/companion", "vehicle/event_detection.py", "vehicle/reported_poses.py",
-    "world",
+    "vehicle/claimed_tracks.py", "vehicle/companion", "vehicle/event_detection.py", "vehicle/landing",
+    "vehicle/reported_poses.py", "vehicle/sight", "world",
 )  # fmt: skip
 """What `frames` and `truth` depend on."""
 ROUNDED = frozenset(

@@ -21,7 +21,8 @@ from skyrange.scenario.shipped import load
 
 @pytest.fixture(scope="module")
 def links() -> list[LinkSpec]:
-    return list(build(load("rid-spoofing", ["radio.receivers=[]"])).wiring.links)
+    sensors = 'operators.green.vehicles.g1.sensors=[{model="d435"}]'
+    return list(build(load("rid-spoofing", ["radio.receivers=[]", sensors])).wiring.links)
 
 
 def test_each_component_is_a_process_and_the_world_is_one(links: list[LinkSpec]) -> None:

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.contracts.links import Channel
-from skyrange.vehicle.onboard_network import CHANNELS, for_remote_id, onboard_links, onboard_routes, oracle_links
+from skyrange.vehicle.onboard_network import (
+    CHANNELS,
+    for_remote_id,
+    onboard_links,
+    onboard_routes,
+    oracle_links,
+    scan_link,
+)
 
 
 def test_every_route_enters_and_leaves_by_links_of_its_endpoint() -> None:
@@ -23,7 +30,9 @@ def test_autopilot_and_ground_station_are_joined_both_ways() -> None:
 
 
 def test_links_follow_the_naming_and_defaults() -> None:
-    specs = {spec.name: spec for spec in (*onboard_links("blue/b1", "blue"), *oracle_links("blue/b1"))}
+    specs = {
+        spec.name: spec for spec in (*onboard_links("blue/b1", "blue"), *oracle_links("blue/b1"), scan_link("blue/b1"))
+    }
     assert set(specs) == {f"{kind}:blue/b1" for kind in CHANNELS}
     assert (specs["rid_up:blue/b1"].a, specs["rid_up:blue/b1"].b) == ("blue/b1.companion", "oracle")
     assert (specs["rid_down:blue/b1"].a, specs["rid_down:blue/b1"].b) == ("oracle", "blue/b1.companion")

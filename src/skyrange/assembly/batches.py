@@ -9,6 +9,7 @@ from typing import Final
 from skyrange.assembly.aircraft import describe_engines, list_aircraft, make_aircraft
 from skyrange.assembly.build import NOTHING_MORE, Additions, BuiltScenario, build
 from skyrange.assembly.optics import list_sensors, scan_bytes_per_s
+from skyrange.core import elementary_python
 from skyrange.kernel import EngineMount
 from skyrange.radio.contract import BUILTIN
 from skyrange.scenario.model.scenario import Scenario
@@ -65,7 +66,7 @@ def count_together(scenario: Scenario) -> int:
     aircraft = sum(1 for _ in scenario.fleet)
     seconds = aircraft * float(scenario.duration_s)
     most = min(MOST_RUNS, MOST_AIRCRAFT // aircraft, MOST_AIRCRAFT_S // seconds)
-    scans = sum(map(scan_bytes_per_s, list_sensors(scenario))) * float(scenario.duration_s)
+    scans = elementary_python.add_up(map(scan_bytes_per_s, list_sensors(scenario))) * float(scenario.duration_s)
     return int(max(min(most, MOST_SCAN_BYTES // scans if scans else most), 1))
 
 

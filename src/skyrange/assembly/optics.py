@@ -173,7 +173,7 @@ def make_landing(key: str, vehicle: Vehicle) -> LandingRules | None:
 
 
 def check_sensors(scenario: Scenario) -> Iterator[Problem]:
-    """Sensors inside the cylinder that encloses their aircraft, sensors that are missing, and reports that cannot be."""
+    """Sensors inside the cylinder of their aircraft, sensors that are missing, and reports that cannot be."""
     for operator, vehicle in scenario.fleet:
         yield from _check_reports(vehicle_id(operator.id, vehicle.id), vehicle)
         if vehicle.landing is not None and all(sensor.pitch_deg > _DOWN_DEG for sensor in vehicle.sensors):
@@ -221,7 +221,7 @@ def _check_reports(key: str, vehicle: Vehicle) -> Iterator[Problem]:
 
 def describe_scans(scenario: Scenario, sensors: Sequence[MountedSensor]) -> list[str]:
     """A line about how much the scans of a run are, if they are much."""
-    total = sum(scan_bytes_per_s(sensor) for sensor in sensors) * float(scenario.duration_s)
+    total = elementary_python.add_up(map(scan_bytes_per_s, sensors)) * float(scenario.duration_s)
     if total < _WORTH_SAYING or scenario.record.level != "full":
         return []
     number = f"{len(sensors)} sensor" + ("s" if len(sensors) > 1 else "")

@@ -332,11 +332,11 @@ def _pass_aircraft(rays: Rays, targets: Targets, own: int, model: LidarModel) ->
         if k == own:
             continue
         half = 0.5 * float(targets.height[k])
-        radius = math.sqrt(float(targets.radius[k]) ** 2 + half * half)
+        radius = elementary_python.hypot(float(targets.radius[k]), half)
         start = targets.position[k] + np.array([0.0, 0.0, half])
         speed = targets.velocity[k]
-        way = math.sqrt(float(speed @ speed)) * float(rays.delay_s[-1])
-        away = math.sqrt(float((start - origin) @ (start - origin)))
+        way = elementary_python.hypot3(*speed.tolist()) * float(rays.delay_s[-1])
+        away = elementary_python.distance(start.tolist(), origin.tolist())
         if away > model.reach_m + radius + 2.0 * way:
             continue
         _mark_near(rays, start, speed, radius, wide, near)

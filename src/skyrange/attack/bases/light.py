@@ -168,8 +168,9 @@ class LightsSensor(AltersLight):
         u0, u1, _, _ = self.chance.uniform4("attack.light.aim", who, now)
         size = sqrt(-2.0 * elementary.log(1.0 - u0)) * self.aim_mrad * 1e-3 * distance
         behind = sqrt(across2) * self.lag_s
-        off2 = (behind + size * elementary_python.cos(2.0 * pi * u1)) ** 2
-        off2 += (size * elementary_python.sin(2.0 * pi * u1)) ** 2
+        along = behind + size * elementary_python.cos(2.0 * pi * u1)
+        beside = size * elementary_python.sin(2.0 * pi * u1)
+        off2 = along * along + beside * beside
         spot = self.aperture_m + self.beam_mrad * 1e-3 * distance
         return bool(off2 <= 0.25 * spot * spot)
 

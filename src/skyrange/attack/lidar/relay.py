@@ -34,9 +34,9 @@ def _open_sky() -> RayIndex:
         "returns": "simulated: the echoes of an upright cylinder for the pulses of the scan, with the sensor's noise",
         "principle": "cited: relay with a delay (Petit et al., Black Hat Europe 2015, on an IBEO LUX 3); points nearer "
         "than the attacker (Shin et al., Illusion and Dazzle, CHES 2017, on a VLP-16)",
-        "number of points": "assumed from reports, papers not read: about 60 (Cao et al., CCS 2019), 200 (Sun et al., "
+        "number of points": "assumed: reported, papers not read: about 60 (Cao et al., CCS 2019), 200 (Sun et al., "
         "USENIX Security 2020), far more with later equipment (Sato et al., NDSS 2024); assumed: `reach_deg`",
-        "generations": "assumed from reports, paper not read: random times of pulses and fingerprints hinder chosen "
+        "generations": "assumed: reported, paper not read: random times of pulses and fingerprints hinder chosen "
         "points (Sato et al., NDSS 2024); assumed: span of the times and share that is accepted",
         "strength": "assumed: stronger than any true echo within `range_m`",
         "aim at an aircraft": "assumed: beam, aiming error and delay of the tracking; not shown on aircraft: all cited "

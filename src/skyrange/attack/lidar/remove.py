@@ -23,12 +23,12 @@ from skyrange.attack.bases.pulses import SendsPulses
     realism={
         "principle": "cited: echoes nearer than what the LiDAR returns replace the true ones and are discarded (Cao et "
         "al., You Can't See Me, USENIX Security 2023, on a VLP-16)",
-        "share and reach": "assumed from reports, paper not read: 90 % of the points of an obstacle, and 45 degrees "
+        "share and reach": "assumed: reported, paper not read: 90 % of the points of an obstacle, and 45 degrees "
         "(the same)",
         "distance": "cited: from no more than 15 feet beside a road (Cao et al.); assumed: `range_m` of 100 m",
         "high frequency": "cited: many pulses randomise the point cloud and hide authentic returns (Sato et al., NDSS "
         "2024; Yoshida et al., arXiv 2604.00371, 2026); assumed: the returned one is any of them with the same odds",
-        "generations": "assumed from reports, paper not read: against random times of pulses only high_frequency works "
+        "generations": "assumed: reported, paper not read: against random times of pulses only high_frequency works "
         "(Sato et al.); assumed: span of the times and share of a fingerprint",
         "aim at an aircraft": "assumed: beam, aiming error and delay of the tracking; not shown on aircraft: all cited "
         "experiments are with cars or in rooms",

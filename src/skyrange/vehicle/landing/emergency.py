@@ -22,6 +22,7 @@ import numpy as np
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.range_scans import RangeScan
 from skyrange.contracts.alerts import Scalar
+from skyrange.core import elementary_python
 from skyrange.core.arrays import Floats
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, NS_PER_S, Time
@@ -278,7 +279,7 @@ class EmergencyLanding:
         self._looks += 1
         if found is not None:
             middle = np.array(found.centre) - own.place
-            if math.sqrt(float(middle[0] ** 2 + middle[1] ** 2)) <= OVER_M or self._looks >= LOOKS:
+            if elementary_python.hypot(float(middle[0]), float(middle[1])) <= OVER_M or self._looks >= LOOKS:
                 return self._land(now, own, "decision.landing", self._describe(own, found))
             return self._approach(now, found)
         self._refused.append(np.array(self._place.centre[:2]))
@@ -332,7 +333,7 @@ class EmergencyLanding:
             "up_m": up,
             "rough_m": place.rough_m,
             "slope": place.slope,
-            "away_m": math.sqrt(float(away[0] ** 2 + away[1] ** 2)),
+            "away_m": elementary_python.hypot(float(away[0]), float(away[1])),
             "moves": self._moved,
         }
 
@@ -358,5 +359,5 @@ def _vector(place: Floats) -> Vector:
 def _is_at(own: OwnState, target: Vector, up_m: float) -> bool:
     """Whether it is near a target, and hardly moves."""
     east, north, up = (own.place - np.array(target)).tolist()
-    speed = math.sqrt(sum(part * part for part in own.velocity.tolist()))
+    speed = elementary_python.hypot3(*own.velocity.tolist())
     return math.sqrt(east * east + north * north) <= ARRIVED_M and abs(up) <= up_m and speed <= STILL_MPS

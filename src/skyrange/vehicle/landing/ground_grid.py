@@ -61,7 +61,8 @@ class GroundGrid:
         points = find_points(beams)
         cells = np.floor((points[:, :2] - self._corner) / CELL_M)
         inside = ((cells >= 0) & (cells < CELLS)).all(axis=1)
-        number = cells[inside].astype(np.int64) @ np.array([CELLS, 1], dtype=np.int64)
+        column, row = cells[inside].astype(np.int64).T
+        number = column * CELLS + row
         self._layers.append(_find_medians(number, points[inside, 2]).reshape(CELLS, CELLS))
 
     def heights(self) -> Floats:
@@ -76,7 +77,7 @@ class GroundGrid:
 
     def known_share(self) -> float:
         """Share of the cells whose height is known."""
-        return int((~np.isnan(self.heights())).sum()) / CELLS**2
+        return int((~np.isnan(self.heights())).sum()) / (CELLS * CELLS)
 
     def find_place(
         self, near: Floats, rules: FlatRules, *, within_m: float = math.inf, refused: list[Floats] | None = None
@@ -90,9 +91,8 @@ class GroundGrid:
         steps = np.arange(-reach, reach + 1)
         x, y = (part.ravel() for part in np.meshgrid(steps, steps, indexing="ij"))
         # a cell of which a corner is in the disc
-        inside = (np.maximum(abs(x) - 0.5, 0.0) ** 2 + np.maximum(abs(y) - 0.5, 0.0) ** 2) * CELL_M**2 <= (
-            rules.clear_m**2
-        )
+        beside = np.square(np.maximum(abs(x) - 0.5, 0.0)) + np.square(np.maximum(abs(y) - 0.5, 0.0))
+        inside = beside * (CELL_M * CELL_M) <= (rules.clear_m * rules.clear_m)
         x, y = x[inside], y[inside]
         for i, j in self._list_centres(near, reach, within_m, rules, refused or []):
             disc = heights[x + i, y + j]
@@ -114,7 +114,7 @@ class GroundGrid:
         away2 = _distances2(centres, near)
         keep = away2 <= within_m * within_m
         for place in refused:
-            keep &= _distances2(centres, place) > rules.clear_m**2
+            keep &= _distances2(centres, place) > rules.clear_m * rules.clear_m
         order = np.argsort(away2[keep], kind="stable")
         return list(zip(i[keep][order].tolist(), j[keep][order].tolist(), strict=True))
 
@@ -139,15 +139,15 @@ def fit_plane(x: Floats, y: Floats, z: Floats) -> tuple[float, float, float]:
 
 def _distances2(places: Floats, other: Floats) -> Floats:
     """(n,): squared distances of places (n, 2) to another one."""
-    return np.asarray((places[:, 0] - other[0]) ** 2 + (places[:, 1] - other[1]) ** 2)
+    return np.asarray(np.square(places[:, 0] - other[0]) + np.square(places[:, 1] - other[1]))
 
 
 def _find_medians(number: np.ndarray[tuple[int, ...], np.dtype[np.int64]], heights: Floats) -> Floats:
     """(CELLS²,): the lower median of the heights in each cell; NaN for cells with fewer than `FEWEST`."""
     order = np.lexsort((heights, number))
-    count = np.bincount(number, minlength=CELLS**2)
+    count = np.bincount(number, minlength=CELLS * CELLS)
     first = np.concatenate(([0], np.cumsum(count)[:-1]))
-    medians = np.full(CELLS**2, np.nan)
+    medians = np.full(CELLS * CELLS, np.nan)
     some = count >= FEWEST
     medians[some] = heights[order][first[some] + (count[some] - 1) // 2]
     return medians

@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 
+from skyrange.core import elementary_python
 from skyrange.core.arrays import Floats
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.optics.ray_index import RayIndex
@@ -108,7 +109,7 @@ class SightTracks:
             if since_s <= 0.0:
                 continue
             apart = place - track.predict(at_ns)
-            away = math.sqrt(float(apart[0] ** 2 + apart[1] ** 2 + apart[2] ** 2))
+            away = elementary_python.hypot3(*apart.tolist())
             reach = NEAR_M + (FASTEST_MPS * since_s if track.hits == 1 else 0.0)
             if away <= reach and away < best:
                 best, found = away, track

@@ -79,7 +79,8 @@ def look_at(view: SensorView, beams: Beams, claimed: Floats, sigma_m: float, cit
     away = math.sqrt(away2)
     if away > view.reach_m + gate:
         return NO_LOOK
-    along = sum(toward[k] * beams.direction[:, k] for k in range(3))
+    x, y, z = beams.direction.T
+    along = toward[0] * x + toward[1] * y + toward[2] * z
     beside2 = away2 - along * along
     rows = np.flatnonzero((along > 0.0) & (beside2 < gate * gate))
     if not rows.size:

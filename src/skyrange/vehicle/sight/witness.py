@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from skyrange.codec.range_scans import RangeScan
+from skyrange.core import elementary_python
 from skyrange.core.arrays import Floats
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.optics.mounted_sensors import MountedSensor
@@ -103,8 +104,7 @@ class Witness:
                 verdict = claim.verdict
             if verdict is not claim.verdict:
                 claim.verdict = verdict
-                toward = claimed - beams.origin
-                away_m = math.sqrt(float(toward[0] ** 2 + toward[1] ** 2 + toward[2] ** 2))
+                away_m = elementary_python.distance(claimed.tolist(), beams.origin.tolist())
                 changes.append(Change(key, verdict, away_m, claim.evidence.looks))
         return changes
 
