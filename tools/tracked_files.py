@@ -34,6 +34,7 @@ EXPLAINED = {
         f"src/skyrange/{at}/*.csv" for at in ("dataset", "record", "twins", "vehicle/builtin/parameters")
     ),
     "the list of kernels": ("src/skyrange/runtime/compilation/kernels.json",),
+    "cities of scenarios": ("src/skyrange/scenario/shipped/*.geojson",),
     "mission files": tuple(
         f"{at}/*.{end}" for at in ("src/skyrange/scenario", "tests") for end in ("plan", "waypoints")
     ),
