@@ -35,6 +35,7 @@ DELIBERATE = {
     "PettingZoo's interface": ("action_space", "observation_space"),
     "Gymnasium's interface": ("close_extras",),
     "the decoder of a documented format": ("decode_file",),
+    "a method of what skyrange.analysis returns": ("points_in_base",),
     "OMPL's interface": ("checkMotion", "motionCost", "motionCostHeuristic", "stateCost"),
     "the interface of numba's cache": (
         "_filename_base", "_lineno", "_locator", "_py_file", "get_cache_path", "get_disambiguator", "get_source_stamp",
