@@ -66,6 +66,15 @@ MEASURED: Final = (
         time="many hours",
     ),
     Result(
+        "sight-matrix",
+        "explanation/sight.md",  # skyrange writes the whole page of the matrix
+        (
+            "skyrange matrix docs/data/sight-matrix.toml --seeds 30 --out runs/sight --page docs/reference/sight-matrix.md",
+        ),
+        ("reference/sight-matrix.svg",),
+        time="half an hour",
+    ),
+    Result(
         "drip-effects",
         "reference/drip-effects.md",
         ("python -m tools.docs.measure_drip",),
