@@ -69,7 +69,8 @@ MEASURED: Final = (
         "sight-matrix",
         "explanation/sight.md",  # skyrange writes the whole page of the matrix
         (
-            "skyrange matrix docs/data/sight-matrix.toml --seeds 30 --out runs/sight --page docs/reference/sight-matrix.md",
+            "skyrange matrix docs/data/sight-matrix.toml --seeds 30 --out runs/sight "
+            "--page docs/reference/sight-matrix.md",
         ),
         ("reference/sight-matrix.svg",),
         time="half an hour",
