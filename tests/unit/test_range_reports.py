@@ -17,7 +17,7 @@ from skyrange.core.arrays import Floats
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_MS
-from skyrange.optics.mounted_sensors import MountedSensor, list_pulses
+from skyrange.optics.mounted_sensors import MountedSensor, check_scan, list_pulses
 from skyrange.optics.scan_patterns import RotatingPattern, SingleBeam
 from skyrange.optics.sensor_models import D435, LIDAR_LITE_V3HP, MID_360, VLP_16
 from skyrange.vehicle.companion.obstacle_sectors import SECTORS, find_obstacles
@@ -29,6 +29,7 @@ from skyrange.vehicle.companion.range_reports import (
     find_orientation,
     make_report,
 )
+from skyrange.vehicle.sight.scan_reader import ScanReader
 
 REF = FrameId("scan:blue/b1", "fwd", "oracle", 0)
 TOP = (0.0, 0.0, 0.3)
@@ -139,28 +140,37 @@ def test_a_beam_is_told_in_centimetres_and_its_silence_as_beyond_its_range() -> 
     assert make_report(beam(0), LITE).current_distance == 4001
 
 
-def test_reports_keep_their_pace_and_hostile_scans_are_counted() -> None:
+def test_reports_keep_their_pace() -> None:
     reports = RangeReports([LITE])
     out = Outbox()
     for tick in range(100):  # a scan each 10 ms
-        reports.receive(tick * 10 * NS_PER_MS, "blue/b1", pack_scan(beam(500)), REF, out)
+        reports.receive(tick * 10 * NS_PER_MS, "blue/b1", beam(500), REF, out)
     messages = [decode(departure.payload) for departure in out.departures]
     assert len(messages) == 10
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in messages} == {(7, COMPONENT)}
     assert [m.get_seq() for m in messages] == list(range(10))
     assert {departure.causes for departure in out.departures} == {(REF,)}
     out = Outbox()
-    wrong = np.array([1, 2], dtype=np.uint16)
-    payloads = [b"", b"RS", pack_scan(beam(5, kind=DEPTH)), pack_scan(beam(5)._replace(steps=wrong))]
-    payloads += [pack_scan(beam(5, resolution_m=0.02)), pack_scan(beam(5, sensor=3))]
-    for tick, payload in enumerate(payloads):
-        reports.receive(10**10 + tick * 10**9, "blue/b1", payload, REF, out)
+    reports.receive(10**11, "blue/other", beam(5), REF, out)
     assert not out.departures
-    assert [note.data["count"] for note in out.notes] == [1, 2, 4]
-    reports.receive(10**11, "blue/other", pack_scan(beam(5)), REF, out)
-    far = beam(5, start_ns=-(2**63))
-    reports.receive(10**11, "blue/b1", pack_scan(far), REF, out)
+    reports.receive(10**11, "blue/b1", beam(5, start_ns=-(2**63)), REF, out)
     assert len(out.departures) == 1
+
+
+def test_hostile_scans_are_counted_and_left_out() -> None:
+    reader = ScanReader({"blue/b1": [LITE.sensor]})
+    out = Outbox()
+    wrong = np.array([1, 2], dtype=np.uint16)
+    scans = [beam(5, kind=DEPTH), beam(5)._replace(steps=wrong), beam(5, resolution_m=0.02), beam(5, sensor=3)]
+    for payload in [b"", b"RS", *map(pack_scan, scans)]:
+        assert reader.read_or_note("blue/b1", payload, REF, out) is None
+        assert reader.read("blue/b1", payload) is None
+    assert [(note.kind, note.data["count"]) for note in out.notes] == [("event.bad_scan", count) for count in (1, 2, 4)]
+    assert reader.read("blue/b2", pack_scan(beam(5))) is None, "of an aircraft without sensors"
+    read = reader.read_or_note("blue/b1", pack_scan(beam(5)), REF, out)
+    assert read is not None
+    assert read.steps.tolist() == [5]
+    assert len(out.notes) == 3
 
 
 def test_a_scan_of_another_pattern_is_refused() -> None:
@@ -168,5 +178,5 @@ def test_a_scan_of_another_pattern_is_refused() -> None:
     other = RotatingPattern((0.0,), 1e-3, 1e-3, 10.0)
     scan = RangeScan(LIDAR, 0, 0, 0.002, 0, (1.0, 0.0, 0.0, 0.0), np.zeros(other.sequences, dtype=np.uint16))
     with pytest.raises(DecodeError):
-        find_obstacles(scan, few)
+        check_scan(scan, few)
     assert isinstance(LIDAR_LITE_V3HP.pattern, SingleBeam)

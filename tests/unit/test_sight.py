@@ -13,11 +13,15 @@ import shapely
 
 from skyrange.city.buildings import Building
 from skyrange.city.wall_index import build_wall_index
+from skyrange.codec.f3411 import Location, Status, encode
+from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.range_scans import LIDAR, RangeScan
+from skyrange.codec.remote_id.link_payload import RidHeader, Transport, pack, unpack_rows
+from skyrange.contracts.frames import Payloads
 from skyrange.core.arrays import Floats
 from skyrange.core.chance import Chance
-from skyrange.core.errors import DecodeError
-from skyrange.core.time import NS_PER_MS
+from skyrange.core.geodesy import Origin
+from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.optics.extinction import Weather
 from skyrange.optics.mounted_sensors import MountedSensor
 from skyrange.optics.ray_casting import cast_rays
@@ -28,9 +32,10 @@ from skyrange.optics.scan_patterns import ScatteredPattern
 from skyrange.optics.sensor_models import HAP, VLP_16
 from skyrange.optics.sensor_poses import SensorPose, make_pulse_rays, sample_footprint
 from skyrange.optics.targets import place_targets
-from skyrange.remoteid.tracks import TrackSnapshot
+from skyrange.remoteid.tracks import ReceivedBroadcasts, TrackSnapshot, TrackTable
 from skyrange.vehicle.sight.detections import SightTracks
 from skyrange.vehicle.sight.evidence import Verdict
+from skyrange.vehicle.sight.fusion import SEEN_ADDRESS
 from skyrange.vehicle.sight.witness import Sight, Witness
 
 HERE = np.array([0.0, 0.0, 30.0])
@@ -78,7 +83,6 @@ def look(claimed: Floats, real: Floats | None, scans: int, seed: int, city: RayI
     witness = Witness(Sight([FORWARD], sigma_m=2.0), city)
     for number in range(scans):
         beams = witness.place_beams(scan(number, seed, real, city), HERE, np.zeros(3), number * SCAN_NS)
-        assert beams is not None
         for change in witness.look(number * SCAN_NS, 0, beams, claim(claimed)):
             return change.verdict, number + 1
     return Verdict.COULD_NOT_LOOK, scans
@@ -133,7 +137,6 @@ def test_what_is_nearer_and_not_on_the_map_hides_the_claim() -> None:
     witness = Witness(Sight([FORWARD], sigma_m=2.0), EMPTY)
     for number in range(40):
         beams = witness.place_beams(scan(number, 1, None, wall(30.0)), HERE, np.zeros(3), number * SCAN_NS)
-        assert beams is not None
         assert witness.look(number * SCAN_NS, 0, beams, claim(np.array([60.0, 0.0, 30.2]))) == []
 
 
@@ -143,7 +146,6 @@ def test_a_verdict_lasts_ten_seconds_after_the_last_look_that_reached_it() -> No
     for number in range(260):  # it comes nearer until the field no longer covers the gate
         place = np.array([max(60.0 - 2.0 * number, 8.0), 0.0, 30.2])
         beams = witness.place_beams(scan(number, 1, None), HERE, np.zeros(3), number * SCAN_NS)
-        assert beams is not None
         verdicts += [(number, c.verdict) for c in witness.look(number * SCAN_NS, 0, beams, claim(place))]
     assert [verdict for _, verdict in verdicts] == [Verdict.NOT_SEEN, Verdict.COULD_NOT_LOOK]
     assert 100 < verdicts[1][0] < 130
@@ -152,21 +154,12 @@ def test_a_verdict_lasts_ten_seconds_after_the_last_look_that_reached_it() -> No
     assert copy.verdict((7, b"GHOST")) is Verdict.COULD_NOT_LOOK
 
 
-def test_a_scan_of_another_sensor_is_refused() -> None:
-    witness = Witness(Sight([FORWARD]), EMPTY)
-    good = scan(0, 1, None)
-    with pytest.raises(DecodeError, match="a scan of 3 steps"):
-        witness.place_beams(good._replace(steps=good.steps[:3]), HERE, np.zeros(3), 0)
-    assert witness.place_beams(good._replace(sensor=5), HERE, np.zeros(3), 0) is None
-
-
 def test_sight_follows_an_aircraft_that_no_radio_tells_of_and_no_noise() -> None:
     tracks, witness = SightTracks(), Witness(Sight([FORWARD]), wall(90.0))
     found = []
     for number in range(40):
         place = np.array([40.0 - 0.5 * number, 1.0, 30.2])
         beams = witness.place_beams(scan(number, 3, place, wall(90.0)), HERE, np.zeros(3), number * SCAN_NS)
-        assert beams is not None
         found += [(place, t) for t in tracks.update(number * SCAN_NS, beams, wall(90.0), np.empty((0, 3)), 7.0)]
     assert len(found) > 20
     assert {track.number for _, track in found} == {found[0][1].number}
@@ -175,7 +168,6 @@ def test_sight_follows_an_aircraft_that_no_radio_tells_of_and_no_noise() -> None
     none = SightTracks()
     for number in range(40):
         beams = witness.place_beams(scan(number, 4, None, wall(90.0)), HERE, np.zeros(3), number * SCAN_NS)
-        assert beams is not None
         assert none.update(number * SCAN_NS, beams, wall(90.0), np.empty((0, 3)), 7.0) == []
 
 
@@ -183,3 +175,16 @@ def test_a_pattern_that_repeats_counts_less_than_one_that_does_not() -> None:
     rotating = MountedSensor("blue/b1", "vlp", 0, VLP_16, (0.0, 0.0, 0.2))
     views = [Witness(Sight([sensor]), EMPTY)._views[0] for sensor in (FORWARD, rotating)]
     assert [view.sensor.period_ns / view.apart_ns for view in views] == [1.0, pytest.approx(0.2)]
+
+
+def test_no_flood_of_broadcasts_displaces_what_sight_has_seen() -> None:
+    table = TrackTable(1, Origin(40.0, -73.0), max_tracks=4)
+    table.place(0, SEEN_ADDRESS, NS_PER_S, np.array([1.0, 2.0, 30.0]), np.zeros(3))
+    message = Location(Status.AIRBORNE, lat_deg=40.0, lon_deg=-73.0, alt_geo_m=30.0)
+    for sender in range(20):
+        header = RidHeader(Transport.WIFI_BEACON, address=sender.to_bytes(6, "big"), rssi_cdbm=-2000)
+        rid = unpack_rows(Payloads.of([pack(header, encode(message))]))
+        one = np.zeros(1, dtype=np.int64)
+        table.update(ReceivedBroadcasts(one, one + NS_PER_S, rid, decode_locations(rid.bodies), one, one))
+    assert table.counts[0].tolist()[:2] == [17, 0]
+    assert SEEN_ADDRESS in table.snapshot(0, NS_PER_S).address.tolist()

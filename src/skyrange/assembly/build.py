@@ -181,8 +181,9 @@ def build(
         else (None, [])
     )
     sensors = list_sensors(scenario)
-    parked = park(made.aircraft, scenario, 0)[0]
-    scanner = build_scanner(scenario, city, parked, sensors, flown) if whole else None
+    scanner = None
+    if whole and sensors:
+        scanner = build_scanner(scenario, city, park(made.aircraft, scenario, 0)[0], sensors, flown)
     agents: list[Agent] = [a for service in approvals for a in service.agents] if APPROVAL in here else []
     over_sik = {link.name for link in over_air.sik}
     for operator in scenario.operators:
@@ -254,11 +255,7 @@ def build(
         | ({"honest": describe_aircraft(made.aircraft, scenario)} if made.aircraft else {})
         | ({"defences": defences.rows} if defences.rows else {})
         | ({"detectors": rows} if rows else {})
-        | (
-            {"warnings": warnings}
-            if (warnings := [*list_battery_warnings(scenario), *describe_scans(scenario, sensors)])
-            else {}
-        ),
+        | ({"warnings": warnings} if warnings else {}),
         make_attachments(scenario, city) if attached else {},
         make_mission_files(plans),
         air.oracle,

@@ -15,9 +15,10 @@ from skyrange.core.ids import endpoint, vehicle_id
 from skyrange.optics.mounted_sensors import MountedSensor
 from skyrange.optics.ray_index import index_city
 from skyrange.optics.reflectivity import make_surfaces
+from skyrange.optics.scan_patterns import count_pulses
 from skyrange.optics.scanner import Scanner, Scene, Shape
 from skyrange.scenario.model.fleet import Vehicle
-from skyrange.scenario.model.optics import OpticalSensor, Optics, count_rays
+from skyrange.scenario.model.optics import OpticalSensor, Optics
 from skyrange.scenario.model.radio import SightRules
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.vehicle.companion.range_reports import RangeReports, ReportedSensor, can_report
@@ -118,14 +119,12 @@ def build_scanner(
     parked: Sequence[Body],
     sensors: Sequence[MountedSensor],
     flown: Container[str] | None = None,
-) -> Scanner | None:
-    """The agent that makes all scans; None without sensors.
+) -> Scanner:
+    """The agent that makes all scans of one or more sensors.
 
     `parked` are the bodies that no vehicle of the scenario has. With `flown` it makes those of these vehicles only, but
     as often as that of all.
     """
-    if not sensors:
-        return None
     optics = scenario.optics or Optics()
     airframes = {vehicle_id(o.id, v.id): v.airframe for o, v in scenario.fleet}
     airframes |= {body.vehicle: body.airframe for body in parked}
@@ -230,4 +229,4 @@ def describe_scans(scenario: Scenario, sensors: Sequence[MountedSensor]) -> list
 
 def scan_bytes_per_s(sensor: MountedSensor) -> float:
     """Bytes of the scans of a sensor in a second, as recorded, before compression."""
-    return _BYTES_PER_RAY * count_rays(sensor.model) * sensor.model.pattern.rate_hz
+    return _BYTES_PER_RAY * count_pulses(sensor.model.pattern) * sensor.model.pattern.rate_hz

@@ -9,7 +9,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from skyrange.assembly.optics import make_landing, make_sight
+from skyrange.assembly.optics import group_sensors, make_landing, make_sight
 from skyrange.assembly.remote_id_keys import aircraft_credentials, aircraft_session_id, make_verification
 from skyrange.assembly.signing import derive_keys
 from skyrange.attack.contract import Transmitter
@@ -40,6 +40,7 @@ from skyrange.scenario.validation.error_messages import spell_path
 from skyrange.vehicle.avoidance.contract import Avoidance, AvoidanceContext
 from skyrange.vehicle.companion.companion import Companion, CompanionSpec
 from skyrange.vehicle.companion.range_reports import RangeReports, SensorCompanion
+from skyrange.vehicle.sight.scan_reader import ScanReader
 
 COMPANIONS = "companions"
 """The agent that stands for all of them."""
@@ -180,7 +181,8 @@ def _oracle(
 
 def _make_sensor_companion(scenario: Scenario, reports: RangeReports) -> SensorCompanion:
     keys = {vehicle_id(o.id, v.id): derive_keys(scenario, o).aircraft for o, v in scenario.fleet}
-    return SensorCompanion(COMPANIONS, reports, [keys[vehicle] for vehicle in reports.vehicles])
+    scans = ScanReader(group_sensors(scenario))
+    return SensorCompanion(COMPANIONS, reports, scans, [keys[vehicle] for vehicle in reports.vehicles])
 
 
 def _companions(

@@ -396,7 +396,7 @@ class Kernel:
             happened = self._advance_world(now, world)
         for number, note in happened:
             self._runs[number].observers.report_note(now, "world", note)
-        if now >= self._next_change:
+        if now >= self._next_change:  # before a scan begins, whose light acts alter
             self._update_attacks(now)
         for subscriber, part in self._subscribers:
             if now % subscriber.observe_period_ns == 0:

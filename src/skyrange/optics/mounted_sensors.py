@@ -9,11 +9,20 @@ from typing import Final
 
 import numpy as np
 
-from skyrange.codec.range_scans import DEPTH, LIDAR
+from skyrange.codec.range_scans import DEPTH, LIDAR, RangeScan
 from skyrange.core import elementary_python
 from skyrange.core.arrays import Floats
+from skyrange.core.errors import DecodeError
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.optics.scan_patterns import Firing, PixelGrid, RotatingPattern, ScanPattern, ScatteredPattern, SingleBeam
+from skyrange.optics.scan_patterns import (
+    Firing,
+    PixelGrid,
+    RotatingPattern,
+    ScanPattern,
+    ScatteredPattern,
+    SingleBeam,
+    count_pulses,
+)
 from skyrange.optics.sensor_models import DepthCameraModel, LidarModel
 
 SensorModel = LidarModel | DepthCameraModel
@@ -60,13 +69,16 @@ class MountedSensor:
 
     def list_rays(self, scan: int) -> Firing:
         """The pulses of a scan, in the frame of the sensor's base: that of the body, or the level one of a gimbal."""
-        firing = list_pulses(self.model.pattern, scan)
-        if self.yaw_deg == 0.0 and self.pitch_deg == 0.0:
-            return firing
-        turn = turn_mount(self.yaw_deg, self.pitch_deg)
-        x, y, z = firing.direction.T
-        turned = np.column_stack([turn[k, 0] * x + turn[k, 1] * y + turn[k, 2] * z for k in range(3)])
-        return firing._replace(direction=turned)
+        return list_pulses(self.model.pattern, scan, self.yaw_deg, self.pitch_deg)
+
+
+def check_scan(scan: RangeScan, sensor: MountedSensor) -> None:
+    """Raise `DecodeError` unless kind, resolution and number of pulses of a scan are those of a sensor."""
+    count = count_pulses(sensor.model.pattern)
+    if scan.kind != sensor.kind or len(scan.steps) != count:
+        raise DecodeError(f"kind {scan.kind} with {len(scan.steps)} steps: not a scan of {sensor.name}, with {count}")
+    if round(scan.resolution_m * 1e6) != round(sensor.model.resolution_m * 1e6):
+        raise DecodeError(f"a resolution of {scan.resolution_m} m: not that of {sensor.name}")
 
 
 def turn_mount(yaw_deg: float, pitch_deg: float) -> Floats:
@@ -77,16 +89,32 @@ def turn_mount(yaw_deg: float, pitch_deg: float) -> Floats:
     return np.array([[cy * cp, -sy, -cy * sp], [sy * cp, cy, -sy * sp], [sp, 0.0, cp]])
 
 
-def list_pulses(pattern: ScanPattern, scan: int) -> Firing:
-    """`ScanPattern.list_rays`. The last scans are kept, for who makes a scan and who receives it."""
+def list_pulses(pattern: ScanPattern, scan: int, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> Firing:
+    """`ScanPattern.list_rays`, turned as a mount turns the sensor. The last scans are kept, for who makes a scan and
+    who receives it.
+    """
     if isinstance(pattern, (RotatingPattern, SingleBeam, PixelGrid)):
-        return _list_kept(pattern, 0)
-    return _list_kept(pattern, scan) if isinstance(pattern, ScatteredPattern) else pattern.list_rays(scan)
+        return _list_kept(pattern, 0, yaw_deg, pitch_deg)
+    if isinstance(pattern, ScatteredPattern):
+        return _list_kept(pattern, scan, yaw_deg, pitch_deg)
+    return _list_turned(pattern, scan, yaw_deg, pitch_deg)
+
+
+def _list_turned(pattern: ScanPattern, scan: int, yaw_deg: float, pitch_deg: float) -> Firing:
+    firing = pattern.list_rays(scan)
+    if yaw_deg == 0.0 and pitch_deg == 0.0:
+        return firing
+    turn = turn_mount(yaw_deg, pitch_deg)
+    x, y, z = firing.direction.T
+    turned = np.column_stack([turn[k, 0] * x + turn[k, 1] * y + turn[k, 2] * z for k in range(3)])
+    return firing._replace(direction=turned)
 
 
 @lru_cache(maxsize=16)
-def _list_kept(pattern: RotatingPattern | ScatteredPattern | SingleBeam | PixelGrid, scan: int) -> Firing:
-    firing = pattern.list_rays(scan)
+def _list_kept(
+    pattern: RotatingPattern | ScatteredPattern | SingleBeam | PixelGrid, scan: int, yaw_deg: float, pitch_deg: float
+) -> Firing:
+    firing = _list_turned(pattern, scan, yaw_deg, pitch_deg)
     for array in firing:
         array.setflags(write=False)
     return firing

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,10 @@ class RayIndex(NamedTuple):
     rows: int
     top: float
     """The highest roof."""
+
+    def __deepcopy__(self, memo: Any) -> RayIndex:
+        """Itself: it is never written to, and copies of agents share it."""
+        return self
 
 
 def build_ray_index(walls: WallIndex = NO_WALLS, cell_m: float = CELL_M) -> RayIndex:

@@ -147,3 +147,14 @@ class PixelGrid:
         up = np.repeat((0.5 * self.height - row) / focal[1], self.width)
         vectors = np.column_stack([np.ones(self.width * self.height), left, up])
         return _number(vectors / elementwise.length(vectors)[:, None], np.zeros(len(vectors)))
+
+
+def count_pulses(pattern: ScanPattern) -> int:
+    """Pulses of a scan, or pixels of an image."""
+    if isinstance(pattern, PixelGrid):
+        return pattern.width * pattern.height
+    if isinstance(pattern, RotatingPattern):
+        return pattern.sequences * len(pattern.elevation_deg)
+    if isinstance(pattern, ScatteredPattern):
+        return pattern.rays
+    return 1 if isinstance(pattern, SingleBeam) else len(pattern.list_rays(0).delay_s)

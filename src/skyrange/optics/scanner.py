@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,7 +137,7 @@ class Scanner:
         self.service_ns: Time = period_ns
         self.observe_period_ns: Time = self.service_ns
         self._shape_of = dict(shapes)
-        self._scene = _Shared(scene)
+        self._scene = scene
         self._chance = chance
         self._errors = [_find_attitude_error(chance, sensor.name) for sensor in sensors]
         self._waiting: list[_Waiting] = []
@@ -175,7 +175,7 @@ class Scanner:
             pose = SensorPose(
                 np.array(position[row]), np.array(velocity[row]), attitude, rates, np.array(sensor.place_m)
             )
-            self._scan(now, number, pose, fleet)
+            self._scan(now, number, pose, fleet, own=int(fleet.target_of[row]))
 
     def next_wakeup(self) -> Time | None:
         """The next time at which a scan may end."""
@@ -217,7 +217,7 @@ class Scanner:
         radius, height, bottom = self._shapes[rows].T
         place[:, 2] += bottom
         targets = place_targets(
-            self._scene.value.city,
+            self._scene.city,
             place,
             np.array(velocity[rows]),
             radius,
@@ -226,12 +226,12 @@ class Scanner:
         )
         return _Fleet(targets, tuple(world.vehicles[row] for row in rows.tolist()), target_of)
 
-    def _scan(self, now: Time, number: int, pose: SensorPose, fleet: _Fleet) -> None:
-        sensor, row = self.sensors[number], 0 if self._rows is None else self._rows[number]
+    def _scan(self, now: Time, number: int, pose: SensorPose, fleet: _Fleet, *, own: int) -> None:
+        """Make a scan; `own` is the row of its aircraft in the targets."""
+        sensor = self.sensors[number]
         scan = now // sensor.period_ns
         address = Address(self._chance, hash64(sensor.name), now)
         firing = sensor.list_rays(scan)
-        own = int(fleet.target_of[row])
         model = sensor.model
         rays = make_pulse_rays(firing, pose, own=own)
         light = self._alter_light(now, sensor, firing, pose, rays)
@@ -266,7 +266,7 @@ class Scanner:
         hooks, kind = self._light, SCANNER_KINDS[sensor.kind]
         if hooks is None or not hooks.has_hooks(sensor.vehicle, kind):
             return None
-        light = shine(self._scene.value.city, sensor, firing, pose, rays)
+        light = shine(self._scene.city, sensor, firing, pose, rays)
         hooks.alter(now, light)
         return light
 
@@ -281,7 +281,7 @@ class Scanner:
         *,
         light: ScanLight | None,
     ) -> Returns:
-        index, surfaces, weather = self._scene.value
+        index, surfaces, weather = self._scene
         own = int(rays.own[0])
         near = _pass_aircraft(rays, targets, own, model)
         met = cast_rays(index, rays, model.reach_m, targets)
@@ -304,23 +304,11 @@ class Scanner:
         self, model: DepthCameraModel, rays: Rays, targets: Targets, address: Address, light: ScanLight | None
     ) -> tuple[NDArray[np.uint16], NDArray[np.uint8], NDArray[np.int32]]:
         # a pixel at the edge of the image is farther away than its depth along the axis
-        hits = cast_rays(self._scene.value.city, rays, 2.0 * model.reach_m, targets)
+        hits = cast_rays(self._scene.city, rays, 2.0 * model.reach_m, targets)
         if light is not None:
             hits = alter_pixels(hits, light)
         image = make_depth_image(model, list_pulses(model.pattern, 0), hits, address)
         return image.steps.reshape(-1), image.kind.reshape(-1), image.row.reshape(-1)
-
-
-class _Shared:
-    """Arrays that never change: copies of an agent share them."""
-
-    __slots__ = ("value",)
-
-    def __init__(self, value: Scene) -> None:
-        self.value = value
-
-    def __deepcopy__(self, memo: Any) -> _Shared:
-        return self
 
 
 def _pass_aircraft(rays: Rays, targets: Targets, own: int, model: LidarModel) -> NDArray[np.bool_]:

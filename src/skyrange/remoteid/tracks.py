@@ -40,7 +40,7 @@ TRACK_DTYPE: Final = np.dtype(
         ("id_a", "u8"), ("id_b", "u8"), ("id_c", "u8"),  # 20 bytes of text and 4 zeros
         ("east", "f8"), ("north", "f8"), ("up", "f8"),  # as broadcast, m; NaN unknown
         ("ve", "f8"), ("vn", "f8"), ("vu", "f8"),  # m/s; NaN unknown
-        ("rssi_dbm", "f8"),  # NaN unknown
+        ("rssi_dbm", "f8"),  # NaN unknown; infinite of a track that no broadcast made
         ("status", "i8"), ("transport", "i8"),
         ("is_impossible", "i8"),  # 1: the last Location held an impossible value
         ("is_ignored", "i8"),  # 1: the receiver's policy is not to believe this sender (`ignore`)
@@ -242,7 +242,7 @@ class TrackTable:
     def place(self, receiver: int, address: int, at_ns: Time, position: Floats, velocity: Floats) -> None:
         """Keep a track that no broadcast made: where something is, and how it moves, (3,) each.
 
-        Without room it displaces the weakest track, as a strong broadcast does.
+        Without room it displaces the weakest track. No broadcast displaces it: a flood on the radio blinds no sensor.
         """
         used, named = self.used.item(receiver), False
         k, displaces = _find_slot(
@@ -258,7 +258,7 @@ class TrackTable:
         row["heard_ns"] = row["located_ns"] = at_ns
         row["east"], row["north"], row["up"] = position.tolist()
         row["ve"], row["vn"], row["vu"] = velocity.tolist()
-        row["rssi_dbm"], row["status"], row["transport"] = math.nan, Status.AIRBORNE, -1
+        row["rssi_dbm"], row["status"], row["transport"] = math.inf, Status.AIRBORNE, -1
 
     def _local_motion(self, locations: LocationColumns, keep: Ints) -> Floats:
         """(n, 6) east, north, up in m, speed in m/s, course in rad, climb in m/s; NaN if unknown."""

@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 
+from skyrange.assembly.optics import group_sensors
 from skyrange.attack.exclusive import Exclusive, common
 from skyrange.contracts.components import SensorHook
 from skyrange.contracts.scan_light import SCANNER_KINDS, ScanHook
 from skyrange.core.errors import Problem, nearest
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NEVER, Time, from_seconds, to_seconds
-from skyrange.optics.sensor_models import LidarModel
 from skyrange.scenario.model.attacks import ActTable
 from skyrange.scenario.model.defences import DefenceTable
 from skyrange.scenario.model.manual_acts import ManualActTable
-from skyrange.scenario.model.optics import MODELS
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.vehicle.contract import AutopilotPlugin
 
@@ -85,13 +84,13 @@ def find_unread(faults: Sequence[SensorHook], own_sensors: Sequence[str], where:
 
 def find_sensorless(hooks: Sequence[ScanHook], scenario: Scenario, where: str) -> Iterator[Problem]:
     """What is wrong with parts that act on LiDARs or depth cameras which none of their aircraft has."""
-    sensors = {vehicle_id(operator.id, vehicle.id): vehicle.sensors for operator, vehicle in scenario.fleet}
+    sensors = group_sensors(scenario)
     for hook in hooks:
         fitting = {
             sensor.id
             for vehicle in hook.vehicles
             for sensor in sensors.get(vehicle, ())
-            if SCANNER_KINDS[0 if isinstance(MODELS[sensor.model], LidarModel) else 1] in hook.kinds
+            if SCANNER_KINDS[sensor.kind] in hook.kinds
         }
         what = " or ".join("LiDAR" if kind == "lidar" else "depth camera" for kind in hook.kinds)
         if not fitting:

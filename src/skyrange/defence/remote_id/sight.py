@@ -10,13 +10,13 @@ import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.attack.tapped_links import TapMaker
-from skyrange.codec.range_scans import unpack_scan
 from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.placement import DefenceTap, inspects_none, place_taps
 from skyrange.defence.receptions import Claim, Finding, Held, Sender
 from skyrange.optics.ray_index import index_city
 from skyrange.remoteid.tracks import STALE_S, TrackSnapshot
 from skyrange.vehicle.sight.evidence import Rates, Verdict
+from skyrange.vehicle.sight.scan_reader import ScanReader
 from skyrange.vehicle.sight.witness import Key, Sight, Witness
 
 KIND: Final = "remote_id.sight"
@@ -62,6 +62,7 @@ class SightCheck(BroadcastJudge):
         "Standard deviation of a claimed position against the own one, on each axis, in metres.",
         default=2.5, gt=0, le=100,
     )  # fmt: skip
+    scans: ScanReader
     witness: Witness
     held: Held = sky.state(Held)
     """The last claim of each sender."""
@@ -82,7 +83,9 @@ class SightCheck(BroadcastJudge):
 
     def place_more(self, context: sky.DefenceContext) -> Sequence[sky.TapPlacement]:
         """A tap that looks at the scans of the aircraft."""
-        sight = Sight(context.sensors[self.vehicle], Rates(self.missed, self.false), self.sigma_m)
+        sensors = context.sensors[self.vehicle]
+        self.scans = ScanReader({self.vehicle: sensors})
+        sight = Sight(sensors, Rates(self.missed, self.false), self.sigma_m)
         self.witness = Witness(sight, index_city(context.city))
         scans = TapMaker(_ScanTap, (self,))
         return place_taps("scan", "companion", [self.vehicle], context, scans, inspects_none)
@@ -101,19 +104,14 @@ class SightCheck(BroadcastJudge):
         over: the companion counts it.
         """
         place = self.own.place_at(now)
-        if place is None:
-            return
-        try:
-            scan = unpack_scan(payload)
-            beams = self.witness.place_beams(scan, np.array(place), np.array(self.own.velocity), now)
-        except sky.DecodeError:
+        scan = self.scans.read(self.vehicle, payload)
+        if place is None or scan is None:
             return
         claims = [claim for claim in self.held.senders.values() if isinstance(claim, Claim)]
         fresh = [claim for claim in claims if 0 <= now - claim.at_ns <= STALE_NS and not claim.grounded]
-        if beams is None:
-            return
         self.witness.forget(now)
         if fresh:
+            beams = self.witness.place_beams(scan, np.array(place), np.array(self.own.velocity), now)
             self.witness.look(now, scan.sensor, beams, _snapshot(fresh, scan.start_ns))
 
 

@@ -14,7 +14,7 @@ from skyrange.optics.extinction import RainLaw, Weather
 from skyrange.optics.mounted_sensors import SensorModel
 from skyrange.optics.reflectivity import MATERIALS
 from skyrange.optics.returns import MAX_STEPS, make_detector
-from skyrange.optics.scan_patterns import PixelGrid, RotatingPattern, ScatteredPattern
+from skyrange.optics.scan_patterns import PixelGrid, RotatingPattern, ScatteredPattern, count_pulses
 from skyrange.optics.sensor_models import D435, HAP, LIDAR_LITE_V3HP, MID_360, VLP_16, DepthCameraModel, LidarModel
 from skyrange.scenario.model.base import Id, Model, Number, Whole, refuse, wrong
 
@@ -168,8 +168,10 @@ class OpticalSensor(Model):
             hint = f"Set {near:.6g}, which is the nearest such rate."
             raise wrong(f"{self.rate_hz:g}", "a rate whose period is a multiple of 2.5 ms", hint, where="rate_hz")
         made = self.make()
-        if count_rays(made) > MAX_RAYS:
-            raise wrong(f"{count_rays(made):,} pulses a scan", f"at most {MAX_RAYS:,}", "Reduce beams or azimuths.")
+        if count_pulses(made.pattern) > MAX_RAYS:
+            raise wrong(
+                f"{count_pulses(made.pattern):,} pulses a scan", f"at most {MAX_RAYS:,}", "Reduce beams or azimuths."
+            )
         if made.near_m >= made.reach_m:
             raise wrong(f"{made.reach_m:g}", f"more than {made.near_m:g} m, what it sees nearest", where="range_m")
         if made.reach_m > MAX_STEPS * made.resolution_m:
@@ -211,16 +213,6 @@ class OpticalSensor(Model):
                 rate_hz,
             )
         return replace(pattern, rate_hz=rate_hz)
-
-
-def count_rays(model: SensorModel) -> int:
-    """Pulses of a scan, or pixels of an image."""
-    pattern = model.pattern
-    if isinstance(pattern, PixelGrid):
-        return pattern.width * pattern.height
-    if isinstance(pattern, RotatingPattern):
-        return pattern.sequences * len(pattern.elevation_deg)
-    return pattern.rays if isinstance(pattern, ScatteredPattern) else 1
 
 
 class Optics(Model):

@@ -52,6 +52,7 @@ from skyrange.vehicle.companion.range_reports import RangeReports
 from skyrange.vehicle.landing.emergency import LandingRules
 from skyrange.vehicle.landing.landings import EmergencyLandings
 from skyrange.vehicle.sight.fusion import AircraftSight, Fusion
+from skyrange.vehicle.sight.scan_reader import ScanReader
 from skyrange.vehicle.sight.witness import Sight
 
 if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
@@ -168,10 +169,11 @@ class Companion:
             ]
         ).reshape(count, 3)
         self._sight = {
-            row: AircraftSight(spec.vehicle, spec.sight, spec.fusion, city)
+            row: AircraftSight(spec.vehicle, spec.sight, spec.fusion, city, row)
             for row, spec in enumerate(self.specs)
             if spec.sight is not None and city is not None
         }
+        self._scans = ScanReader({spec.vehicle: spec.sight.sensors for spec in self.specs if spec.sight is not None})
         self._landings = EmergencyLandings({k: s.landing for k, s in enumerate(self.specs) if s.landing is not None})
         self._requests = MessageRequests(self._avoids)
         self._handovers: dict[int, ControlHandover] = {}
@@ -241,13 +243,16 @@ class Companion:
         for number in scans.tolist():
             row = self._scan_rows[mail.places.item(number) - first]
             cause = inbox.arrival(mail.order.item(number)).ref
-            payload = bytes(mail.payloads[number])
+            vehicle = self.specs[row].vehicle
+            scan = self._scans.read_or_note(vehicle, bytes(mail.payloads[number]), cause, out)
+            if scan is None:
+                continue
             if self._range_reports is not None:
-                self._range_reports.receive(now, self.specs[row].vehicle, payload, cause, out)
+                self._range_reports.receive(now, vehicle, scan, cause, out)
             if placed[row]:
                 motion = (places[row], velocities[row])
-                self._sight[row].receive(now, row, payload, motion, self.tracks, out, cause)
-                self._landings.see(now, row, payload, motion, cause)
+                self._sight[row].receive(now, scan, motion, self.tracks, out, cause=cause)
+                self._landings.see(now, row, scan, motion, cause)
         return mail.take(np.flatnonzero(mail.places < first))
 
     def _receive_broadcasts(self, inbox: Inbox, mail: Columns, vehicle: Ints, heard: Ints) -> None:
@@ -329,7 +334,7 @@ class Companion:
                 self.tracks.ignore(row, partial(self.verifier.disbelieves, row, now))
         for row, sight in self._sight.items():
             verifies = self.verifier is not None and self.verifier.filters(row)
-            sight.apply(now, row, self.tracks, keep=verifies)
+            sight.apply(now, self.tracks, keep=verifies)
         in_conflict = detect_conflicts(self.tracks, now, places, velocities, self._limits, free)
         for row in sorted({*np.flatnonzero(in_conflict).tolist(), *self._handovers}):
             handover = self._handovers.get(row) or ControlHandover()

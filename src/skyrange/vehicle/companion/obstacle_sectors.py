@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from skyrange.codec.range_scans import LIDAR, RangeScan
 from skyrange.core import elementwise
 from skyrange.core.arrays import Floats
-from skyrange.core.errors import DecodeError
 from skyrange.optics.mounted_sensors import MountedSensor, list_pulses
 
 SECTORS: Final = 72
@@ -39,8 +38,7 @@ class ObstacleSectors(NamedTuple):
 
 
 def find_obstacles(scan: RangeScan, sensor: MountedSensor) -> ObstacleSectors:
-    """The sectors of a scan. Raises `DecodeError` for a scan that is not of this sensor."""
-    check_scan(scan, sensor)
+    """The sectors of a scan of this sensor."""
     direction = sensor.list_rays(scan.scan).direction
     ahead, left, up = _level(scan.attitude, direction)
     sector = _find_sectors(ahead, left)
@@ -54,19 +52,9 @@ def find_obstacles(scan: RangeScan, sensor: MountedSensor) -> ObstacleSectors:
     return ObstacleSectors(_find_nearest(ahead[met], left[met]), looked)
 
 
-def measure_beam(scan: RangeScan, sensor: MountedSensor) -> float | None:
-    """The distance of a single beam in metres; None without a return. Raises as `find_obstacles`."""
-    check_scan(scan, sensor)
+def measure_beam(scan: RangeScan) -> float | None:
+    """The distance of a single beam in metres; None without a return."""
     return int(scan.steps[0]) * scan.resolution_m if scan.steps[0] else None
-
-
-def check_scan(scan: RangeScan, sensor: MountedSensor) -> None:
-    """Raise `DecodeError` unless kind, resolution and number of pulses are those of the sensor."""
-    count = len(list_pulses(sensor.model.pattern, scan.scan).direction)
-    if scan.kind != sensor.kind or len(scan.steps) != count:
-        raise DecodeError(f"kind {scan.kind} with {len(scan.steps)} steps: not a scan of {sensor.name}, with {count}")
-    if round(scan.resolution_m * 1e6) != round(sensor.model.resolution_m * 1e6):
-        raise DecodeError(f"a resolution of {scan.resolution_m} m: not that of {sensor.name}")
 
 
 def _level(attitude: tuple[float, float, float, float], vectors: Floats) -> tuple[Floats, Floats, Floats]:

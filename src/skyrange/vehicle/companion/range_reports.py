@@ -12,15 +12,14 @@ from typing import Final, Literal, NamedTuple
 from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import SignedConnection, SignedConnections, SigningKey
-from skyrange.codec.range_scans import RangeScan, unpack_scan
+from skyrange.codec.range_scans import RangeScan
 from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
-from skyrange.core.whole_numbers import worth_noting
 from skyrange.optics.mounted_sensors import MountedSensor
 from skyrange.optics.scan_patterns import SingleBeam
 from skyrange.vehicle.companion.obstacle_sectors import SECTOR_DEG, ObstacleSectors, find_obstacles, measure_beam
+from skyrange.vehicle.sight.scan_reader import ScanReader
 
 ReportKind = Literal["distance", "obstacles"]
 COMPONENT: Final = int(mav.MAV_COMP_ID_OBSTACLE_AVOIDANCE)
@@ -79,33 +78,23 @@ class RangeReports:
             of_row = [key for key in self._packers if key[0] == row]
             self._packers.update(dict.fromkeys(of_row, self._packers[of_row[0]]))
         self._sent_ns = dict.fromkeys(self._reported, -PERIOD_NS)
-        self._bad = [0] * len(vehicles)
 
-    def receive(self, now: Time, vehicle: str, payload: bytes, ref: FrameId, out: Outbox) -> None:
-        """Report one scan of an aircraft, if its sensor is reported and it is time; count one that is none."""
-        row = self._rows.get(vehicle)
-        if row is None:
-            return
-        try:
-            scan = unpack_scan(payload)
-            key = (row, scan.sensor)
-            if key not in self._reported or now - self._sent_ns[key] < PERIOD_NS:
-                return
-            message = make_report(scan, self._reported[key])
-        except DecodeError:
-            self._bad[row] += 1
-            if worth_noting(self._bad[row]):
-                out.note("event.bad_frame", self.vehicles[row], {"count": self._bad[row]}, (ref,))
+    def receive(self, now: Time, vehicle: str, scan: RangeScan, ref: FrameId, out: Outbox) -> None:
+        """Report a scan of a sensor of an aircraft, if that is reported and it is time."""
+        row = self._rows.get(vehicle, -1)
+        key = (row, scan.sensor)
+        if key not in self._reported or now - self._sent_ns[key] < PERIOD_NS:
             return
         self._sent_ns[key] = now
+        message = make_report(scan, self._reported[key])
         out.send(self.originates[row], self._packers[key].pack(message), (ref,))
 
 
 def make_report(scan: RangeScan, reported: ReportedSensor) -> Message:
-    """The message about a scan. Raises `DecodeError` for a scan that is not of the sensor."""
+    """The message about a scan of the sensor."""
     if reported.kind == "obstacles":
         return _make_obstacle_distance(scan, reported.sensor, find_obstacles(scan, reported.sensor))
-    return _make_distance_sensor(scan, reported.sensor, measure_beam(scan, reported.sensor))
+    return _make_distance_sensor(scan, reported.sensor, measure_beam(scan))
 
 
 def _to_cm(distance_m: float) -> int:
@@ -159,9 +148,10 @@ class SensorCompanion:
     service_ns: Time = 50 * NS_PER_MS
     """As of `Companion`."""
 
-    def __init__(self, name: str, reports: RangeReports, keys: Sequence[SigningKey | None]) -> None:
+    def __init__(self, name: str, reports: RangeReports, scans: ScanReader, keys: Sequence[SigningKey | None]) -> None:
         """`keys` (vehicles,) are those of the autopilots whose MAVLink is signed."""
         self.name = name
+        self._scans = scans
         self.reports = reports
         self.ports: Sequence[Port] = reports.ports
         self.originates: Sequence[Port] = reports.originates
@@ -181,9 +171,10 @@ class SensorCompanion:
         """Report the scans that arrived."""
         out = Outbox()
         for arrival in inbox:
-            vehicle = self._vehicles.get(arrival.port)
-            if vehicle is not None:
-                self.reports.receive(now, vehicle, arrival.payload, arrival.ref, out)
+            vehicle = self._vehicles[arrival.port]
+            scan = self._scans.read_or_note(vehicle, arrival.payload, arrival.ref, out)
+            if scan is not None:
+                self.reports.receive(now, vehicle, scan, arrival.ref, out)
         if self._signed is not None:
             self._signed.sign_outbox(now, out)
         return out

@@ -148,7 +148,7 @@ class EmergencyLanding:
     # --- scans -----------------------------------------------------------------------------------
 
     def see(self, now: Time, scan: RangeScan, place: Floats, velocity: Floats, cause: FrameId) -> None:
-        """Take in a scan, if it is one of a sensor that looks down. Raises `DecodeError` for one that is not of it."""
+        """Take in a scan, if it is one of a sensor that looks down."""
         view = self._views.get(scan.sensor)
         if view is None or not self.is_engaged:
             return

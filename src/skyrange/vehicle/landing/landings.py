@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.range_scans import unpack_scan
+from skyrange.codec.range_scans import RangeScan
 from skyrange.core.arrays import Floats
-from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
 from skyrange.remoteid.autopilot_belief import is_fresh
@@ -27,18 +26,11 @@ class EmergencyLandings:
     def __bool__(self) -> bool:
         return bool(self._landings)
 
-    def see(self, now: Time, row: int, payload: bytes, motion: tuple[Floats, Floats], cause: FrameId) -> None:
-        """Take in a scan of an aircraft with a place and a velocity (`motion`), (3,) each.
-
-        What is no scan is left out: `sight.fusion` receives the same bytes and counts it.
-        """
+    def see(self, now: Time, row: int, scan: RangeScan, motion: tuple[Floats, Floats], cause: FrameId) -> None:
+        """Take in a scan of an aircraft with a place and a velocity (`motion`), (3,) each."""
         landing = self._landings.get(row)
-        if landing is None or not landing.is_engaged:
-            return
-        try:
-            landing.see(now, unpack_scan(payload), *motion, cause)
-        except DecodeError:
-            return
+        if landing is not None:
+            landing.see(now, scan, *motion, cause)
 
     def check(
         self, now: Time, beliefs: Any, places: Floats, velocities: Floats

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from skyrange.codec.range_scans import RangeScan
 from skyrange.core import elementary_python, elementwise
 from skyrange.core.arrays import Floats
-from skyrange.core.errors import DecodeError
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.optics.mounted_sensors import MountedSensor, list_pulses
 from skyrange.optics.ray_casting import NONE, Rays, cast_rays
@@ -46,7 +45,7 @@ class Beams(NamedTuple):
 
 
 class SensorView:
-    """What a companion knows of a sensor of its aircraft. Copies share it."""
+    """What a companion knows of a sensor of its aircraft."""
 
     __slots__ = ("apart_ns", "number", "reach_m", "sensor", "spacing_rad")
 
@@ -60,17 +59,9 @@ class SensorView:
         """Mean angle between neighbouring pulses, across and up."""
         self.apart_ns = sensor.period_ns if isinstance(pattern, ScatteredPattern) else max(apart_ns, sensor.period_ns)
 
-    def __deepcopy__(self, memo: Any) -> SensorView:
-        return self
-
     def place_beams(self, scan: RangeScan, position: Floats, velocity: Floats, at_ns: Time) -> Beams:
-        """The beams of a scan, of an aircraft that was at `position` (3,) at `at_ns`.
-
-        Raises `DecodeError` for a scan that is not of this sensor.
-        """
+        """The beams of a scan of this sensor, of an aircraft that was at `position` (3,) at `at_ns`."""
         firing = self.sensor.list_rays(scan.scan)
-        if scan.kind != self.sensor.kind or len(scan.steps) != len(firing.delay_s):
-            raise DecodeError(f"a scan of {len(scan.steps)} steps, {self.sensor.name} has {len(firing.delay_s)}")
         turn = find_rotation(scan.attitude)
         direction = _turn(turn, firing.direction)
         mount = np.array(self.sensor.place_m)

@@ -1,4 +1,4 @@
-"""Evidence of sight about one claimed position: does something fly there? A sequential test over scans.
+"""Evidence of sight about one claimed position: a sequential test, over scans, of whether something flies there.
 
 Each scan is a look. Under the hypothesis *honest*, an aircraft is at the claimed position, up to an error with the
 standard deviation `sigma_m` on every axis; under *nothing there*, only noise and clutter return. A look sees something

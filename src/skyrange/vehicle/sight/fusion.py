@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from skyrange.codec.f3411 import printable_id
-from skyrange.codec.range_scans import unpack_scan
+from skyrange.codec.range_scans import RangeScan
 from skyrange.contracts.alerts import Scalar
 from skyrange.core.arrays import Floats
-from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
-from skyrange.core.whole_numbers import worth_noting
 from skyrange.remoteid.tracks import TrackSnapshot, TrackTable
 from skyrange.vehicle.sight.detections import SightTracks
 from skyrange.vehicle.sight.evidence import GATE_SIGMAS, Verdict
@@ -45,37 +43,37 @@ class Fusion(StrEnum):
 class AircraftSight:
     """Fusion of one aircraft. Deep copies continue alike."""
 
-    def __init__(self, vehicle: str, sight: Sight, fusion: Fusion, city: RayIndex) -> None:
+    def __init__(self, vehicle: str, sight: Sight, fusion: Fusion, city: RayIndex, row: int) -> None:
+        """`row` is that of the aircraft's receiver in track tables."""
         self._vehicle = vehicle
+        self._row = row
         self._fusion = fusion
         self._gate_m = GATE_SIGMAS * sight.sigma_m
         self._witness = Witness(sight, city)
         self._seen = SightTracks()
-        self._bad = 0
 
-    def receive(  # noqa: PLR0917
-        self, now: Time, row: int, payload: bytes, motion: tuple[Floats, Floats], tracks: TrackTable, out: Outbox,
+    def receive(
+        self,
+        now: Time,
+        scan: RangeScan,
+        motion: tuple[Floats, Floats],
+        tracks: TrackTable,
+        out: Outbox,
+        *,
         cause: FrameId,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take in a scan, when the aircraft is at a position with a velocity (`motion`), (3,) each."""
-        try:
-            scan = unpack_scan(payload)
-            beams = self._witness.place_beams(scan, *motion, now)
-        except DecodeError as error:
-            self._bad += 1
-            if worth_noting(self._bad):
-                out.note("event.bad_scan", self._vehicle, {"why": str(error)[:200], "count": self._bad}, (cause,))
+        if self._fusion is Fusion.RADIO:
             return
-        if beams is None or self._fusion is Fusion.RADIO:
-            return
+        beams = self._witness.place_beams(scan, *motion, now)
         at_ns = min(scan.start_ns, now)
-        heard = take_heard(tracks.snapshot(row, at_ns, include_impossible=True))
+        heard = take_heard(tracks.snapshot(self._row, at_ns, include_impossible=True))
         for change in self._witness.look(now, scan.sensor, beams, heard):
             self._note(change, out, cause)
         if self._fusion in (Fusion.SIGHT, Fusion.EITHER):
             known = heard.pos_enu_m if self._fusion is Fusion.EITHER else np.empty((0, 3))
             for seen in self._seen.update(at_ns, beams, self._witness.city, known, self._gate_m):
-                tracks.place(row, SEEN_ADDRESS + seen.number, seen.at_ns, seen.position, seen.velocity)
+                tracks.place(self._row, SEEN_ADDRESS + seen.number, seen.at_ns, seen.position, seen.velocity)
 
     def _note(self, change: Change, out: Outbox, cause: FrameId) -> None:
         address, uas_id = change.key
@@ -88,8 +86,11 @@ class AircraftSight:
         }
         out.note("event.sight", self._vehicle, data, (cause,))
 
-    def apply(self, now: Time, row: int, tracks: TrackTable, *, keep: bool) -> None:
+    def apply(self, now: Time, tracks: TrackTable, *, keep: bool) -> None:
         """Mark the tracks that avoidance does not believe; with `keep`, besides those that are marked."""
+        if self._fusion is Fusion.RADIO:
+            return
+        row = self._row
         self._witness.forget(now)
         if not keep:
             tracks.ignore(row, _nobody)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -65,19 +65,18 @@ class _Claim:
 
 
 class Witness:
-    """The evidence of one aircraft. Deep copies continue alike; the map is shared."""
+    """The evidence of one aircraft. Deep copies continue alike."""
 
     def __init__(self, sight: Sight, city: RayIndex) -> None:
         """`city` is the map that the companion has: the range's own (assumed)."""
         self._sight = sight
         self._views = {sensor.number: SensorView(sensor, REPEATED_NS) for sensor in sight.sensors}
-        self._city = _SharedMap(city)
+        self.city = city
         self._claims: dict[Key, _Claim] = {}
 
-    def place_beams(self, scan: RangeScan, position: Floats, velocity: Floats, at_ns: Time) -> Beams | None:
-        """The beams of a scan; None for a sensor that the aircraft does not have. Raises `DecodeError`."""
-        view = self._views.get(scan.sensor)
-        return None if view is None else view.place_beams(scan, position, velocity, at_ns)
+    def place_beams(self, scan: RangeScan, position: Floats, velocity: Floats, at_ns: Time) -> Beams:
+        """See `SensorView.place_beams`."""
+        return self._views[scan.sensor].place_beams(scan, position, velocity, at_ns)
 
     def look(self, now: Time, sensor: int, beams: Beams, tracks: TrackSnapshot) -> list[Change]:
         """Look at all tracks with the beams of a scan of `sensor`; `tracks` are those at the time of the scan."""
@@ -91,7 +90,7 @@ class Witness:
             age_s = float(tracks.age_s[row])
             unknown = 0.5 * MANOEUVRE_MPS2 * age_s * age_s
             sigma_m = math.sqrt(self._sight.sigma_m * self._sight.sigma_m + unknown * unknown)
-            look = look_at(view, beams, claimed, sigma_m, self._city.value)
+            look = look_at(view, beams, claimed, sigma_m, self.city)
             if look is NO_LOOK:
                 continue
             claim = self._claims.setdefault(key, _Claim())
@@ -118,23 +117,6 @@ class Witness:
         """What sight says of a track."""
         claim = self._claims.get(key)
         return Verdict.COULD_NOT_LOOK if claim is None else claim.verdict
-
-    @property
-    def city(self) -> RayIndex:
-        """The map."""
-        return self._city.value
-
-
-class _SharedMap:
-    """A map that copies share."""
-
-    __slots__ = ("value",)
-
-    def __init__(self, value: RayIndex) -> None:
-        self.value = value
-
-    def __deepcopy__(self, memo: Any) -> _SharedMap:
-        return self
 
 
 def list_keys(tracks: TrackSnapshot) -> list[Key]:
