@@ -18,6 +18,8 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.kernel import Kernel
 from skyrange.optics.mounted_sensors import list_pulses
 from skyrange.record import RunRecord, load
+from skyrange.runtime.cores.division import Division
+from skyrange.runtime.cores.run import run_on_cores
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_example
 from skyrange.study.execution.flight import fly_runs
@@ -303,6 +305,20 @@ def test_runs_of_a_batch_are_lied_to_as_runs_alone(tmp_path: Path) -> None:
     assert not fly_runs(plan, tmp_path).errors
     assert load(tmp_path / "1").manifest["digests"] == alone.manifest["digests"]
     assert len({load(tmp_path / str(n)).manifest["digests"]["frames"] for n in range(3)}) == 3
+
+
+def test_a_lie_has_the_same_labels_on_several_cores(tmp_path: Path) -> None:
+    """There the scans are made later in their instant: the labels have the time of the scan all the same."""
+    plan = "plan = { square = { side_m = 9, alt_m = 9 } }"
+    red = f'[[operators]]\nid = "red"\n[[operators.vehicles]]\nstart = [0, 30]\n{plan}\n'
+    attack = act("lidar.blind", at(LASER))
+    scenario = Scenario.from_toml(PARKED + red + attack)
+    alone = skyrange.run(scenario, tmp_path / "alone")
+    shared = load(run_on_cores(scenario, Division((("blue",), ("red",))), 2, tmp_path / "shared"))
+    assert len(labels_of(alone)) == 10
+    assert labels_of(shared) == labels_of(alone)
+    assert shared.manifest["digests"] == alone.manifest["digests"]
+    assert shared.table("scans").equals(alone.table("scans"))
 
 
 def test_a_lie_starts_by_its_condition_and_as_a_stage_of_a_campaign(true: Scans, tmp_path: Path) -> None:

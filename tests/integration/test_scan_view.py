@@ -10,12 +10,12 @@ import pytest
 
 import skyrange
 from skyrange.analysis import read_scans
-from skyrange.metrics.scans import ScanIndex
 from skyrange.record import RunRecord
 from skyrange.runtime.run import Run
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.view import scan_queries
 from skyrange.view.flying import FlightView
+from skyrange.view.scan_index import ScanIndex
 from skyrange.view.scan_queries import ScanQueries, draw_field
 from skyrange.view.server import LiveStream
 

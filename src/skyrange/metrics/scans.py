@@ -7,19 +7,14 @@ its base (forward, left, up of the aircraft, or of its level gimbal) when each p
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import islice
-from pathlib import Path
-from threading import Lock
 from typing import Any, Final, Literal
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from skyrange.assembly.optics import read_sensors
@@ -28,16 +23,12 @@ from skyrange.core.arrays import Floats
 from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.files import MAX_RECORD_BYTES, read_input
 from skyrange.core.ids import FrameId, link_name
-from skyrange.core.parquet_files import check_columns, check_values, name_damaged_file
 from skyrange.core.time import Time
 from skyrange.optics.mounted_sensors import MountedSensor, list_pulses
 from skyrange.optics.scanner import ENDPOINT
 from skyrange.optics.sensor_models import DepthCameraModel
 from skyrange.optics.sensor_poses import SensorPose, make_pulse_rays
 from skyrange.record.read.run import RunRecord
-from skyrange.record.read.tables import decode_spooled
-from skyrange.record.schema import arrow_schema
-from skyrange.record.spool import table_files
 
 SCENARIO: Final = "scenario.toml"
 _FRAME: Final = ("link", "direction", "sender", "serial", "fate", "arrived_ns")
@@ -123,9 +114,9 @@ def read_scans(record: RunRecord, vehicle: str | None = None, sensor: str | None
     """
     record.tables.require("scans")
     sensors = {(mounted.vehicle, mounted.id): mounted for mounted in list_mounted_sensors(record)}
-    for row in _rows(record):
+    for row in read_rows(record):
         if vehicle in (None, row["vehicle"]) and sensor in (None, row["sensor"]):
-            yield _make_scan(record, row, sensors)
+            yield make_scan(record, row, sensors)
 
 
 def read_received_scans(record: RunRecord, vehicle: str | None = None) -> Iterator[Scan]:
@@ -160,13 +151,14 @@ def read_received_scans(record: RunRecord, vehicle: str | None = None) -> Iterat
 # --- the table -----------------------------------------------------------------------------------------
 
 
-def _rows(record: RunRecord) -> Iterator[dict[str, Any]]:
+def read_rows(record: RunRecord) -> Iterator[dict[str, Any]]:
     """The rows of `scans` one by one, with lists as arrays."""
     for batch in record.batches("scans"):
-        yield from _plain_rows(batch)
+        yield from plain_rows(batch)
 
 
-def _plain_rows(batch: pa.RecordBatch) -> Iterator[dict[str, Any]]:
+def plain_rows(batch: pa.RecordBatch) -> Iterator[dict[str, Any]]:
+    """The rows of a batch of `scans` one by one, with lists as arrays."""
     plain = [name for name, kind in zip(batch.schema.names, batch.schema.types, strict=True) if not _is_array(kind)]
     arrays = [name for name in batch.schema.names if name not in plain]
     for number, row in enumerate(batch.select(plain).to_pylist()):
@@ -178,7 +170,8 @@ def _is_array(kind: pa.DataType) -> bool:
     return pa.types.is_list(kind) and not pa.types.is_string(kind.value_type)
 
 
-def _make_scan(record: RunRecord, row: Mapping[str, Any], sensors: Mapping[tuple[str, str], MountedSensor]) -> Scan:
+def make_scan(record: RunRecord, row: Mapping[str, Any], sensors: Mapping[tuple[str, str], MountedSensor]) -> Scan:
+    """The scan in a row of the table. Raises `InputError` for one of no sensor of the run."""
     sensor = sensors.get((row["vehicle"], row["sensor"]))
     if sensor is None:
         raise InputError.one(str(record.path), "scans: sensor", row["sensor"], f"a sensor of {row['vehicle']}")
@@ -204,105 +197,6 @@ def _make_scan(record: RunRecord, row: Mapping[str, Any], sensors: Mapping[tuple
         row["is_forged"],
         tuple(row["aircraft"]),
     )
-
-
-class ScanIndex:
-    """The scans of a run by vehicle and time, of which few are in memory. Reading one that is far from those that were
-    read before takes as long as a row group, or, of a run that did not end, as all rows up to it.
-    """
-
-    def __init__(self, record: RunRecord) -> None:
-        """Raises `InputError` as `read_scans`."""
-        record.tables.require("scans")
-        self._record = record
-        self._sensors = {(mounted.vehicle, mounted.id): mounted for mounted in list_mounted_sensors(record)}
-        table = record.tables.table("scans", ["time_ns", "vehicle", "sensor"])
-        self._sent_ns = table.column("time_ns").to_numpy()
-        names = zip(table.column("vehicle").to_pylist(), table.column("sensor").to_pylist(), strict=True)
-        rows: dict[tuple[str, str], list[int]] = {}
-        for row, name in enumerate(names):
-            rows.setdefault(name, []).append(row)
-        self._rows = {name: np.array(own) for name, own in rows.items()}
-        self._groups = list(_list_groups(record))
-        self._group = lru_cache(maxsize=2)(self._read_group)
-
-    def newest(self, vehicle: str, until_ns: Time) -> list[Scan]:
-        """The last scan that each sensor of a vehicle had sent by a time, in the order of the sensors."""
-        found = []
-        for mounted in self._sensors.values():
-            own = self._rows.get((mounted.vehicle, mounted.id))
-            if mounted.vehicle != vehicle or own is None:
-                continue
-            count = int(np.searchsorted(self._sent_ns[own], until_ns, side="right"))
-            if count:
-                found.append(_make_scan(self._record, self._read(int(own[count - 1])), self._sensors))
-        return found
-
-    def _read(self, row: int) -> dict[str, Any]:
-        for number, (_, _, first, count) in enumerate(self._groups):
-            if first <= row < first + count:
-                return next(_plain_rows(self._group(number).slice(row - first, 1)))
-        return next(islice(_rows(self._record), row, None))
-
-    def _read_group(self, number: int) -> pa.RecordBatch:
-        path, place, _, _ = self._groups[number]
-        who, where = str(self._record.path), path.name
-        with name_damaged_file(who, where), pq.ParquetFile(path) as file:
-            table = file.read_row_group(place, columns=arrow_schema("scans").names)
-        table.validate(full=True)
-        check_columns(table.schema, arrow_schema("scans"), who, where)
-        check_values(table, arrow_schema("scans"), who, where)
-        return table.combine_chunks().to_batches()[0]
-
-
-class NewestScans:
-    """The newest scans of a run that is recorded, in memory, from rows as the recorder writes them. One thread may add
-    rows while another one reads.
-    """
-
-    def __init__(self, record: RunRecord) -> None:
-        """`record` is that of the run, of which no row is read. Raises `InputError` as `list_mounted_sensors`."""
-        self._record = record
-        self._sensors = {(mounted.vehicle, mounted.id): mounted for mounted in list_mounted_sensors(record)}
-        self._held: dict[str, deque[tuple[Time, pa.RecordBatch]]] = {}
-        self._lock = Lock()
-
-    def add(self, batch: pa.RecordBatch) -> None:
-        """Take rows of `scans`, in the form of the spool."""
-        rows = decode_spooled(batch, arrow_schema("scans"))
-        with self._lock:
-            for place, vehicle in enumerate(rows.column("vehicle").to_pylist()):
-                name = f"{vehicle}.{rows.column('sensor')[place].as_py()}"
-                sent_ns = rows.column("time_ns")[place].as_py()
-                held = self._held.setdefault(name, deque(maxlen=_SCANS_HELD))
-                held.append((sent_ns, rows.slice(place, 1)))
-
-    def newest(self, vehicle: str, until_ns: Time) -> list[Scan]:
-        """As `ScanIndex.newest`, among the last scans of each sensor."""
-        found = []
-        with self._lock:
-            held = {name: list(rows) for name, rows in self._held.items()}
-        for mounted in self._sensors.values():
-            rows = [row for sent_ns, row in held.get(mounted.name, ()) if sent_ns <= until_ns]
-            if mounted.vehicle == vehicle and rows:
-                found.append(_make_scan(self._record, next(_plain_rows(rows[-1])), self._sensors))
-        return found
-
-
-_SCANS_HELD: Final = 40
-"""Scans of a sensor that are kept while a run flies: those of some seconds."""
-
-
-def _list_groups(record: RunRecord) -> Iterator[tuple[Path, int, int, int]]:
-    """The row groups of a run that ended: file, number, first row and rows of each."""
-    first = 0
-    for path in [] if record.tables.spooled else table_files((record.path / "scans.parquet").absolute()):
-        with name_damaged_file(str(record.path), path.name):
-            metadata = pq.read_metadata(path)
-        for number in range(metadata.num_row_groups):
-            count = metadata.row_group(number).num_rows
-            yield path, number, first, count
-            first += count
 
 
 # --- frames --------------------------------------------------------------------------------------------
@@ -356,7 +250,7 @@ class _SentScans:
         self, record: RunRecord, sensors: Mapping[tuple[str, str], MountedSensor], uses: Counter[_Origin]
     ) -> None:
         self._record, self._sensors, self._uses = record, sensors, uses
-        self._rows = _rows(record)
+        self._rows = read_rows(record)
         self._ahead: Scan | None = None
         self._counts: Counter[str] = Counter()
         self._held: dict[_Origin, Scan] = {}
@@ -368,7 +262,7 @@ class _SentScans:
             row = next(self._rows, None)
             if row is None:
                 return False
-            self._ahead = _make_scan(self._record, row, self._sensors)
+            self._ahead = make_scan(self._record, row, self._sensors)
         scan = self._ahead
         if until_ns is not None and scan.sent_ns > until_ns:
             return False

@@ -8,13 +8,13 @@ from typing import Final, Protocol
 import pyarrow as pa
 
 from skyrange.core.errors import InputError
-from skyrange.metrics.scans import NewestScans
 from skyrange.record import Recorder, RunRecord, load
 from skyrange.record.read.growth import GrowingRun
 from skyrange.record.schema import RECORDED
 from skyrange.runtime.run import Run
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.view.folders import encode_folder
+from skyrange.view.scan_index import NewestScans
 from skyrange.view.scan_queries import FlyingScans
 from skyrange.view.stream.growing import GrowingStream
 from skyrange.view.stream.messages import Message

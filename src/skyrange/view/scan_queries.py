@@ -12,11 +12,12 @@ import numpy as np
 from skyrange.core.arrays import Floats
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
-from skyrange.metrics.scans import NewestScans, Scan, ScanIndex
+from skyrange.metrics.scans import Scan
 from skyrange.optics.mounted_sensors import MountedSensor, turn_mount
 from skyrange.optics.scan_patterns import Firing, PixelGrid, RotatingPattern, ScatteredPattern
 from skyrange.optics.sensor_poses import make_pulse_rays
 from skyrange.record import RunRecord
+from skyrange.view.scan_index import NewestScans, ScanIndex
 
 MAX_POINTS: Final = 12_000
 """Points of a scan at most; of more, every second, third … is left out."""

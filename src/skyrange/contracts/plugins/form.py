@@ -72,6 +72,11 @@ def param(
     return Param(Field(description=description, **given))
 
 
+def param_of(kind: Any, default: Any) -> Any:
+    """A parameter whose type, an `Annotated` one that other models share, has its description and its limits."""
+    return param(kind.__metadata__[-1].description, default=default)
+
+
 def reads_fields(method: Any, *arguments: Any) -> Any:
     """A method for kinds with the fields that its arguments name; `declare` refuses a kind without one of them."""
     method.field_names = tuple(argument for argument in arguments if isinstance(argument, str))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Final, Literal
+from typing import ClassVar, Final, Literal
 
 import skyrange.plugin as sky
 from skyrange.codec.drip import parse_session_id
 from skyrange.codec.f3411 import printable_id
 from skyrange.codec.remote_id.link_payload import NO_RSSI, RidHeader, pack, unpack
+from skyrange.contracts.plugins.form import param_of
 from skyrange.defence.bases.receptions import ReceptionTap
 from skyrange.defence.receptions import Finding, Held, Sender
 from skyrange.remoteid.broadcast_profiles import sender_address
@@ -43,11 +44,6 @@ GAP_NS: Final[sky.Time] = sky.from_seconds(STALE_S)
 """A sender that was not heard for so long counts as a new one, because its track is forgotten."""
 
 
-def _setting(kind: Any, default: Any) -> Any:
-    """A parameter whose type has its description."""
-    return sky.param(kind.__metadata__[-1].description, default=default)
-
-
 @sky.defence(
     "remote_id.drip",
     surface=("rid_down",),
@@ -75,9 +71,9 @@ class SignatureCheck(ReceptionTap):
         "or System message that was verified in the last 15 s.",
         default="ignore-unsigned",
     )
-    authorities: Authorities = _setting(Authorities, "apex")
-    clock_error_s: ClockError = _setting(ClockError, 0.0)
-    verifications_per_s: VerificationRate = _setting(VerificationRate, None)
+    authorities: Authorities = param_of(Authorities, "apex")
+    clock_error_s: ClockError = param_of(ClockError, 0.0)
+    verifications_per_s: VerificationRate = param_of(VerificationRate, None)
     verification: Verification
     verifier: Verifier
     address: bytes

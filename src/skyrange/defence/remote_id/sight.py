@@ -10,6 +10,7 @@ import numpy as np
 
 import skyrange.plugin as sky
 from skyrange.attack.tapped_links import TapMaker
+from skyrange.contracts.plugins.form import param_of
 from skyrange.defence.bases.receptions import BroadcastJudge
 from skyrange.defence.placement import DefenceTap, inspects_none, place_taps
 from skyrange.defence.receptions import Claim, Finding, Held, Sender
@@ -17,6 +18,7 @@ from skyrange.optics.ray_index import index_city
 from skyrange.remoteid.tracks import STALE_S, TrackSnapshot
 from skyrange.vehicle.sight.evidence import Rates, Verdict
 from skyrange.vehicle.sight.scan_reader import ScanReader
+from skyrange.vehicle.sight.settings import FalseRate, MissedRate, PositionError
 from skyrange.vehicle.sight.witness import Key, Sight, Witness
 
 KIND: Final = "remote_id.sight"
@@ -50,18 +52,9 @@ class SightCheck(BroadcastJudge):
 
     decides: ClassVar = "sight check"
 
-    missed: sky.Number = sky.param(
-        "Probability that an honest aircraft is called not seen, by the defence's own assumptions.",
-        default=0.01, gt=0, lt=0.5,
-    )  # fmt: skip
-    false: sky.Number = sky.param(
-        "Probability that a claim where nothing flies is called seen, by the same assumptions.",
-        default=0.01, gt=0, lt=0.5,
-    )  # fmt: skip
-    sigma_m: sky.Number = sky.param(
-        "Standard deviation of a claimed position against the own one, on each axis, in metres.",
-        default=2.5, gt=0, le=100,
-    )  # fmt: skip
+    missed: MissedRate = param_of(MissedRate, 0.01)
+    false: FalseRate = param_of(FalseRate, 0.01)
+    sigma_m: PositionError = param_of(PositionError, 2.5)
     scans: ScanReader
     witness: Witness
     held: Held = sky.state(Held)

@@ -15,6 +15,7 @@ from skyrange.remoteid.drip.verification.verdicts import Authorities, ClockError
 from skyrange.scenario.model.base import FileName, Id, Model, Number, Whole, wrong
 from skyrange.scenario.validation.plugin_params import checked, known, normalized
 from skyrange.vehicle.avoidance.contract import AvoidancePlugin
+from skyrange.vehicle.sight.settings import FalseRate, MissedRate, PositionError
 
 ReceiverKind = Literal["companion", "sniffer", "hopper", "phone", "phone-idle"]
 """Kinds of receiver: keys of `radio.builtin.listening.PROFILES`."""
@@ -214,24 +215,9 @@ Fusion = Literal["radio", "sight", "confirm", "either"]
 class SightRules(Model):
     """How a companion judges by sight whether an aircraft is where a broadcast claims it."""
 
-    missed: Number = Field(
-        default=0.01,
-        gt=0,
-        lt=0.5,
-        description="Probability that an honest aircraft is called not seen, by the companion's own assumptions.",
-    )
-    false: Number = Field(
-        default=0.01,
-        gt=0,
-        lt=0.5,
-        description="Probability that a claim where nothing flies is called seen, by the same assumptions.",
-    )
-    sigma_m: Number = Field(
-        default=2.5,
-        gt=0,
-        le=100,
-        description="Standard deviation of a claimed position against the own one, on each axis, in metres.",
-    )
+    missed: MissedRate = 0.01
+    false: FalseRate = 0.01
+    sigma_m: PositionError = 2.5
 
 
 class Avoidance(Model):

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,10 +34,8 @@ from skyrange.vehicle.builtin.layout import (
 from skyrange.vehicle.builtin.memory_card import FileStore
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters.table import INDEX, MAX_VALUES, MIN_VALUES, PARAMETERS
+from skyrange.vehicle.builtin.range_sensing.readings import RangeSensors
 from skyrange.vehicle.builtin.utc_clocks import UtcClocks
-
-if TYPE_CHECKING:
-    from skyrange.vehicle.builtin.range_sensing.sensors import RangeSensors
 
 Causes = tuple[FrameId, ...]
 COMPONENT_ID = 1

@@ -29,7 +29,8 @@ from skyrange.vehicle.builtin.range_sensing.plane_vectors import (
     dot,
     length,
 )
-from skyrange.vehicle.builtin.range_sensing.sensors import Proximity, measure_height
+from skyrange.vehicle.builtin.range_sensing.readings import Proximity
+from skyrange.vehicle.builtin.range_sensing.sensors import measure_height
 
 LOOP_S: Final = 0.0025
 """ArduCopter's loop. Each pass limits what the last one made of a command, so that a command changes the velocity by no

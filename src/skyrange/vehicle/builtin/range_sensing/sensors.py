@@ -6,57 +6,20 @@ ArduPilot, a sensor is there from boot on, by its type: RNGFND1_TYPE 10, PRX1_TY
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.time import NS_PER_MS, Time
-from skyrange.vehicle.builtin.range_sensing.boundary import SECTORS, Boundary, find_sector
-
-if TYPE_CHECKING:
-    from skyrange.vehicle.builtin.fleet import Causes, Fleet, Vehicle
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, Vehicle
+from skyrange.vehicle.builtin.range_sensing.boundary import SECTORS, find_sector
+from skyrange.vehicle.builtin.range_sensing.readings import TIMEOUT_NS, Proximity, Rangefinder, RangeSensors
 
 RANGEFINDER_MAVLINK: Final = 10
 PROXIMITY_MAVLINK: Final = 2
-TIMEOUT_NS: Final[Time] = 500 * NS_PER_MS  # AP_RANGEFINDER_MAVLINK_TIMEOUT_MS, PROXIMITY_MAV_TIMEOUT_MS
 _SAME_SCAN_NS: Final[Time] = 50 * NS_PER_MS  # PROXIMITY_TIMESTAMP_MSG_TIMEOUT_MS
 _MAX_DISTANCES: Final = 72
 _LEVEL: Final = int(mav.MAV_SENSOR_ROTATION_YAW_315)
 """The last of the level orientations."""
-
-
-@dataclass(slots=True)
-class Rangefinder:
-    """The last DISTANCE_SENSOR in the orientation of RNGFND1_ORIENT."""
-
-    read_ns: Time = -TIMEOUT_NS
-    distance_m: float = 0.0
-    min_m: float = 0.0
-    max_m: float = 0.0
-
-
-@dataclass(slots=True)
-class Proximity:
-    """The boundary of obstacles, and what avoidance keeps from one step to the next."""
-
-    boundary: Boundary = field(default_factory=Boundary)
-    read_ns: Time = -TIMEOUT_NS
-    boot_ms: int = -1
-    """`time_boot_ms` of the last DISTANCE_SENSOR."""
-    waiting_m: dict[int, float] = field(default_factory=dict)
-    """Distances by sector of the messages with that time, which enter the boundary together."""
-    limited_ns: Time = -TIMEOUT_NS
-    """When avoidance last changed a velocity."""
-    limited_vel: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """The velocity that it made of it."""
-
-
-@dataclass(slots=True)
-class RangeSensors:
-    """The range sensors of an aircraft; None for one that it has not."""
-
-    rangefinder: Rangefinder | None
-    proximity: Proximity | None
 
 
 def start_sensors(fleet: Fleet, vehicle: Vehicle) -> None:
