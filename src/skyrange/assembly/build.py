@@ -11,7 +11,7 @@ from skyrange.assembly.acts.conflicts import list_own_sensors
 from skyrange.assembly.acts.defences import MadeDefences, make_defences
 from skyrange.assembly.acts.honest_arm import HonestAircraft, describe_aircraft, park
 from skyrange.assembly.acts.overlaps import Overlaps
-from skyrange.assembly.aircraft import build_aircraft, describe_engines, list_battery_warnings
+from skyrange.assembly.aircraft import build_aircraft, describe_engines
 from skyrange.assembly.approvals import build_approvals
 from skyrange.assembly.city import build_city
 from skyrange.assembly.control_links import (
@@ -23,7 +23,7 @@ from skyrange.assembly.control_links import (
 )
 from skyrange.assembly.detectors import build_detectors, describe_monitor
 from skyrange.assembly.network import build_network, list_processing_limits
-from skyrange.assembly.optics import build_range_reports, build_scanner, check_sensors, describe_scans, list_sensors
+from skyrange.assembly.optics import build_range_reports, build_scanner, check_sensors, list_sensors
 from skyrange.assembly.placement.clear_placing import apply_placing
 from skyrange.assembly.placement.flight_plans import make_flight_plans, plan_routes
 from skyrange.assembly.placement.moved_places import describe_moves
@@ -31,6 +31,7 @@ from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.assembly.radio import LiveMedium, build_radio, check_radios, describe_medium, make_lookout
 from skyrange.assembly.run_header import make_attachments, make_header, make_mission_files
 from skyrange.assembly.signing import check_signing, derive_keys, place_gateways, read_signing_time
+from skyrange.assembly.warnings import list_warnings
 from skyrange.city.city import City
 from skyrange.contracts.components import Agent, Observer
 from skyrange.contracts.links import Act, LinkSpec, TapPlacement
@@ -224,7 +225,7 @@ def build(
     if control_links is not None:
         agents.append(control_links)
     processing = list_processing_limits(scenario)
-    warnings = [*list_battery_warnings(scenario), *describe_scans(scenario, sensors)]
+    warnings = list_warnings(scenario)
     wiring = Wiring(
         seed=scenario.seed,
         links=links,

@@ -1,4 +1,4 @@
-"""Warnings on the terminal: what of a scenario is without effect, missions that failed without an attack, and motion
+"""Warnings on the terminal: what a scenario does unexpectedly, missions that failed without an attack, and motion
 that the interlock blocked.
 """
 
@@ -17,10 +17,12 @@ if TYPE_CHECKING:
 
 
 def print_warnings(scenario: Scenario) -> None:
-    """Print what of a scenario is without effect, before it is flown; the manifest has it too, under `warnings`."""
-    from skyrange.assembly.aircraft import list_battery_warnings
+    """Print what a scenario does otherwise than its author may expect, before the run; `warnings` of the manifest
+    has it too.
+    """
+    from skyrange.assembly.warnings import list_warnings
 
-    for line in shorten_warnings(list_battery_warnings(scenario)):
+    for line in shorten_warnings(list_warnings(scenario)):
         print_notice(line)
 
 

@@ -34,7 +34,7 @@ from skyrange.vehicle.builtin.layout import (
 from skyrange.vehicle.builtin.memory_card import FileStore
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters.table import INDEX, MAX_VALUES, MIN_VALUES, PARAMETERS
-from skyrange.vehicle.builtin.range_sensing.readings import RangeSensors
+from skyrange.vehicle.builtin.range_readings.readings import RangeSensors
 from skyrange.vehicle.builtin.utc_clocks import UtcClocks
 
 Causes = tuple[FrameId, ...]

@@ -1,1 +1,1 @@
-"""Range sensing: rangefinder, proximity sensor, and the avoidance of what it sees."""
+"""Range sensing: readings taken in from MAVLink, and the avoidance of obstacles."""

@@ -20,7 +20,7 @@ from skyrange.vehicle.builtin.control.shaping import sqrt_controller, stopping_d
 from skyrange.vehicle.builtin.fleet import Fleet, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import guided
 from skyrange.vehicle.builtin.layout import ControlMode
-from skyrange.vehicle.builtin.range_sensing.plane_vectors import (
+from skyrange.vehicle.builtin.range_readings.plane_vectors import (
     TINY,
     Vector2,
     closest_on_second,
@@ -29,7 +29,7 @@ from skyrange.vehicle.builtin.range_sensing.plane_vectors import (
     dot,
     length,
 )
-from skyrange.vehicle.builtin.range_sensing.readings import Proximity
+from skyrange.vehicle.builtin.range_readings.readings import Proximity
 from skyrange.vehicle.builtin.range_sensing.sensors import measure_height
 
 LOOP_S: Final = 0.0025

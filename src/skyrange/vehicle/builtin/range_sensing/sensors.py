@@ -11,8 +11,8 @@ from typing import Any, Final
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.vehicle.builtin.fleet import Causes, Fleet, Vehicle
-from skyrange.vehicle.builtin.range_sensing.boundary import SECTORS, find_sector
-from skyrange.vehicle.builtin.range_sensing.readings import TIMEOUT_NS, Proximity, Rangefinder, RangeSensors
+from skyrange.vehicle.builtin.range_readings.boundary import SECTORS, find_sector
+from skyrange.vehicle.builtin.range_readings.readings import TIMEOUT_NS, Proximity, Rangefinder, RangeSensors
 
 RANGEFINDER_MAVLINK: Final = 10
 PROXIMITY_MAVLINK: Final = 2

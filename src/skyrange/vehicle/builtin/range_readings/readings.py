@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from skyrange.core.time import NS_PER_MS, Time
-from skyrange.vehicle.builtin.range_sensing.boundary import Boundary
+from skyrange.vehicle.builtin.range_readings.boundary import Boundary
 
 TIMEOUT_NS: Final[Time] = 500 * NS_PER_MS  # AP_RANGEFINDER_MAVLINK_TIMEOUT_MS, PROXIMITY_MAV_TIMEOUT_MS
 

@@ -11,7 +11,7 @@ from typing import Final
 
 from skyrange.core import elementary_python
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.vehicle.builtin.range_sensing.plane_vectors import Vector2
+from skyrange.vehicle.builtin.range_readings.plane_vectors import Vector2
 
 SECTORS: Final = 8
 SECTOR_DEG: Final = 45.0

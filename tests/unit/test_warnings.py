@@ -1,0 +1,57 @@
+"""Warnings of a scenario: weather that misleads companions, beside what has files of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from skyrange.assembly.warnings import list_warnings
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.vehicle.sight.fusion import Fusion
+
+LIDAR = {"id": "lidar", "model": "vlp-16"}
+RAIN = {"id": "shower", "kind": "weather.rain", "start_s": 5, "stop_s": 20, "params": {"rain_mmph": 10}}
+FOG = {"id": "bank", "kind": "weather.fog", "start_s": 5, "stop_s": 20, "params": {"visibility_m": 200}}
+
+
+def scenario(fusion: str, **more: Any) -> Scenario:
+    vehicles = [
+        {"id": "b1", "plan": {"square": {"side_m": 10, "alt_m": 10}}, "sensors": [LIDAR]},
+        {"id": "b2", "plan": {"square": {"side_m": 10, "alt_m": 10}}, "sensors": [LIDAR]},
+    ]
+    return Scenario.model_validate(
+        {
+            "name": "weather",
+            "duration_s": 30,
+            "origin": [-35.363328, 149.1652241],
+            "radio": {},
+            "operators": [{"id": "blue", "vehicles": vehicles, "avoidance": {"kind": "geometric", "fusion": fusion}}],
+            **more,
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    ("more", "causes"),
+    [
+        ({"optics": {"rain_mmph": 10}}, "optics:"),
+        ({"faults": [RAIN, FOG]}, "faults.shower, faults.bank:"),
+        ({"optics": {"visibility_m": 500}, "faults": [RAIN]}, "optics, faults.shower:"),
+    ],
+)
+def test_confirming_in_weather_is_warned_of(more: dict[str, Any], causes: str) -> None:
+    (line,) = list_warnings(scenario("confirm", **more))
+    assert line.startswith(causes)
+    assert "blue/b1, blue/b2" in line
+
+
+@pytest.mark.parametrize("fusion", sorted(set(Fusion) - {Fusion.CONFIRM}))
+def test_other_ways_of_fusing_disbelieve_nothing(fusion: str) -> None:
+    assert list_warnings(scenario(fusion, faults=[RAIN], optics={"rain_mmph": 10})) == []
+
+
+def test_clear_air_is_not_warned_of() -> None:
+    assert list_warnings(scenario("confirm")) == []
+    other = {"id": "dirt", "kind": "lens.dirt", "start_s": 5, "stop_s": 20, "params": {"vehicles": ["blue/b1"]}}
+    assert list_warnings(scenario("confirm", faults=[other])) == []
