@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache
@@ -33,6 +34,7 @@ from skyrange.optics.sensor_models import HAP, VLP_16
 from skyrange.optics.sensor_poses import SensorPose, make_pulse_rays, sample_footprint
 from skyrange.optics.targets import place_targets
 from skyrange.remoteid.tracks import ReceivedBroadcasts, TrackSnapshot, TrackTable
+from skyrange.vehicle.sight.air import CLEAR, EXTINCTIONS
 from skyrange.vehicle.sight.detections import SightTracks
 from skyrange.vehicle.sight.evidence import Verdict
 from skyrange.vehicle.sight.fusion import SEEN_ADDRESS
@@ -47,6 +49,7 @@ NARROW = replace(
 """A sixth of the HAP's field, as dense as the whole."""
 FORWARD = MountedSensor("blue/b1", "hap", 0, NARROW, (0.0, 0.0, 0.2))
 SCAN_NS = 100 * NS_PER_MS
+CLEAR_AIR = Weather()
 
 
 @cache
@@ -56,7 +59,9 @@ def wall(away_m: float) -> RayIndex:
     return build_ray_index(build_wall_index([Building("w", 40.0, footprint)]))
 
 
-def scan(number: int, seed: int, place: Floats | None, city: RayIndex = EMPTY) -> RangeScan:
+def scan(
+    number: int, seed: int, place: Floats | None, city: RayIndex = EMPTY, weather: Weather = CLEAR_AIR
+) -> RangeScan:
     """What the sensor says of an aircraft whose body is at `place`, or of nothing."""
     bodies = np.empty((0, 3)) if place is None else np.array([place - np.array([0.0, 0.0, 0.055])])
     one = np.ones(len(bodies))
@@ -66,7 +71,7 @@ def scan(number: int, seed: int, place: Floats | None, city: RayIndex = EMPTY) -
     rays = make_pulse_rays(firing, pose, sample_footprint(NARROW, 3, 3))
     address = Address(Chance(seed), 9, number * SCAN_NS)
     returns = find_returns(
-        NARROW, firing, cast_rays(city, rays, NARROW.reach_m, targets), make_surfaces(), Weather(), address
+        NARROW, firing, cast_rays(city, rays, NARROW.reach_m, targets), make_surfaces(), weather, address
     )
     return RangeScan(LIDAR, 0, number, NARROW.resolution_m, number * SCAN_NS, LEVEL, returns.steps)
 
@@ -78,11 +83,19 @@ def claim(place: Floats) -> TrackSnapshot:
     )  # fmt: skip
 
 
-def look(claimed: Floats, real: Floats | None, scans: int, seed: int, city: RayIndex = EMPTY) -> tuple[Verdict, int]:
+def look(
+    claimed: Floats,
+    real: Floats | None,
+    scans: int,
+    seed: int,
+    city: RayIndex = EMPTY,
+    weather: Weather = CLEAR_AIR,
+    extinctions: Sequence[float] = EXTINCTIONS,
+) -> tuple[Verdict, int]:
     """The first verdict other than *could not look*, and after how many scans."""
-    witness = Witness(Sight([FORWARD], sigma_m=2.0), city)
+    witness = Witness(Sight([FORWARD], sigma_m=2.0, extinctions=extinctions), city)
     for number in range(scans):
-        beams = witness.place_beams(scan(number, seed, real, city), HERE, np.zeros(3), number * SCAN_NS)
+        beams = witness.place_beams(scan(number, seed, real, city, weather), HERE, np.zeros(3), number * SCAN_NS)
         for change in witness.look(number * SCAN_NS, 0, beams, claim(claimed)):
             return change.verdict, number + 1
     return Verdict.COULD_NOT_LOOK, scans
@@ -107,8 +120,34 @@ def test_honest_aircraft_are_seen_and_ghosts_are_not(away_m: float) -> None:
     assert ghosts.count(Verdict.NOT_SEEN) >= 22
 
 
+FOGS = [Weather(visibility_m=100.0), Weather(visibility_m=500.0), Weather(10.0, rain_law="goodin"), Weather(25.0)]
+
+
+@pytest.mark.parametrize("weather", FOGS)
+def test_weather_hides_aircraft_and_makes_none_of_them_a_ghost(weather: Weather) -> None:
+    """By the ground the companion knows how far light comes."""
+    claimed = np.array([60.0, 0.0, 30.2])
+    honest = [look(claimed, claimed + error(seed), 40, seed, weather=weather)[0] for seed in range(12)]
+    assert honest.count(Verdict.NOT_SEEN) == 0
+
+
+def test_who_takes_the_air_to_be_clear_calls_aircraft_in_fog_ghosts() -> None:
+    claimed = np.array([60.0, 0.0, 30.2])
+    fog = Weather(visibility_m=200.0)
+    assert look(claimed, claimed, 60, 1, weather=fog, extinctions=CLEAR)[0] is Verdict.NOT_SEEN
+    assert look(claimed, claimed, 60, 1, weather=fog)[0] is Verdict.COULD_NOT_LOOK
+
+
+def test_near_enough_a_ghost_is_found_out_in_fog_too() -> None:
+    """A wall at 60 m returns light through a fog in which an aircraft at 40 m would."""
+    claimed = np.array([40.0, 0.0, 30.2])
+    fog = Weather(visibility_m=1_000.0)
+    assert look(claimed, None, 60, 1, wall(60.0), fog)[0] is Verdict.NOT_SEEN
+    assert look(claimed, claimed, 60, 1, wall(60.0), fog)[0] is Verdict.SEEN
+
+
 def test_farther_away_it_takes_longer() -> None:
-    near, far = (look(np.array([away, 0.0, 30.2]), None, 200, 1) for away in (45.0, 90.0))
+    near, far = (look(np.array([away, 0.0, 30.2]), None, 200, 1, extinctions=CLEAR) for away in (45.0, 90.0))
     assert near[0] is far[0] is Verdict.NOT_SEEN
     assert near[1] < far[1]
 
@@ -129,7 +168,8 @@ def test_where_no_beam_goes_nothing_is_said(place: list[float], why: str) -> Non
 def test_behind_a_wall_and_in_front_of_one_nothing_is_said() -> None:
     assert look(np.array([60.0, 0.0, 30.0]), None, 40, 1, wall(40.0))[0] is Verdict.COULD_NOT_LOOK
     assert look(np.array([60.0, 0.0, 30.0]), None, 40, 1, wall(62.0))[0] is Verdict.COULD_NOT_LOOK
-    assert look(np.array([60.0, 0.0, 30.0]), None, 60, 1, wall(100.0))[0] is Verdict.NOT_SEEN
+    clear = look(np.array([60.0, 0.0, 30.0]), None, 60, 1, wall(100.0), extinctions=CLEAR)
+    assert clear[0] is Verdict.NOT_SEEN
 
 
 def test_what_is_nearer_and_not_on_the_map_hides_the_claim() -> None:

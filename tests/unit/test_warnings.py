@@ -15,7 +15,8 @@ RAIN = {"id": "shower", "kind": "weather.rain", "start_s": 5, "stop_s": 20, "par
 FOG = {"id": "bank", "kind": "weather.fog", "start_s": 5, "stop_s": 20, "params": {"visibility_m": 200}}
 
 
-def scenario(fusion: str, **more: Any) -> Scenario:
+def scenario(fusion: str, air: str = "clear", **more: Any) -> Scenario:
+    avoidance = {"kind": "geometric", "fusion": fusion, "sight": {"air": air}}
     vehicles = [
         {"id": "b1", "plan": {"square": {"side_m": 10, "alt_m": 10}}, "sensors": [LIDAR]},
         {"id": "b2", "plan": {"square": {"side_m": 10, "alt_m": 10}}, "sensors": [LIDAR]},
@@ -26,7 +27,7 @@ def scenario(fusion: str, **more: Any) -> Scenario:
             "duration_s": 30,
             "origin": [-35.363328, 149.1652241],
             "radio": {},
-            "operators": [{"id": "blue", "vehicles": vehicles, "avoidance": {"kind": "geometric", "fusion": fusion}}],
+            "operators": [{"id": "blue", "vehicles": vehicles, "avoidance": avoidance}],
             **more,
         }
     )
@@ -40,10 +41,11 @@ def scenario(fusion: str, **more: Any) -> Scenario:
         ({"optics": {"visibility_m": 500}, "faults": [RAIN]}, "optics, faults.shower:"),
     ],
 )
-def test_confirming_in_weather_is_warned_of(more: dict[str, Any], causes: str) -> None:
+def test_taking_weather_for_clear_air_is_warned_of(more: dict[str, Any], causes: str) -> None:
     (line,) = list_warnings(scenario("confirm", **more))
     assert line.startswith(causes)
     assert "blue/b1, blue/b2" in line
+    assert list_warnings(scenario("confirm", "estimated", **more)) == []
 
 
 @pytest.mark.parametrize("fusion", sorted(set(Fusion) - {Fusion.CONFIRM}))

@@ -173,6 +173,12 @@ MEASURED: Final = (
         time="half an hour",
     ),
     Result(
+        "confirm",
+        "explanation/sight.md",
+        ("python -m tools.docs.measure_sight",),
+        time="half an hour",
+    ),
+    Result(
         "parity-results",
         "reference/parity-results.md",
         ("python -m tests.parity runs/parity", "python -m tools.docs.generate"),

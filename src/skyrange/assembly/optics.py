@@ -24,6 +24,7 @@ from skyrange.scenario.model.scenario import Scenario
 from skyrange.vehicle.companion.range_reports import RangeReports, ReportedSensor, can_report
 from skyrange.vehicle.landing.emergency import LandingRules
 from skyrange.vehicle.landing.ground_grid import FlatRules
+from skyrange.vehicle.sight.air import list_extinctions
 from skyrange.vehicle.sight.evidence import Rates
 from skyrange.vehicle.sight.fusion import Fusion
 from skyrange.vehicle.sight.witness import Sight
@@ -153,7 +154,8 @@ def make_sight(key: str, vehicle: Vehicle) -> tuple[Sight | None, Fusion]:
     fusion = Fusion.RADIO if avoidance is None or avoidance.fusion is None else Fusion(avoidance.fusion)
     rules = SightRules() if avoidance is None or avoidance.sight is None else avoidance.sight
     sensors = [mount_sensor(key, vehicle, sensor, number) for number, sensor in enumerate(vehicle.sensors)]
-    return Sight(sensors, Rates(rules.missed, rules.false), rules.sigma_m), fusion
+    rates = Rates(rules.missed, rules.false)
+    return Sight(sensors, rates, rules.sigma_m, list_extinctions(rules.air)), fusion
 
 
 def make_landing(key: str, vehicle: Vehicle) -> LandingRules | None:

@@ -25,19 +25,22 @@ def list_warnings(scenario: Scenario) -> list[str]:
 
 
 def _warn_of_weather(scenario: Scenario) -> list[str]:
-    """A line if there is weather, and aircraft that disbelieve what they do not see."""
+    """A line if there is weather, and aircraft that disbelieve what they do not see in air that they take for clear."""
     sets = [] if scenario.optics is None or scenario.optics.weather == Weather() else ["optics"]
     faults = [fault for fault in scenario.faults if _is_weather(fault.kind)]
     causes = [*sets, *(f"faults.{fault.id}" for fault in faults)]
     names = [
         vehicle_id(operator.id, vehicle.id)
         for operator, vehicle in scenario.fleet
-        if vehicle.avoidance is not None and vehicle.avoidance.fusion == "confirm"
+        if vehicle.avoidance is not None
+        and vehicle.avoidance.fusion == "confirm"
+        and vehicle.avoidance.sight is not None
+        and vehicle.avoidance.sight.air == "clear"
     ]
     if not causes or not names:
         return []
-    who = f"fusion = 'confirm' lets {', '.join(names)} disbelieve"
-    return [f"{', '.join(causes)}: {who} real aircraft that rain or fog hides, because companions assume clear air"]
+    who = f"{', '.join(names)} will disbelieve real aircraft that rain or fog hides"
+    return [f"{', '.join(causes)}: with sight.air = 'clear', {who}; use 'estimated'"]
 
 
 def _is_weather(kind: str) -> bool:

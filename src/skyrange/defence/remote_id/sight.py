@@ -16,9 +16,10 @@ from skyrange.defence.placement import DefenceTap, inspects_none, place_taps
 from skyrange.defence.receptions import Claim, Finding, Held, Sender
 from skyrange.optics.ray_index import index_city
 from skyrange.remoteid.tracks import STALE_S, TrackSnapshot
+from skyrange.vehicle.sight.air import list_extinctions
 from skyrange.vehicle.sight.evidence import Rates, Verdict
 from skyrange.vehicle.sight.scan_reader import ScanReader
-from skyrange.vehicle.sight.settings import FalseRate, MissedRate, PositionError
+from skyrange.vehicle.sight.settings import Air, FalseRate, MissedRate, PositionError
 from skyrange.vehicle.sight.witness import Key, Sight, Witness
 
 KIND: Final = "remote_id.sight"
@@ -55,6 +56,7 @@ class SightCheck(BroadcastJudge):
     missed: MissedRate = param_of(MissedRate, 0.01)
     false: FalseRate = param_of(FalseRate, 0.01)
     sigma_m: PositionError = param_of(PositionError, 2.5)
+    air: Air = param_of(Air, "estimated")
     scans: ScanReader
     witness: Witness
     held: Held = sky.state(Held)
@@ -78,7 +80,7 @@ class SightCheck(BroadcastJudge):
         """A tap that looks at the scans of the aircraft."""
         sensors = context.sensors[self.vehicle]
         self.scans = ScanReader({self.vehicle: sensors})
-        sight = Sight(sensors, Rates(self.missed, self.false), self.sigma_m)
+        sight = Sight(sensors, Rates(self.missed, self.false), self.sigma_m, list_extinctions(self.air))
         self.witness = Witness(sight, index_city(context.city))
         scans = TapMaker(_ScanTap, (self,))
         return place_taps("scan", "companion", [self.vehicle], context, scans, inspects_none)

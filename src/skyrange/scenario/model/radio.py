@@ -15,7 +15,7 @@ from skyrange.remoteid.drip.verification.verdicts import Authorities, ClockError
 from skyrange.scenario.model.base import FileName, Id, Model, Number, Whole, wrong
 from skyrange.scenario.validation.plugin_params import checked, known, normalized
 from skyrange.vehicle.avoidance.contract import AvoidancePlugin
-from skyrange.vehicle.sight.settings import FalseRate, MissedRate, PositionError
+from skyrange.vehicle.sight.settings import Air, FalseRate, MissedRate, PositionError
 
 ReceiverKind = Literal["companion", "sniffer", "hopper", "phone", "phone-idle"]
 """Kinds of receiver: keys of `radio.builtin.listening.PROFILES`."""
@@ -218,6 +218,7 @@ class SightRules(Model):
     missed: MissedRate = 0.01
     false: FalseRate = 0.01
     sigma_m: PositionError = 2.5
+    air: Air = "estimated"
 
 
 class Avoidance(Model):

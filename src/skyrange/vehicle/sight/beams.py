@@ -31,6 +31,8 @@ _AROUND: Final = np.array(
 """Directions in which a surface of the map is looked for: eight in the plane, four below it, and down."""
 REFLECTIVITY: Final = 0.1
 """Of another aircraft (assumed, as `optics.reflectivity`)."""
+WALL_M: Final = 2.0
+"""How near to a surface of the map a return may be its own: errors of the own position, and of the map (assumed)."""
 
 
 class Beams(NamedTuple):
@@ -72,8 +74,10 @@ class SensorView:
             distance = distance / list_pulses(self.sensor.model.pattern, 0).direction[:, 0]
         return Beams(origin, direction, distance)
 
-    def find_probability(self, away_m: float) -> float:
-        """Probability that a pulse in the middle of another aircraft's body returns it, in clear air."""
+    def find_probability(self, away_m: float, extinction_per_m: float = 0.0) -> float:
+        """Probability that a pulse in the middle of another aircraft's body returns it. Depth cameras see it through
+        any air.
+        """
         model = self.sensor.model
         if not model.near_m <= away_m <= model.reach_m:
             return 0.0
@@ -85,6 +89,7 @@ class SensorView:
         near = model.reference_m / away_m
         detector = make_detector(model)
         amplitude = detector.reference * share * (REFLECTIVITY / model.reference_reflectivity) * near * near
+        amplitude *= elementary_python.exp(-2.0 * extinction_per_m * away_m)
         found = 0.5 * elementary_python.erfc((detector.threshold - amplitude) * math.sqrt(0.5))
         return found * (1.0 - model.drop_out)
 
@@ -147,10 +152,15 @@ def find_near_surfaces(city: RayIndex, points: Floats, within_m: float) -> NDArr
 
 def find_map_distances(city: RayIndex, beams: Beams, rows: Any, reach_m: float) -> Floats:
     """(k,): distance of the first surface of the map on some beams; infinite without one within `reach_m`."""
+    return find_map_hits(city, beams, rows, reach_m)[0]
+
+
+def find_map_hits(city: RayIndex, beams: Beams, rows: Any, reach_m: float) -> tuple[Floats, Floats]:
+    """The same, and (k,): the cosine of the angle of incidence there."""
     count = len(rows)
     rays = Rays(
         np.tile(beams.origin, (count, 1)), beams.direction[rows], np.zeros(count), np.full(count, -1, dtype=np.int32)
     )
     length = elementwise.length(rays.direction)
     hits = cast_rays(city, rays._replace(direction=rays.direction / length[:, None]), reach_m)
-    return np.where(hits.kind == NONE, np.inf, hits.distance_m)
+    return np.where(hits.kind == NONE, np.inf, hits.distance_m), hits.cosine

@@ -19,8 +19,7 @@ from skyrange.core import elementary_python
 from skyrange.core.arrays import Floats
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.optics.ray_index import RayIndex
-from skyrange.vehicle.sight.beams import Beams, find_map_distances, find_near_surfaces
-from skyrange.vehicle.sight.evidence import WALL_M
+from skyrange.vehicle.sight.beams import WALL_M, Beams, find_map_distances, find_near_surfaces
 
 TOGETHER_M: Final = 1.0
 """Returns nearer to each other than this are of one thing: twice the width of an Iris."""

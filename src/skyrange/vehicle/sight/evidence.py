@@ -9,11 +9,15 @@ ratio of likelihoods adds up from look to look (Wald, "Sequential Tests of Stati
 The error of the position hardly changes from scan to scan, so an aircraft may stay in a part of the gate that no beam
 reaches: outside the field, behind something near, or before a wall of the map. The share of the gate that was looked
 at limits how strong the evidence of absence can become.
+
+How often an aircraft returns a pulse depends on rain and fog. So there is a ratio for each of several extinctions of
+the air, and a verdict takes those that the returns of the map do not contradict (`sight.air`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from enum import StrEnum
 from typing import Final, NamedTuple
 
@@ -23,12 +27,10 @@ from skyrange.core import elementary_python
 from skyrange.core.arrays import Floats
 from skyrange.core.elementwise import exp
 from skyrange.optics.ray_index import RayIndex
-from skyrange.vehicle.sight.beams import BODY_M, Beams, SensorView, find_map_distances, find_near_surfaces
+from skyrange.vehicle.sight.beams import BODY_M, WALL_M, Beams, SensorView, find_map_distances, find_near_surfaces
 
 GATE_SIGMAS: Final = 3.5
 """A position with an independent normal error on three axes is within 3.5 standard deviations in 99.3 %."""
-WALL_M: Final = 2.0
-"""How near to a surface of the map a return may be its own: errors of the own position, and of the map (assumed)."""
 CLUTTER: Final = 0.01
 """Probability that a look returns something else from the gate: birds, drops, wires, leaves (assumed)."""
 _FADE: Final = 0.1
@@ -61,18 +63,20 @@ class Look(NamedTuple):
 
     looked: float
     """Share of the gate, weighted by where an honest aircraft would be, that beams passed through; 0 to 1."""
-    honest: float
-    """Probability that an honest aircraft in that share returns a pulse."""
+    honest: Sequence[float]
+    """Probability that an honest aircraft in that share returns a pulse, by extinction of the air."""
     nothing: float
     """Probability that noise or clutter does."""
     is_hit: bool
 
 
-NO_LOOK: Final = Look(0.0, 0.0, 0.0, is_hit=False)
+NO_LOOK: Final = Look(0.0, (), 0.0, is_hit=False)
 
 
-def look_at(view: SensorView, beams: Beams, claimed: Floats, sigma_m: float, city: RayIndex) -> Look:
-    """Look at a claimed position (3,) with the beams of a scan."""
+def look_at(  # noqa: PLR0917
+    view: SensorView, beams: Beams, claimed: Floats, sigma_m: float, city: RayIndex, extinctions: Sequence[float]
+) -> Look:
+    """Look at a claimed position (3,) with the beams of a scan, through air of each of `extinctions` in 1/m."""
     toward = claimed - beams.origin
     away2 = float(toward[0] * toward[0] + toward[1] * toward[1] + toward[2] * toward[2])
     gate = GATE_SIGMAS * sigma_m
@@ -105,10 +109,10 @@ def look_at(view: SensorView, beams: Beams, claimed: Floats, sigma_m: float, cit
         total += one
     looked = min(total * cell / (2.0 * math.pi * sigma_m * sigma_m), 1.0)
     area = BODY_M[0] * BODY_M[1]
-    expected = area / cell * view.find_probability(away)
     # pulses that meet a body come together: a row meets it with several, or passes it by
     together = max(1.0, BODY_M[0] / (across * away)) * max(1.0, BODY_M[1] / (up * away))
-    honest = 1.0 - elementary_python.exp(-expected / together)
+    groups = area / cell / together
+    honest = [1.0 - elementary_python.exp(-groups * view.find_probability(away, one)) for one in extinctions]
     noise = view.false_alarm_per_m * 2.0 * gate * int(clear.sum())
     return Look(looked, honest, 1.0 - elementary_python.exp(-noise) * (1.0 - CLUTTER), is_hit)
 
@@ -116,32 +120,41 @@ def look_at(view: SensorView, beams: Beams, claimed: Floats, sigma_m: float, cit
 class Evidence:
     """What the looks at one claim have said so far."""
 
-    __slots__ = ("_looked", "_ratio", "looks")
+    __slots__ = ("_looked", "_ratios", "looks")
 
-    def __init__(self) -> None:
-        self._ratio = 0.0
-        """Logarithm of the ratio of likelihoods, honest over nothing there, of an aircraft where was looked."""
+    def __init__(self, extinctions: int) -> None:
+        """`extinctions` is the number of those that are thought possible."""
+        self._ratios = [0.0] * extinctions
+        """By extinction: logarithm of the ratio of likelihoods, honest over nothing there, of an aircraft where was
+        looked.
+        """
         self._looked = 0.0
         self.looks = 0
 
     def add(self, look: Look, rates: Rates, weight: float) -> None:
         """Take in a look; `weight` is less than 1 for looks that repeat what the last one saw."""
-        if look.looked <= 0.0 or look.honest <= 0.0:
+        if look.looked <= 0.0 or look.honest[0] <= 0.0:  # the first air is the clearest
             return
         self.looks += 1
         self._looked = look.looked if self.looks == 1 else self._looked + _FADE * (look.looked - self._looked)
-        either = 1.0 - (1.0 - look.honest) * (1.0 - look.nothing)
-        if look.is_hit:
-            step = elementary_python.log(either / look.nothing)
-        else:
-            step = elementary_python.log((1.0 - either) / (1.0 - look.nothing))
         # beyond its limits evidence is not kept, so that a change is noticed
-        low, high = 2.0 * elementary_python.log(rates.missed), -elementary_python.log(rates.false)
-        self._ratio = min(max(self._ratio + weight * step, low), high)
+        low = 2.0 * elementary_python.log(rates.missed)
+        high = elementary_python.log(len(self._ratios) / rates.false)
+        for number, honest in enumerate(look.honest):
+            either = 1.0 - (1.0 - honest) * (1.0 - look.nothing)
+            if look.is_hit:
+                step = elementary_python.log(either / look.nothing)
+            else:
+                step = elementary_python.log((1.0 - either) / (1.0 - look.nothing))
+            self._ratios[number] = min(max(self._ratios[number] + weight * step, low), high)
 
-    def judge(self, rates: Rates) -> Verdict:
-        """The verdict."""
-        if self._ratio >= -elementary_python.log(rates.false):
+    def judge(self, rates: Rates, allowed: int) -> Verdict:
+        """The verdict, if the air is one of the first `allowed` extinctions: an aircraft is seen if it is more likely
+        on the mean of these, and not seen if it is less likely through each.
+        """
+        ratios = self._ratios[:allowed]
+        likely = elementary_python.add_up(map(elementary_python.exp, ratios)) / allowed
+        if likely >= 1.0 / rates.false:
             return Verdict.SEEN
-        absent = (1.0 - self._looked) + self._looked * elementary_python.exp(self._ratio)
+        absent = (1.0 - self._looked) + self._looked * elementary_python.exp(max(ratios))
         return Verdict.NOT_SEEN if absent <= rates.missed else Verdict.COULD_NOT_LOOK

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -24,5 +24,12 @@ PositionError = Annotated[
         gt=0,
         le=100,
         description="Standard deviation of a claimed position against the own one, on each axis, in metres.",
+    ),
+]
+Air = Annotated[
+    Literal["estimated", "clear"],
+    Field(
+        description="The air before its sensors. estimated: as thick as the returns of the map allow; clear: without "
+        "rain, fog and dirt, as weather reports may say."
     ),
 ]

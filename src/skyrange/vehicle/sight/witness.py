@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from skyrange.core.time import NS_PER_S, Time
 from skyrange.optics.mounted_sensors import MountedSensor
 from skyrange.optics.ray_index import RayIndex
 from skyrange.remoteid.tracks import TrackSnapshot
+from skyrange.vehicle.sight.air import EXTINCTIONS, AirEstimate
 from skyrange.vehicle.sight.beams import Beams, SensorView
 from skyrange.vehicle.sight.evidence import DEFAULT_RATES, NO_LOOK, Evidence, Rates, Verdict, look_at
 
@@ -41,6 +42,8 @@ class Sight:
     rates: Rates = DEFAULT_RATES
     sigma_m: float = 2.5
     """Standard deviation of the difference of two positions, on each axis: of a claimed one and the own one."""
+    extinctions: Sequence[float] = EXTINCTIONS
+    """Those in 1/m that the air may have, rising from 0."""
 
 
 class Change(NamedTuple):
@@ -57,7 +60,7 @@ class Change(NamedTuple):
 class _Claim:
     """What is known about one track."""
 
-    evidence: Evidence = field(default_factory=Evidence)
+    evidence: Evidence
     verdict: Verdict = Verdict.COULD_NOT_LOOK
     looked_ns: Time = 0
     reached_ns: Time = 0
@@ -71,6 +74,7 @@ class Witness:
         """`city` is the map that the companion has: the range's own (assumed)."""
         self._sight = sight
         self._views = {sensor.number: SensorView(sensor, REPEATED_NS) for sensor in sight.sensors}
+        self._airs = {sensor.number: AirEstimate(sight.extinctions, sight.rates.missed) for sensor in sight.sensors}
         self.city = city
         self._claims: dict[Key, _Claim] = {}
 
@@ -80,7 +84,9 @@ class Witness:
 
     def look(self, now: Time, sensor: int, beams: Beams, tracks: TrackSnapshot) -> list[Change]:
         """Look at all tracks with the beams of a scan of `sensor`; `tracks` are those at the time of the scan."""
-        view = self._views[sensor]
+        view, air = self._views[sensor], self._airs[sensor]
+        air.update(now, view, beams, self.city)
+        allowed = air.count_allowed()
         weight = view.sensor.period_ns / view.apart_ns
         changes = []
         for row, key in enumerate(list_keys(tracks)):
@@ -90,13 +96,15 @@ class Witness:
             age_s = float(tracks.age_s[row])
             unknown = 0.5 * MANOEUVRE_MPS2 * age_s * age_s
             sigma_m = math.sqrt(self._sight.sigma_m * self._sight.sigma_m + unknown * unknown)
-            look = look_at(view, beams, claimed, sigma_m, self.city)
+            look = look_at(view, beams, claimed, sigma_m, self.city, self._sight.extinctions)
             if look is NO_LOOK:
                 continue
-            claim = self._claims.setdefault(key, _Claim())
+            claim = self._claims.get(key)
+            if claim is None:
+                claim = self._claims[key] = _Claim(Evidence(len(self._sight.extinctions)))
             claim.looked_ns = now
             claim.evidence.add(look, self._sight.rates, weight)
-            verdict = claim.evidence.judge(self._sight.rates)
+            verdict = claim.evidence.judge(self._sight.rates, allowed)
             if verdict is not Verdict.COULD_NOT_LOOK:
                 claim.reached_ns = now
             elif now - claim.reached_ns <= HOLD_NS:
