@@ -83,12 +83,16 @@ class AirEstimate:
         counts &= beside >= -WALL_M  # what is nearer hides the map
         self._this[-1] += float(np.count_nonzero(counts & (measured > 0.0) & (beside <= WALL_M)))
         detector = make_detector(model)
-        brightest = (
-            detector.reference * (BRIGHTEST / model.reference_reflectivity) * model.reference_m * model.reference_m
-        )
+        reference = detector.reference / model.reference_reflectivity * model.reference_m * model.reference_m
         noise = view.false_alarm_per_m * 2.0 * WALL_M
         _add_expected(
-            mapped[counts], cosine[counts], self._extinctions, brightest, detector.threshold, noise, self._this
+            mapped[counts],
+            cosine[counts],
+            self._extinctions,
+            BRIGHTEST * reference,
+            detector.threshold,
+            noise,
+            self._this,
         )
 
     def count_allowed(self) -> int:
