@@ -1,4 +1,4 @@
-"""Warnings of a scenario: weather that misleads companions, beside what has files of its own."""
+"""Warnings of a scenario: sight that misleads companions or is of no use, beside what has files of its own."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ RAIN = {"id": "shower", "kind": "weather.rain", "start_s": 5, "stop_s": 20, "par
 FOG = {"id": "bank", "kind": "weather.fog", "start_s": 5, "stop_s": 20, "params": {"visibility_m": 200}}
 
 
-def scenario(fusion: str, air: str = "clear", **more: Any) -> Scenario:
+def scenario(fusion: str, air: str = "clear", sensor: Any = LIDAR, **more: Any) -> Scenario:
     avoidance = {"kind": "geometric", "fusion": fusion, "sight": {"air": air}}
     vehicles = [
-        {"id": "b1", "plan": {"square": {"side_m": 10, "alt_m": 10}}, "sensors": [LIDAR]},
-        {"id": "b2", "plan": {"square": {"side_m": 10, "alt_m": 10}}, "sensors": [LIDAR]},
+        {"id": "b1", "plan": {"square": {"side_m": 10, "alt_m": 10}}, "sensors": [sensor]},
+        {"id": "b2", "plan": {"square": {"side_m": 10, "alt_m": 10}}, "sensors": [sensor]},
     ]
     return Scenario.model_validate(
         {
@@ -27,6 +27,7 @@ def scenario(fusion: str, air: str = "clear", **more: Any) -> Scenario:
             "duration_s": 30,
             "origin": [-35.363328, 149.1652241],
             "radio": {},
+            "record": {"level": "study"},
             "operators": [{"id": "blue", "vehicles": vehicles, "avoidance": avoidance}],
             **more,
         }
@@ -57,3 +58,20 @@ def test_clear_air_is_not_warned_of() -> None:
     assert list_warnings(scenario("confirm")) == []
     other = {"id": "dirt", "kind": "lens.dirt", "start_s": 5, "stop_s": 20, "params": {"vehicles": ["blue/b1"]}}
     assert list_warnings(scenario("confirm", faults=[other])) == []
+
+
+@pytest.mark.parametrize(
+    ("sensor", "sees"),
+    [
+        ({"model": "d435"}, False),
+        ({"model": "d435", "pitch_deg": -90}, False),
+        ({"model": "lidar-lite-v3hp"}, False),
+        ({"model": "mid-360"}, True),
+        ({"model": "hap", "azimuth_deg": [-1, 1]}, False),
+        ({"model": "hap", "azimuth_deg": [-2, 2]}, True),
+    ],
+)
+def test_sensors_that_cannot_look_well_enough_are_warned_of(sensor: dict[str, Any], sees: bool) -> None:
+    lines = list_warnings(scenario("confirm", "estimated", sensor))
+    assert [line.split(":")[0] for line in lines] == ([] if sees else ["blue/b1", "blue/b2"])
+    assert list_warnings(scenario("either", "estimated", sensor)) == []

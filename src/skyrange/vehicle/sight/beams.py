@@ -117,6 +117,18 @@ def find_spacing(pattern: Any) -> tuple[float, float]:
     return math.pi, math.pi
 
 
+def find_field(pattern: Any) -> tuple[float, float]:
+    """Angles of the field of view, across and up, in radians; 0 for a single beam."""
+    if isinstance(pattern, RotatingPattern):
+        return 2.0 * math.pi, math.radians(max(pattern.elevation_deg) - min(pattern.elevation_deg))
+    if isinstance(pattern, ScatteredPattern):
+        across, up = pattern.azimuth_deg, pattern.elevation_deg
+        return math.radians(across[1] - across[0]), math.radians(up[1] - up[0])
+    if isinstance(pattern, PixelGrid):
+        return math.radians(pattern.field_deg[0]), math.radians(pattern.field_deg[1])
+    return 0.0, 0.0
+
+
 def find_rotation(attitude: tuple[float, float, float, float]) -> Floats:
     """(3, 3): the rotation of a unit quaternion, w first."""
     w, x, y, z = attitude

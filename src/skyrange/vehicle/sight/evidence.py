@@ -26,8 +26,17 @@ import numpy as np
 from skyrange.core import elementary_python
 from skyrange.core.arrays import Floats
 from skyrange.core.elementwise import exp
+from skyrange.optics.mounted_sensors import MountedSensor
 from skyrange.optics.ray_index import RayIndex
-from skyrange.vehicle.sight.beams import BODY_M, WALL_M, Beams, SensorView, find_map_distances, find_near_surfaces
+from skyrange.vehicle.sight.beams import (
+    BODY_M,
+    WALL_M,
+    Beams,
+    SensorView,
+    find_field,
+    find_map_distances,
+    find_near_surfaces,
+)
 
 GATE_SIGMAS: Final = 3.5
 """A position with an independent normal error on three axes is within 3.5 standard deviations in 99.3 %."""
@@ -71,6 +80,16 @@ class Look(NamedTuple):
 
 
 NO_LOOK: Final = Look(0.0, (), 0.0, is_hit=False)
+
+
+def can_reject(sensor: MountedSensor, rates: Rates, sigma_m: float) -> bool:
+    """Whether the sensor can look at so much of a gate that a claim is *not seen*: the field is widest at its reach."""
+    low, high = 0.0, GATE_SIGMAS
+    while high - low > 1e-6:  # within so many standard deviations on one axis an honest aircraft is, but for `missed`
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if elementary_python.erfc(middle * math.sqrt(0.5)) > rates.missed else (low, middle)
+    widest = min(0.5 * min(find_field(sensor.model.pattern)), 1.5)
+    return sensor.model.reach_m * elementary_python.tan(widest) >= high * sigma_m
 
 
 def look_at(  # noqa: PLR0917
